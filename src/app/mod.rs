@@ -5,7 +5,6 @@
 
 pub mod abandoned;
 mod action_finder;
-mod adapter_memory;
 mod background_job;
 pub mod camera;
 pub mod color_mode;
@@ -46,7 +45,7 @@ pub mod rescue;
 pub mod retention;
 mod selection;
 mod session_info;
-mod settings_guard;
+mod settings_file;
 mod shortcuts;
 mod software;
 pub mod splat_updates;
@@ -60,6 +59,7 @@ mod thread_times;
 pub mod training;
 pub mod unattended;
 mod unused_path;
+mod user_folders;
 mod view_thread;
 pub mod viewer;
 mod viewport;

@@ -20,15 +20,14 @@ pub struct Palette {
     /// The rest is kept only while `attribute` is something.
     range: Option<Range>,
     /// Plain: what stands for a value varies neither over a splat nor with the view.
-    shown: SplatSet,
+    shown: Arc<SplatSet>,
 }
 
 impl Palette {
     /// Takes what the trainer sent; returns what painters are to change.
     pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
         let SplatUpdate { change, attributes, .. } = update;
-        // Copies them only while a click is answered, whose thread holds a share.
-        let changed = apply(Arc::make_mut(&mut self.learned), change.clone());
+        let changed = apply(&mut self.learned, change.clone());
         if self.attribute.is_none() && !self.is_asked {
             return change;
         }
@@ -68,11 +67,11 @@ impl Palette {
             return Some(self.color_all());
         }
         // Memory of a second scene is kept only while that is what is shown.
-        (self.range, self.shown) = (None, SplatSet::default());
+        (self.range, self.shown) = (None, Arc::default());
         if !self.is_asked {
             self.attributes = Vec::new();
         }
-        Some(SplatChange::All(SplatSet::clone(&self.learned)))
+        Some(SplatChange::All(self.learned.clone()))
     }
 
     /// Keeps what is known of splats whatever colours them, or no longer.
@@ -89,7 +88,7 @@ impl Palette {
     }
 
     /// The splats as they are coloured.
-    pub fn splats(&self) -> &SplatSet {
+    pub fn splats(&self) -> &Arc<SplatSet> {
         if self.attribute.is_some() { &self.shown } else { &self.learned }
     }
 
@@ -123,16 +122,16 @@ impl Palette {
         Splat { color, ..self.learned[slot] }
     }
 
-    fn color(&mut self, ids: Vec<u32>) -> SplatChange {
+    fn color(&mut self, ids: Arc<[u32]>) -> SplatChange {
         let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
         let splats = SplatSet::from(splats).finished(self.learned.finishing().clone());
-        self.shown.replace(&ids, &splats);
-        SplatChange::Some { ids, splats }
+        Arc::make_mut(&mut self.shown).replace(&ids, &splats);
+        SplatChange::Some { ids, splats: Arc::new(splats) }
     }
 
     fn color_all(&mut self) -> SplatChange {
         let all: Vec<Splat> = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
-        self.shown = SplatSet::from(all).finished(self.learned.finishing().clone());
+        self.shown = Arc::new(SplatSet::from(all).finished(self.learned.finishing().clone()));
         SplatChange::All(self.shown.clone())
     }
 }
@@ -149,7 +148,7 @@ mod tests {
 
     fn all(n: usize) -> SplatChange {
         let splat = Splat { color: [0.5, 0.2, 0.1], opacity: 1.0, ..Splat::default() };
-        SplatChange::All(vec![splat; n].into())
+        SplatChange::all(vec![splat; n])
     }
 
     #[test]
@@ -176,14 +175,13 @@ mod tests {
         let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
         palette.change(SplatUpdate { change: all(4), attributes, n_frames: 1 });
         let change = |palette: &mut Palette, id, frame| {
-            let splats = vec![Splat::default()].into();
-            let change = SplatChange::Some { ids: vec![id], splats };
+            let change = SplatChange::some(vec![id], vec![Splat::default()]);
             let attributes = vec![born(Some(frame))];
             palette.change(SplatUpdate { change, attributes, n_frames: 2 })
         };
         let within = change(&mut palette, 1, 5);
         assert!(matches!(&within, SplatChange::Some { ids, splats }
-            if ids == &[1] && splats[0].color == ramp(0.5)));
+            if ids[..] == [1] && splats[0].color == ramp(0.5)));
         assert!(matches!(change(&mut palette, 3, 1000), SplatChange::All(_)));
         assert_eq!(palette.splats()[2].color, ramp(10.0 / 1000.0));
         assert_eq!(palette.learned()[3], Splat::default());

@@ -1,9 +1,11 @@
-//! What the user chose, stored between sessions.
+//! What the user chose, stored between sessions: the parts of the settings' file, each a text of RON under its
+//! name.
 
 use super::layout::WindowLayout;
 use super::recent::RecentPaths;
 use super::training::TrainSettings;
 use super::viewer::settings::ViewSettings;
+use crate::render::gpu::adapters::AdapterChoice;
 
 /// Where settings are stored.
 const VIEWPORT: &str = "viewport";
@@ -12,6 +14,12 @@ const RECENT: &str = "recent";
 const LAYOUT: &str = "layout";
 /// The caveat of an adapter that was told already.
 pub const CAVEAT: &str = "caveat";
+/// The adapter that was chosen for further windows.
+pub const ADAPTER: &str = "adapter";
+/// What the file's parts are and mean; a part may have a version of its own.
+pub const VERSION: &str = "version";
+/// Of the files that this program writes. The first had no part of this name and lay in another folder.
+pub const FILE_VERSION: u32 = 2;
 
 /// Everything that was stored.
 #[derive(Default)]
@@ -29,10 +37,9 @@ pub struct StoredSettings {
 }
 
 impl StoredSettings {
-    /// Reads what the session before has left.
-    pub fn read(storage: Option<&dyn eframe::Storage>) -> Self {
+    /// Reads what the session before has left; `text` finds a part by its name.
+    pub fn read(text: impl Fn(&str) -> Option<String>) -> Self {
         let mut stored = Self::default();
-        let text = |key| storage.and_then(|storage| storage.get_string(key));
         if let Some(text) = text(VIEWPORT) {
             let (read, problem) = ViewSettings::from_text(&text);
             stored.view = read;
@@ -53,14 +60,19 @@ impl StoredSettings {
     }
 }
 
-/// Leaves settings for the next session.
+/// Leaves settings for the next session; a chosen adapter too, else the one that was chosen before stays.
 pub fn write(
     storage: &mut dyn eframe::Storage,
     view: &ViewSettings,
     training: &TrainSettings,
     recent: &RecentPaths,
     layout: &WindowLayout,
+    adapter: Option<&AdapterChoice>,
 ) {
+    storage.set_string(VERSION, FILE_VERSION.to_string());
+    if let Some(adapter) = adapter {
+        storage.set_string(ADAPTER, adapter.to_string());
+    }
     let texts = [
         (VIEWPORT, view.to_text()),
         (TRAINING, training.to_text()),

@@ -188,7 +188,7 @@ impl QualityMonitor {
         snapshot: &Snapshot,
         method: RenderMethod,
         every: Option<usize>,
-        splats: &SplatSet,
+        splats: &Arc<SplatSet>,
     ) {
         let Some(opened) = &snapshot.opened else { return };
         self.turn_to(opened, method);
@@ -324,7 +324,7 @@ impl QualityMonitor {
         opened: &Opened,
         snapshot: &Snapshot,
         (purpose, views): (Purpose, Vec<usize>),
-        splats: &SplatSet,
+        splats: &Arc<SplatSet>,
     ) {
         let (Some(dataset), Some(evaluation), Some(options)) =
             (&opened.dataset, &self.evaluation, self.options)

@@ -4,8 +4,8 @@
 //! catches its own, so it is always the one that saves: beside the dataset, where people look first,
 //! else in the platform's folder for what programs remember, else among temporary files.
 
-use super::adapter_memory::APP;
 use super::panic_report::PanicReport;
+use super::user_folders;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -78,19 +78,7 @@ impl fmt::Display for Rescue {
 
 /// The folders that are tried after the one beside the dataset.
 pub fn fallback_folders() -> Vec<PathBuf> {
-    state_folder().into_iter().chain([std::env::temp_dir()]).collect()
-}
-
-/// Where programs keep what they remember by themselves: `$XDG_STATE_HOME` or `~/.local/state` where
-/// there is such a convention, else the folder of the window's settings.
-fn state_folder() -> Option<PathBuf> {
-    if cfg!(all(unix, not(target_os = "macos"))) {
-        let named = std::env::var_os("XDG_STATE_HOME").map(PathBuf::from);
-        let home = || std::env::home_dir().map(|home| home.join(".local/state"));
-        // The convention has relative paths ignored.
-        return named.filter(|path| path.is_absolute()).or_else(home).map(|path| path.join(APP));
-    }
-    eframe::storage_dir(APP)
+    user_folders::state().into_iter().chain([std::env::temp_dir()]).collect()
 }
 
 /// Writes `<stem>-rescued.vbgs`, or a numbered one where that is taken, into the first of the folders

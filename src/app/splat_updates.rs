@@ -3,20 +3,32 @@
 
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// One update.
+/// One update. Many threads of the window are handed the same one, which its own thread copies for none of them.
 #[derive(Clone, Debug)]
 pub enum SplatChange {
     /// Everything is replaced.
-    All(SplatSet),
+    All(Arc<SplatSet>),
     /// The listed slots changed, or are new.
     Some {
         /// Slots.
-        ids: Vec<u32>,
+        ids: Arc<[u32]>,
         /// Their new values.
-        splats: SplatSet,
+        splats: Arc<SplatSet>,
     },
+}
+
+impl SplatChange {
+    /// Everything is replaced by these.
+    pub fn all(splats: impl Into<SplatSet>) -> Self {
+        Self::All(Arc::new(splats.into()))
+    }
+
+    /// These are in the listed slots now.
+    pub fn some(ids: Vec<u32>, splats: impl Into<SplatSet>) -> Self {
+        Self::Some { ids: ids.into(), splats: Arc::new(splats.into()) }
+    }
 }
 
 /// A change and what is known of its components, one each in the same order; nothing where nobody
@@ -69,14 +81,15 @@ impl SplatUpdates {
 
 /// Applies a change to splats, which may grow by it, and returns the slots that changed, or `None`
 /// for all.
-pub fn apply(splats: &mut SplatSet, change: SplatChange) -> Option<Vec<u32>> {
+pub fn apply(splats: &mut Arc<SplatSet>, change: SplatChange) -> Option<Arc<[u32]>> {
     match change {
         SplatChange::All(all) => {
             *splats = all;
             None
         }
         SplatChange::Some { ids, splats: new } => {
-            splats.replace(&ids, &new);
+            // Copies them only while another thread holds a share.
+            Arc::make_mut(splats).replace(&ids, &new);
             Some(ids)
         }
     }
@@ -100,13 +113,13 @@ mod tests {
     #[test]
     fn a_replacement_supersedes_what_waits_and_later_changes_may_add() {
         let updates = SplatUpdates::default();
-        updates.push(SplatChange::Some { ids: vec![0], splats: vec![VISIBLE].into() }.into());
-        updates.push(SplatChange::All(vec![EMPTY; 2].into()).into());
-        updates.push(SplatChange::Some { ids: vec![1, 3], splats: vec![VISIBLE; 2].into() }.into());
-        let mut splats = SplatSet::default();
+        updates.push(SplatChange::some(vec![0], vec![VISIBLE]).into());
+        updates.push(SplatChange::all(vec![EMPTY; 2]).into());
+        updates.push(SplatChange::some(vec![1, 3], vec![VISIBLE; 2]).into());
+        let mut splats = Arc::default();
         let changed: Vec<_> =
             updates.take().into_iter().map(|d| apply(&mut splats, d.change)).collect();
-        assert_eq!(changed, [None, Some(vec![1, 3])]);
+        assert_eq!(changed, [None, Some([1, 3].into())]);
         assert_eq!(splats[..], [EMPTY, VISIBLE, Splat::default(), VISIBLE]);
         assert!(updates.is_empty());
     }
@@ -114,12 +127,12 @@ mod tests {
     #[test]
     fn appearance_comes_with_the_splats_it_belongs_to() {
         let bent = Appearance { gradient: [[1.0; 3]; 3], ..Appearance::default() };
-        let mut splats: SplatSet = vec![VISIBLE; 2].into();
+        let mut splats: Arc<SplatSet> = Arc::new(vec![VISIBLE; 2].into());
         let native = SplatSet::new(vec![VISIBLE], vec![bent]);
-        apply(&mut splats, SplatChange::Some { ids: vec![2], splats: native });
+        apply(&mut splats, SplatChange::some(vec![2], native));
         let plain = Appearance::default();
         assert_eq!(splats.view().appearance(), [plain, plain, bent]);
-        apply(&mut splats, SplatChange::Some { ids: vec![2], splats: vec![EMPTY].into() });
+        apply(&mut splats, SplatChange::some(vec![2], vec![EMPTY]));
         assert_eq!(splats.view().appearance(), [plain; 3]);
     }
 }

@@ -10,11 +10,12 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// What is drawn.
 pub struct Still {
     /// As they are shown.
-    pub splats: SplatSet,
+    pub splats: Arc<SplatSet>,
     /// Of the view, in its pixels.
     pub camera: Camera,
     /// As the view is drawn at rest.

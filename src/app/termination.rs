@@ -5,16 +5,17 @@ use super::worker::Worker;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How often it is looked whether the program is to end.
-const LOOK: Duration = Duration::from_millis(100);
+/// How long the watcher outlives the worker at most.
+const LOOK: Duration = Duration::from_secs(10);
 
-/// From the moment `is_asked` says so: what is trained is kept where the next window offers it, training
-/// stops and the window closes without asking. Watches as long as the worker lives.
+/// From the moment `is_asked`, which waits for that at most so long, says so: what is trained is kept where the
+/// next window offers it, training stops and the window closes without asking. Watches as long as the worker
+/// lives.
 ///
 /// # Errors
 /// There is no thread to watch.
 pub fn watch(
-    is_asked: impl Fn() -> bool + Send + 'static,
+    is_asked: impl Fn(Duration) -> bool + Send + 'static,
     worker: &Arc<Worker>,
 ) -> std::io::Result<()> {
     let worker = Arc::downgrade(worker);
@@ -22,14 +23,13 @@ pub fn watch(
     watcher.spawn(move || {
         // Not held while nothing is asked: whoever drops the worker waits for its thread.
         while worker.strong_count() > 0 {
-            if is_asked() {
+            if is_asked(LOOK) {
                 if let Some(worker) = worker.upgrade() {
                     // What became of it is said by a notice, which is logged.
                     let _ = worker.leave_behind();
                 }
                 return;
             }
-            std::thread::sleep(LOOK);
         }
     })?;
     Ok(())

@@ -72,10 +72,12 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let wake_after_panic = waker.clone();
         let work = move || {
             // A copy of its own, so that no lock is held while an answer is made.
-            let mut splats = SplatSet::default();
+            let mut splats = Arc::default();
             while let Some((changes, request)) = next(&own) {
                 for change in changes {
                     apply(&mut splats, change);
+                    // Copied here where it is shared, and not where the window changes its own next.
+                    Arc::make_mut(&mut splats);
                 }
                 let Some((request, announce)) = request else { continue };
                 own.answer(Ok(work(&splats, request)));
@@ -177,7 +179,7 @@ mod tests {
         let thread =
             ViewThread::start("test", waker, |splats: &SplatSet, q: usize| (q, splats.len()))
                 .unwrap();
-        thread.change(SplatChange::All(vec![Splat::default(); 3].into()));
+        thread.change(SplatChange::all(vec![Splat::default(); 3]));
         thread.ask(7, Announce::Wake);
         wakes.recv_timeout(Duration::from_secs(10)).unwrap();
         assert_eq!(thread.take(), Some((7, 3)));
@@ -205,7 +207,7 @@ mod tests {
                 .unwrap();
         let started = std::time::Instant::now();
         for n in 1..=3 {
-            thread.change(SplatChange::All(vec![Splat::default(); n].into()));
+            thread.change(SplatChange::all(vec![Splat::default(); n]));
             while !thread.requests.lock().changes.is_empty() {
                 assert!(started.elapsed() < Duration::from_secs(10), "never taken");
                 std::thread::yield_now();

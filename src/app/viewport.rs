@@ -209,7 +209,7 @@ impl GpuViewPainter {
             (SplatChange::Some { ids, .. }, Some(pending))
                 if pending.len() + ids.len() <= 2 * splats.len() =>
             {
-                pending.extend(ids);
+                pending.extend(ids.iter());
             }
             // All of it is still to be uploaded, these splats among it.
             (SplatChange::Some { .. }, None) => {}

@@ -4,12 +4,13 @@
 use super::exit::{Exit, Leave};
 use super::guard::run_window;
 use super::painting::Painting;
+use super::settings_file::SettingsFile;
 use super::state::{NoticeKind, RunState, Subject};
 use super::studio::Studio;
 use super::unattended::Unattended;
 use super::window_error::WindowError;
 use super::worker::{Waker, Worker, WorkerOrder};
-use super::{adapter_memory, persistence, settings_guard, termination, viewport};
+use super::{persistence, termination, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
 use std::cell::RefCell;
@@ -75,16 +76,15 @@ fn keep_open(
 
 /// Opens the window on `subject` and runs until it is closed. Without an `adapter` the one that was
 /// chosen in an earlier window draws. A dataset's cameras are corrected by a `calibration` file.
-/// `started` is when the process began. Once `is_ended` says so, training is kept for the next window to go
-/// on with, and this one closes.
+/// `started` is when the process began. Once `is_ended`, which waits for that at most so long, says so, training
+/// is kept for the next window to go on with, and this one closes.
 pub fn run(
     subject: Subject,
     calibration: Option<PathBuf>,
     adapter: Option<AdapterChoice>,
-    is_ended: impl Fn() -> bool + Send + 'static,
+    is_ended: impl Fn(Duration) -> bool + Send + 'static,
     started: Instant,
 ) -> Result<(), WindowError> {
-    let adapter = adapter.unwrap_or_else(adapter_memory::remembered);
     // Asked first: without a display nothing has to be started, and the message is its own.
     if !has_display() {
         return Err(WindowError::NoDisplay);
@@ -92,25 +92,24 @@ pub fn run(
     let no_thread = |e: std::io::Error| WindowError::Window(e.to_string());
     let host = Host::new(started).map_err(no_thread)?;
     termination::watch(is_ended, &host.worker).map_err(no_thread)?;
-    let settings = settings_guard::file_of_user();
-    if let Some(text) = settings.as_deref().and_then(settings_guard::mend) {
+    let settings = SettingsFile::of_user();
+    let found = settings.as_ref().map(SettingsFile::open).unwrap_or_default();
+    for text in found.problems {
         host.worker.send(WorkerOrder::Report(NoticeKind::Warning, text));
     }
+    let adapter = adapter.or(found.adapter).unwrap_or(AdapterChoice::Auto);
     let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
     first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {
         let opened = Instant::now();
-        let leave = host.open_window(&mut first, adapter)?;
+        let leave = host.open_window(&mut first, adapter, settings.as_ref())?;
         Ok((leave, opened.elapsed()))
     };
     let tell = |kind, text| host.worker.send(WorkerOrder::Report(kind, text));
     let ended = keep_open(adapter, open, tell);
     // The last window has written them; nobody else would say that they are lost.
-    if let Some(text) = settings.as_deref().and_then(settings_guard::mend) {
+    if let Some(text) = settings.as_ref().and_then(SettingsFile::close) {
         tracing::error!("{text}");
-    }
-    if let Some(file) = &settings {
-        settings_guard::keep(file);
     }
     match ended {
         // Training that crashed left its window open; the user has closed it by now.
@@ -166,6 +165,7 @@ impl Host {
         &self,
         first: &mut Vec<WorkerOrder>,
         adapter: &AdapterChoice,
+        settings: Option<&SettingsFile>,
     ) -> Result<Leave, WindowError> {
         let exit = self.exit.borrow().of_next();
         self.exit.replace(exit.clone());
@@ -182,7 +182,7 @@ impl Host {
         };
         // All windows run on this thread: winit allows one event loop in a process, which eframe
         // keeps by thread to run it again.
-        let ended = run_window(&self.worker, &exit, || native_options(adapter), create);
+        let ended = run_window(&self.worker, &exit, || native_options(adapter, settings), create);
         // After an error too: the waker must not hold the context of a window that is gone.
         *self.context.lock().unwrap_or_else(PoisonError::into_inner) = None;
         ended?;
@@ -212,7 +212,10 @@ fn tell_caveat(
 /// Picture of the window in task bars, PNG.
 const ICON: &[u8] = include_bytes!("../../assets/icon.png");
 
-fn native_options(adapter: &AdapterChoice) -> eframe::NativeOptions {
+fn native_options(
+    adapter: &AdapterChoice,
+    settings: Option<&SettingsFile>,
+) -> eframe::NativeOptions {
     eframe::NativeOptions {
         viewport: ViewportBuilder::default()
             .with_title("VBGS Studio")
@@ -222,6 +225,7 @@ fn native_options(adapter: &AdapterChoice) -> eframe::NativeOptions {
             .with_min_inner_size(Vec2::new(640.0, 400.0))
             .with_drag_and_drop(true),
         wgpu_options: viewport::wgpu_configuration(adapter),
+        persistence_path: settings.map(|settings| settings.path().to_owned()),
         ..Default::default()
     }
 }

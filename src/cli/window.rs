@@ -30,7 +30,7 @@ pub fn run(
     }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
     let interrupt = Interrupt::listen()?;
-    let is_ended = move || interrupt.is_asked();
+    let is_ended = move |longest| interrupt.is_asked_within(longest);
     end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 

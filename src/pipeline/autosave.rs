@@ -79,6 +79,7 @@ pub type SaveOutcome = Result<Autosaved, AutosaveError>;
 /// assert!(autosave.between_frames(&session).is_none(), "begun, not waited for");
 /// let saved = autosave.wait().expect("one was in flight")?;
 /// assert_eq!((saved.frames, SavedRun::read(&path)?.content.cursor.frames), (1, 1));
+/// assert!(!autosave.is_pending(&session), "nothing was learnt since");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Autosave {
@@ -119,6 +120,12 @@ impl Autosave {
         let refused = is_due.then(|| self.begin(session).err()).flatten();
         // A thread that does not start is news; that the save before succeeded is none beside it.
         refused.map(Err).or(ended)
+    }
+
+    /// Whether a save is in flight, or will be due after a while by what was learnt so far.
+    pub fn is_pending(&self, session: &Session) -> bool {
+        let (saved, _) = self.begun;
+        self.in_flight.is_some() || session.learner().frames() > saved
     }
 
     /// Begins a save, due or not, once the one in flight has ended.

@@ -49,8 +49,13 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "Settings persist (RON)",
+        "Settings persist (RON, versioned, in the platform's config folder); a broken or newer file is set aside",
         &[
+            "settings.rs: settings_lie_in_the_config_folder_and_a_newer_file_is_set_aside",
+            "src/app/settings_file.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
+            "src/app/settings_file.rs: a_newer_file_is_set_aside_as_it_is_and_said",
+            "src/app/settings_file.rs: older_settings_are_taken_over_once_and_stay_where_they_were",
+            "src/app/settings_file.rs: a_part_that_cannot_be_read_leaves_a_copy_of_the_file",
             "src/app/training.rs: settings_survive_a_restart",
             "src/app/viewer/settings.rs: settings_survive_a_restart_but_not_the_colour_mode",
             "src/app/recent.rs: the_newest_come_first_and_survive_a_restart",
@@ -67,6 +72,10 @@ const PROMISES: &[(&str, &[&str])] = &[
     (
         "What each button does in each state is one table in the code",
         &["src/app/command.rs: in_no_state_is_nothing_possible_and_space_is_never_ambiguous"],
+    ),
+    (
+        "Notices and cards cover neither each other nor the panels, also at 800×600",
+        &["first_minute.rs: cards_leave_notices_their_place_in_small_windows"],
     ),
     (
         "Empty state: a target for dropping a folder, an Open button, the synthetic scene",
@@ -234,7 +243,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         &[
             "full_disk.rs: a_full_disk_is_said_and_the_scene_is_written_elsewhere",
             "full_disk.rs: what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded",
-            "src/app/settings_guard.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
+            "src/app/settings_file.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
         ],
     ),
     (

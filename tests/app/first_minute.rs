@@ -1,8 +1,10 @@
 //! What a stranger meets: the start page, an opened dataset, training that is ridden along with.
 
-use super::harness::{PATIENCE, Window, click, dataset, drag, is, wait, wait_for_picture, window};
+use super::harness::{
+    PATIENCE, Window, click, dataset, drag, drop_on, is, wait, wait_for_picture, window,
+};
 use crate::common::adapter::turn;
-use eframe::egui::{Key, PointerButton};
+use eframe::egui::{Id, Key, PointerButton, Vec2};
 use egui_kittest::kittest::Queryable;
 use std::time::Instant;
 use vbgs_studio::app::Painting;
@@ -73,4 +75,35 @@ fn the_camera_rides_along_until_it_is_moved() {
     wait_for_guide(&mut window, true);
     window.run_steps(2);
     assert_ne!(window.state().view().eye(), left);
+}
+
+/// Where a card and the notices above it lie; the card below all of them.
+fn assert_card_below_notices(window: &mut Window, card: &'static str) {
+    for size in [Vec2::new(800.0, 600.0), Vec2::new(1600.0, 1000.0)] {
+        window.set_size(size);
+        window.run_steps(6);
+        let [card, notices] = [card, "notices"]
+            .map(|name| window.ctx.memory(|memory| memory.area_rect(Id::unique(name))).unwrap());
+        assert!(notices.height() > 50.0, "{notices} in {size}");
+        assert!(card.height() > 80.0, "{card} in {size}");
+        assert!(notices.bottom() <= card.top(), "{notices} and {card} in {size}");
+    }
+}
+
+#[test]
+fn cards_leave_notices_their_place_in_small_windows() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    for missing in ["a", "b", "c"] {
+        let before = window.state().snapshot().notices.len();
+        drop_on(&mut window, &folder.path().join(missing));
+        wait(&mut window, "the notice", |s| s.snapshot().notices.len() > before);
+    }
+    assert_card_below_notices(&mut window, "ready");
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+    assert_card_below_notices(&mut window, "summary");
 }

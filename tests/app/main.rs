@@ -4,6 +4,7 @@
 
 mod abandoned;
 mod background;
+mod beside_training;
 mod camera;
 #[path = "../common/mod.rs"]
 mod common;
@@ -37,6 +38,8 @@ mod real_window;
 mod saving;
 mod scene;
 mod screenshots;
+#[cfg(all(feature = "cli", unix))]
+mod settings;
 mod silent_drive;
 mod states;
 mod switching;

@@ -140,8 +140,8 @@ impl Editor {
     }
 
     /// The splats as they are shown.
-    pub fn shown<'a>(&'a self, palette: &'a Palette) -> &'a SplatSet {
-        self.visible.splats().map_or(palette.splats(), |shown| shown)
+    pub fn shown<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
+        self.visible.splats().unwrap_or(palette.splats())
     }
 
     /// The splats that a click may find, to be looked at on another thread.

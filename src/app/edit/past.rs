@@ -1,13 +1,16 @@
 //! What the scene was after earlier frames.
 //!
-//! The viewport is sent every splat that training changes anyway: a moment costs it one copy and the trainer
-//! nothing. Copies keep to a budget of bytes and to a number: where they would exceed either, every other one
+//! The viewport is sent every splat that training changes anyway: a moment costs the trainer nothing but one copy
+//! of what is in memory. It is made beside the window, whose passes it would make longer by some milliseconds:
+//! until it is there, the moment shares the splats of now, which are copied by whoever changes them first.
+//! Copies keep to a budget of bytes and to a number: where they would exceed either, every other one
 //! is dropped and the next are taken twice as far apart. So after any number of frames some dozen moments are
 //! there, evenly spread. They are exact, appearance and all: a quantised one would show what never was.
 
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use std::sync::Arc;
+use std::thread::{Builder, JoinHandle};
 
 /// Moments kept at most: a slider has no use for more.
 const MAX_MOMENTS: usize = 32;
@@ -19,12 +22,14 @@ pub struct PastScene {
     pub n_frames: usize,
     /// What was drawn of it, in its own colours.
     pub splats: Arc<SplatSet>,
+    /// Of all moments that were ever kept.
+    serial: u64,
 }
 
 impl PartialEq for PastScene {
-    /// Whether they are the same copy.
+    /// Whether they are the same moment.
     fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.splats, &other.splats)
+        self.serial == other.serial
     }
 }
 
@@ -40,20 +45,24 @@ pub struct PastScenes {
     moments: Vec<PastScene>,
     /// Least number of frames between two.
     apart: usize,
+    /// Of the latest moment.
+    serial: u64,
+    /// Copies under way, of the moments with these serials.
+    copies: Vec<(u64, JoinHandle<SplatSet>)>,
 }
 
 impl Default for PastScenes {
     fn default() -> Self {
-        Self { moments: Vec::new(), apart: 1 }
+        Self { moments: Vec::new(), apart: 1, serial: 0, copies: Vec::new() }
     }
 }
 
 impl PastScenes {
     /// Keeps the scene that has seen so many frames, if it is time to and `budget` bytes allow it.
-    pub fn note(&mut self, n_frames: usize, scene: &SplatSet, budget: usize) {
+    pub fn note(&mut self, n_frames: usize, scene: &Arc<SplatSet>, budget: usize) {
         if self.moments.last().is_some_and(|last| n_frames < last.n_frames) {
             // The run began anew.
-            *self = Self::default();
+            *self = Self { serial: self.serial, ..Self::default() };
         }
         let bytes = bytes_of(scene);
         if n_frames == 0 || bytes > budget || !self.is_due(n_frames) {
@@ -61,7 +70,25 @@ impl PastScenes {
         }
         self.thin(MAX_MOMENTS - 1, budget - bytes);
         if self.is_due(n_frames) {
-            self.moments.push(PastScene { n_frames, splats: Arc::new(scene.clone()) });
+            self.serial += 1;
+            self.moments.push(PastScene { n_frames, splats: scene.clone(), serial: self.serial });
+            let shared = scene.clone();
+            let copy = move || SplatSet::clone(&shared);
+            // Without a thread the moment goes on sharing.
+            if let Ok(copy) = Builder::new().name("past".into()).spawn(copy) {
+                self.copies.push((self.serial, copy));
+            }
+        }
+    }
+
+    /// Lets moments have the copies that are made, so that they share nothing with the scene of now; before
+    /// that changes.
+    pub fn take_copies(&mut self) {
+        for (serial, copy) in self.copies.extract_if(.., |(_, copy)| copy.is_finished()) {
+            let moment = self.moments.iter_mut().find(|moment| moment.serial == serial);
+            if let (Some(moment), Ok(splats)) = (moment, copy.join()) {
+                moment.splats = Arc::new(splats);
+            }
         }
     }
 
@@ -113,8 +140,8 @@ fn bytes_of(scene: &SplatSet) -> usize {
 mod tests {
     use super::*;
 
-    fn scene(n: usize) -> SplatSet {
-        vec![Splat::default(); n].into()
+    fn scene(n: usize) -> Arc<SplatSet> {
+        Arc::new(vec![Splat::default(); n].into())
     }
 
     fn frames(past: &PastScenes) -> Vec<usize> {
@@ -156,6 +183,29 @@ mod tests {
         assert!(!past.moments().is_empty() && past.bytes() <= budget / 4);
         past.keep_to(0);
         assert!(past.moments().is_empty());
+    }
+
+    #[test]
+    fn a_moment_stays_what_it_was_and_shares_nothing_once_it_is_copied() {
+        let (mut past, mut now) = (PastScenes::default(), scene(1000));
+        let changed = Splat { opacity: 0.5, ..Splat::default() };
+        for n_frames in 1..=4 {
+            past.note(n_frames, &now, usize::MAX);
+            // As fast as a copy or faster: both are right.
+            if n_frames % 2 == 0 {
+                while Arc::strong_count(&now) > 1 {
+                    std::thread::yield_now();
+                    past.take_copies();
+                }
+            }
+            Arc::make_mut(&mut now).replace(&[n_frames as u32], &vec![changed].into());
+            past.take_copies();
+        }
+        for moment in past.moments() {
+            let n_changed = moment.splats.iter().filter(|splat| splat.opacity == 0.5).count();
+            assert_eq!(n_changed, moment.n_frames - 1);
+        }
+        assert_ne!(past.moments()[0], past.moments()[1]);
     }
 
     #[test]

@@ -58,7 +58,7 @@ impl VisibilityRules {
 #[derive(Clone, Copy)]
 pub struct SceneParts<'a> {
     /// The splats in the colours that were chosen.
-    pub colored: &'a SplatSet,
+    pub colored: &'a Arc<SplatSet>,
     /// What is known of them, as far as it was asked for.
     pub known: &'a [ComponentAttributes],
 }
@@ -82,7 +82,7 @@ impl VisibleSplats {
         }
         Some(match change {
             SplatChange::All(_) => self.renew(parts),
-            SplatChange::Some { ids, .. } => self.update(ids, parts),
+            SplatChange::Some { ids, .. } => self.update(&ids, parts),
         })
     }
 
@@ -103,7 +103,7 @@ impl VisibleSplats {
         let looks = (0..).zip(&self.looks);
         let changed = looks.filter(|(slot, look)| self.look(*slot, parts) != **look);
         let ids: Vec<u32> = changed.map(|(slot, _)| slot).collect();
-        (!ids.is_empty()).then(|| self.update(ids, parts))
+        (!ids.is_empty()).then(|| self.update(&ids, parts))
     }
 
     /// The splats as they are shown; `None` while that is how they are coloured.
@@ -122,21 +122,20 @@ impl VisibleSplats {
             let (splat, appearance) = self.shown_as(slot, parts);
             all.push(splat, appearance);
         }
-        self.shown = Arc::new(all.clone());
-        SplatChange::All(all)
+        self.shown = Arc::new(all);
+        SplatChange::All(self.shown.clone())
     }
 
-    fn update(&mut self, ids: Vec<u32>, parts: SceneParts<'_>) -> SplatChange {
+    fn update(&mut self, ids: &[u32], parts: SceneParts<'_>) -> SplatChange {
         self.looks.resize(parts.colored.len(), Look::default());
         let mut splats = SplatSet::default().finished(parts.colored.finishing().clone());
-        for &id in &ids {
+        for &id in ids {
             self.looks[id as usize] = self.look(id, parts);
             let (splat, appearance) = self.shown_as(id as usize, parts);
             splats.push(splat, appearance);
         }
-        let change = SplatChange::Some { ids, splats };
-        // Copies only while a click is answered, whose thread holds a share.
-        apply(Arc::make_mut(&mut self.shown), change.clone());
+        let change = SplatChange::Some { ids: ids.into(), splats: Arc::new(splats) };
+        apply(&mut self.shown, change.clone());
         change
     }
 
@@ -162,7 +161,7 @@ mod tests {
     use crate::app::edit::marks::SplatMarks;
     use glam::DVec3;
 
-    fn scene(n: usize) -> SplatSet {
+    fn scene(n: usize) -> Arc<SplatSet> {
         let splat = |i: usize| Splat {
             mean: [i as f32, 0.0, 0.0],
             opacity: 1.0,
@@ -170,7 +169,7 @@ mod tests {
             scale: [0.1; 3],
             rotation: [1.0, 0.0, 0.0, 0.0],
         };
-        (0..n).map(splat).collect::<Vec<_>>().into()
+        Arc::new((0..n).map(splat).collect::<Vec<_>>().into())
     }
 
     /// A letter for each splat: shown, marked or nowhere.
@@ -202,7 +201,7 @@ mod tests {
         assert_eq!(seen(visible.splats().unwrap()), "..mss.");
         let rules = VisibilityRules { edits: edits.clone(), born_until: Some(3), past: None };
         let change = visible.follow(rules, parts).unwrap();
-        assert!(matches!(change, SplatChange::Some { ids, .. } if ids == [4]));
+        assert!(matches!(change, SplatChange::Some { ids, .. } if ids[..] == [4]));
         assert_eq!(seen(visible.splats().unwrap()), "..ms..");
         let change = visible.follow(VisibilityRules::default(), parts).unwrap();
         assert!(matches!(change, SplatChange::All(all) if all == colored));
@@ -218,17 +217,15 @@ mod tests {
         let rules = VisibilityRules { edits, ..VisibilityRules::default() };
         visible.follow(rules, SceneParts { colored: &colored, known: &[] });
         let moved = Splat { mean: [1.1, 0.0, 0.0], ..colored[1] };
-        let change = SplatChange::Some {
-            ids: vec![1, 3],
-            splats: vec![moved, Splat { mean: [1.0, 0.0, 0.0], ..moved }].into(),
-        };
+        let others = vec![moved, Splat { mean: [1.0, 0.0, 0.0], ..moved }];
+        let change = SplatChange::some(vec![1, 3], others);
         apply(&mut colored, change.clone());
         let parts = SceneParts { colored: &colored, known: &[] };
         visible.change(change, parts);
         assert_eq!(seen(visible.splats().unwrap()), "s.ss");
         // Its number went to a splat elsewhere.
         let elsewhere = Splat { mean: [5.0, 0.0, 0.0], ..moved };
-        let change = SplatChange::Some { ids: vec![1], splats: vec![elsewhere].into() };
+        let change = SplatChange::some(vec![1], vec![elsewhere]);
         apply(&mut colored, change.clone());
         visible.change(change, SceneParts { colored: &colored, known: &[] });
         assert_eq!(seen(visible.splats().unwrap()), "ssss");

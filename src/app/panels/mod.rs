@@ -3,6 +3,7 @@
 pub mod abandoned;
 pub mod adapter;
 pub mod badge;
+pub mod card;
 pub mod detail;
 pub mod draw_share;
 pub mod edit;

@@ -1,68 +1,72 @@
 //! What was opened, before anything is trained: what was recognised, the first photograph, and the
 //! one button that matters.
 
+use super::card::{self, CardPlace};
 use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::wording;
-use eframe::egui::{
-    Align2, Area, Button, Frame, Id, Image, Label, Pos2, RichText, TextureHandle, Ui, Vec2,
-};
+use eframe::egui::{Button, Id, Image, Label, RichText, TextureHandle, Ui, Vec2};
 
 /// Width of the card, points.
 const WIDTH: f32 = 250.0;
 /// Tallest first photograph, points.
 const PHOTO_HEIGHT: f32 = 190.0;
-/// Room for what is written below it, points.
+/// Room for what is written below it until that was laid out once, points.
 const TEXT_HEIGHT: f32 = 210.0;
 /// A smaller photograph shows nothing.
 const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
-/// Draws the card with its lower left corner at `at` and `room` points above that; whether training is
-/// asked for.
+/// Draws the card; whether training is asked for.
 pub fn ui(
     snapshot: &Snapshot,
     opened: &Opened,
     photo: Option<&TextureHandle>,
-    (at, room): (Pos2, f32),
+    place: CardPlace,
     ui: &Ui,
 ) -> Option<UiCommand> {
     let mut asked = None;
-    let area = Area::new(Id::unique("ready")).fixed_pos(at).pivot(Align2::LEFT_BOTTOM);
-    area.show(ui.ctx(), |ui| {
-        Frame::popup(ui.style()).show(ui, |ui| {
-            ui.set_width(WIDTH);
-            let height = PHOTO_HEIGHT.min(room - TEXT_HEIGHT);
-            if let Some(photo) = photo.filter(|_| height >= MIN_PHOTO_HEIGHT) {
-                let size = photo.size_vec2();
-                let scale = (WIDTH / size.x).min(height / size.y);
-                ui.add(Image::new(photo).fit_to_exact_size(size * scale))
-                    .on_hover_text("The first photograph");
-            }
-            ui.label(RichText::new(&opened.name).strong().size(16.0));
-            for line in recognised(opened) {
-                ui.add(Label::new(line).wrap().selectable(false));
-            }
-            if let Some(check) = &snapshot.poses {
-                let text = match wording::pose_warning(check) {
-                    Some(warning) => {
-                        RichText::new(warning).color(SignalColor::Yellow.on(ui.visuals().dark_mode))
-                    }
-                    None => RichText::new(wording::poses(check)).weak(),
-                };
-                ui.add(Label::new(text).wrap().selectable(false));
-            }
-            ui.add_space(4.0);
-            let text = RichText::new(format!("Train {} frames", snapshot.n_frames)).size(18.0);
-            let button = Button::new(text);
-            let fill = ui.visuals().selection.bg_fill;
-            let train = ui.add_sized(Vec2::new(WIDTH, 36.0), button.fill(fill));
-            if train.on_hover_text(UiCommand::Train.hint(ui.ctx())).clicked() {
-                asked = Some(UiCommand::Train);
-            }
-        });
+    card::show("ready", place, ui, |ui| {
+        ui.set_width(WIDTH);
+        // The photograph takes what the text leaves.
+        let measured = Id::unique("ready's text");
+        let text = ui.data(|data| data.get_temp(measured)).unwrap_or(TEXT_HEIGHT);
+        let height = PHOTO_HEIGHT.min(place.room - text);
+        if let Some(photo) = photo.filter(|_| height >= MIN_PHOTO_HEIGHT) {
+            let size = photo.size_vec2();
+            let scale = (WIDTH / size.x).min(height / size.y);
+            ui.add(Image::new(photo).fit_to_exact_size(size * scale))
+                .on_hover_text("The first photograph");
+        }
+        let top = ui.cursor().top();
+        asked = words(snapshot, opened, ui);
+        let text = ui.min_rect().bottom() - top + ui.spacing().item_spacing.y;
+        ui.data_mut(|data| data.insert_temp(measured, text));
     });
     asked
+}
+
+/// What was recognised, and the button.
+fn words(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
+    ui.label(RichText::new(&opened.name).strong().size(16.0));
+    for line in recognised(opened) {
+        ui.add(Label::new(line).wrap().selectable(false));
+    }
+    if let Some(check) = &snapshot.poses {
+        let text = match wording::pose_warning(check) {
+            Some(warning) => {
+                RichText::new(warning).color(SignalColor::Yellow.on(ui.visuals().dark_mode))
+            }
+            None => RichText::new(wording::poses(check)).weak(),
+        };
+        ui.add(Label::new(text).wrap().selectable(false));
+    }
+    ui.add_space(4.0);
+    let text = RichText::new(format!("Train {} frames", snapshot.n_frames)).size(18.0);
+    let button = Button::new(text).fill(ui.visuals().selection.bg_fill);
+    let train = ui.add_sized(Vec2::new(WIDTH, 36.0), button);
+    let train = train.on_hover_text(UiCommand::Train.hint(ui.ctx()));
+    train.clicked().then_some(UiCommand::Train)
 }
 
 /// Layout, frames, sizes and depth.

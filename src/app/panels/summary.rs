@@ -1,9 +1,10 @@
 //! After the last frame: how good, how long, how large, and what can be done with it.
 
+use super::card::{self, CardPlace};
 use crate::app::command::UiCommand;
 use crate::app::quality::QualityMonitor;
 use crate::app::state::Snapshot;
-use eframe::egui::{Align2, Area, Button, Frame, Grid, Id, Pos2, RichText, Ui};
+use eframe::egui::{Button, Grid, RichText, Ui};
 
 /// What the user does about the card.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,49 +19,44 @@ pub enum SummaryAnswer {
     Close,
 }
 
-/// Draws the card with its lower left corner at `at`. `finer` says what the next finer run would be,
-/// where there is one.
+/// Draws the card. `finer` says what the next finer run would be, where there is one.
 pub fn ui(
     snapshot: &Snapshot,
     quality: &QualityMonitor,
     finer: Option<&str>,
-    at: Pos2,
+    place: CardPlace,
     ui: &Ui,
 ) -> Option<SummaryAnswer> {
     let mut answer = None;
-    let area = Area::new(Id::unique("summary")).fixed_pos(at).pivot(Align2::LEFT_BOTTOM);
-    area.show(ui.ctx(), |ui| {
-        Frame::popup(ui.style()).show(ui, |ui| {
-            ui.horizontal(|ui| {
-                // At the fixed corner of the card: figures that come in make it wider.
-                if ui.small_button("×").on_hover_text("Close this card").clicked() {
-                    answer = Some(SummaryAnswer::Close);
-                }
-                let title = format!("{} frames are a scene", snapshot.frames_done);
-                ui.label(RichText::new(title).strong().size(16.0));
-            });
-            Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
-                ui.label(RichText::new("Held out").weak());
-                let figures =
-                    ui.link(figures(quality)).on_hover_text("Every view, and how it grew");
-                if figures.clicked() {
-                    answer = Some(SummaryAnswer::Quality);
-                }
-                ui.end_row();
-                // There from the start: a row that came with the figures would move what is above it away
-                // from under the pointer.
-                ui.label(RichText::new("Where covered").weak());
-                ui.label(covered(quality));
-                ui.end_row();
-                for (label, value) in facts(snapshot) {
-                    ui.label(RichText::new(label).weak());
-                    ui.label(value);
-                    ui.end_row();
-                }
-            });
-            ui.add_space(4.0);
-            ui.horizontal(|ui| answer = buttons(finer, ui).or(answer));
+    card::show("summary", place, ui, |ui| {
+        ui.horizontal(|ui| {
+            // At the fixed corner of the card: figures that come in make it wider.
+            if ui.small_button("×").on_hover_text("Close this card").clicked() {
+                answer = Some(SummaryAnswer::Close);
+            }
+            let title = format!("{} frames are a scene", snapshot.frames_done);
+            ui.label(RichText::new(title).strong().size(16.0));
         });
+        Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
+            ui.label(RichText::new("Held out").weak());
+            let figures = ui.link(figures(quality)).on_hover_text("Every view, and how it grew");
+            if figures.clicked() {
+                answer = Some(SummaryAnswer::Quality);
+            }
+            ui.end_row();
+            // There from the start: a row that came with the figures would move what is above it away
+            // from under the pointer.
+            ui.label(RichText::new("Where covered").weak());
+            ui.label(covered(quality));
+            ui.end_row();
+            for (label, value) in facts(snapshot) {
+                ui.label(RichText::new(label).weak());
+                ui.label(value);
+                ui.end_row();
+            }
+        });
+        ui.add_space(4.0);
+        ui.horizontal(|ui| answer = buttons(finer, ui).or(answer));
     });
     answer
 }

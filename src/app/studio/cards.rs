@@ -3,6 +3,7 @@
 use super::Studio;
 use crate::app::color_mode::ColorMode;
 use crate::app::detail::{finer, trained_by};
+use crate::app::panels::card::CardPlace;
 use crate::app::panels::ready;
 use crate::app::panels::summary::{self, SummaryAnswer};
 use crate::app::state::{Opened, RunState, Snapshot, Source};
@@ -11,30 +12,26 @@ use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::mode::ViewMode;
 use crate::app::worker::WorkerOrder;
 use crate::train::scene::units::StructuralScale;
-use eframe::egui::{Pos2, Ui, Vec2};
-
-/// Distance of cards from the edge of the viewport, points.
-const MARGIN: Vec2 = Vec2::new(12.0, -12.0);
+use eframe::egui::Ui;
 
 impl Studio {
     /// The card that goes with the state, if one does, below what notices take from the top.
     pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
-        let corner = ui.max_rect().left_bottom() + MARGIN;
+        let place = CardPlace::below(noticed, ui);
         if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
-            let room = corner.y - ui.max_rect().top() - noticed;
-            self.ready_card(opened, (corner, room), ui, snapshot);
+            self.ready_card(opened, place, ui, snapshot);
         }
         let is_read = self.summary_closed == opened.serial;
         let is_plain = self.view.mode() == ViewMode::Single
             && self.view.settings.color_mode == ColorMode::Color;
         let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
         if is_done && is_plain && !is_read {
-            self.summary_card(opened, corner, ui, snapshot);
+            self.summary_card(opened, place, ui, snapshot);
         }
     }
 
-    fn ready_card(&mut self, opened: &Opened, place: (Pos2, f32), ui: &Ui, snapshot: &Snapshot) {
+    fn ready_card(&mut self, opened: &Opened, place: CardPlace, ui: &Ui, snapshot: &Snapshot) {
         let first = FrameRef::trained(opened, 0);
         let photo = match (self.view.thumbnails(opened), &first) {
             (Some(thumbnails), Some(first)) => thumbnails.get(ui.ctx(), first, true),
@@ -45,7 +42,7 @@ impl Studio {
         }
     }
 
-    fn summary_card(&mut self, opened: &Opened, corner: Pos2, ui: &Ui, snapshot: &Snapshot) {
+    fn summary_card(&mut self, opened: &Opened, place: CardPlace, ui: &Ui, snapshot: &Snapshot) {
         let finer = finer(snapshot);
         let forecast = finer.map(|scale| {
             let scale = match scale {
@@ -57,7 +54,7 @@ impl Studio {
                 2 * snapshot.used
             )
         });
-        match summary::ui(snapshot, &self.quality, forecast.as_deref(), corner, ui) {
+        match summary::ui(snapshot, &self.quality, forecast.as_deref(), place, ui) {
             None => {}
             Some(SummaryAnswer::Close) => self.summary_closed = opened.serial,
             Some(SummaryAnswer::Quality) => self.layout.show(SideTab::Quality),

@@ -120,7 +120,7 @@ impl Studio {
     ) -> std::io::Result<Self> {
         // The trainer begins while the GPU is made ready.
         let StoredSettings { view, training, recent, layout, problems } =
-            StoredSettings::read(context.storage);
+            StoredSettings::read(|part| context.storage?.get_string(part));
         give_first_orders(&worker, &training, first, problems);
         strengthen_weak_text(&context.egui_ctx);
         let waker = waker_of(&context.egui_ctx);
@@ -366,12 +366,17 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        let adapter = match self.exit.why() {
+            Leave::Adapter(chosen) => Some(chosen),
+            Leave::Closed | Leave::DeviceLost => None,
+        };
         persistence::write(
             storage,
             &self.view.settings,
             &self.training,
             &self.recent,
             &self.layout,
+            adapter.as_ref(),
         );
         let caveat = self.device.as_ref().and_then(|device| viewport::caveat(&device.state));
         storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());

@@ -1,7 +1,6 @@
 //! The panels, and what they ask of the window.
 
 use super::Studio;
-use crate::app::adapter_memory;
 use crate::app::device::WindowDevice;
 use crate::app::drawing::Drawer;
 use crate::app::exit::Leave;
@@ -133,7 +132,6 @@ impl Studio {
             Some(SettingsAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(SettingsAnswer::Adapter(AdapterRequest::RetryGpu)) => self.retry_gpu(),
             Some(SettingsAnswer::Adapter(AdapterRequest::Adapter(choice))) => {
-                adapter_memory::remember(&choice);
                 // What was said of this one would be read as if of the next.
                 self.worker.send(WorkerOrder::ForgetReports);
                 self.leave(Leave::Adapter(choice), ui.ctx());

@@ -9,7 +9,6 @@ use super::stand::Place;
 use crate::app::state::{NoticeKind, Opened};
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
-use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
 use eframe::egui::Ui;
@@ -89,7 +88,7 @@ impl SceneView {
             compared: self.compared().cloned(),
         };
         if self.photos.is_none() {
-            match PhotoRequests::new(self.waker.clone(), SplatSet::clone(self.palette.learned())) {
+            match PhotoRequests::new(self.waker.clone(), self.palette.learned().clone()) {
                 Ok(requests) => self.photos = Some(requests),
                 Err(error) => {
                     return Some(Err(format!(

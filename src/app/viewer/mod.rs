@@ -170,6 +170,7 @@ impl SceneView {
         }
         self.preview.outdate();
         let n_frames = update.n_frames;
+        self.editor.past.take_copies();
         let change = self.palette.change(update);
         self.editor.past.note(n_frames, self.palette.learned(), self.settings.past_bytes());
         self.show(change);

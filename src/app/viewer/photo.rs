@@ -99,7 +99,7 @@ pub struct PhotoRequests {
 
 impl PhotoRequests {
     /// Starts the thread with the scene as it is.
-    pub fn new(waker: Waker, splats: SplatSet) -> std::io::Result<Self> {
+    pub fn new(waker: Waker, splats: Arc<SplatSet>) -> std::io::Result<Self> {
         let mut worker = PhotoWorker::new()?;
         let thread = ViewThread::start(
             "photographs",

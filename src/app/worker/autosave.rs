@@ -42,6 +42,17 @@ impl WorkerThread {
         self.tell_of_autosave(outcome);
     }
 
+    /// Whether a save may begin or end before anything is ordered or trained.
+    pub(super) fn saves_by_itself(&self) -> bool {
+        let Some(Content::Session(session)) = &self.content else { return false };
+        match &self.saver {
+            _ if self.training.autosave_s.is_none() => false,
+            RunAutosave::Off => false,
+            RunAutosave::Waiting(_) => self.frames_since_checkpoint > 0,
+            RunAutosave::On(autosave, _) => autosave.is_pending(session),
+        }
+    }
+
     /// Claims a slot and begins the first save.
     fn start_autosave(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };

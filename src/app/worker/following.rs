@@ -10,7 +10,6 @@ use crate::app::state::{
 };
 use crate::dataset::LoadOptions;
 use crate::export::checkpoint::is_checkpoint;
-use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::follow::Follow;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::Session;
@@ -81,7 +80,7 @@ impl WorkerThread {
         (self.content, self.dirty) = (None, Dirty::default());
         self.forget_autosave();
         self.first_look = None;
-        self.shared.updates.push(SplatChange::All(SplatSet::default()).into());
+        self.shared.updates.push(SplatChange::All(Arc::default()).into());
         self.snapshot = Snapshot {
             state: RunState::Waiting,
             notices: self.snapshot.notices.clone(),

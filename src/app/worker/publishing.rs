@@ -32,7 +32,8 @@ impl WorkerThread {
     /// only when the viewport took the last ones.
     pub(super) fn publish(&mut self, at_once: bool) {
         let due = self.published.elapsed() >= self.shared.interval();
-        let news = self.changed || !self.dirty.is_empty();
+        // A hidden window takes no splats: it is not woken for those that wait for it.
+        let news = self.changed || !self.dirty.is_empty() && self.shared.updates.is_empty();
         if !(at_once || due && news) {
             return;
         }
@@ -54,7 +55,7 @@ impl WorkerThread {
             let ids = self.dirty.take();
             let splats = session.splats_of(&ids);
             let attributes = self.attributes_of(&ids);
-            let change = SplatChange::Some { ids, splats };
+            let change = SplatChange::some(ids, splats);
             let n_frames = self.snapshot.n_seen();
             self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
         }
@@ -65,7 +66,7 @@ impl WorkerThread {
         let splats = self.splats();
         let ids: Vec<u32> = (0..splats.len() as u32).collect();
         let attributes = self.attributes_of(&ids);
-        let (change, n_frames) = (SplatChange::All(splats), self.snapshot.n_seen());
+        let (change, n_frames) = (SplatChange::all(splats), self.snapshot.n_seen());
         self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
     }
 

@@ -158,7 +158,7 @@ impl WorkerThread {
         // The number would name another component.
         self.inspecting = None;
         // Also drops what still waits there, which is of the scene before.
-        self.shared.updates.push(SplatChange::All(opened.splats).into());
+        self.shared.updates.push(SplatChange::all(opened.splats).into());
         match &opened.content {
             Content::Session(session) => {
                 self.snapshot.source = Source::Dataset;

@@ -24,7 +24,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What a look at the frames of what was opened has found.
 pub struct FirstLook {
@@ -77,6 +77,8 @@ pub struct WorkerThread {
     pub(super) cameras_told: Instant,
 }
 
+/// How often it is looked whether a save is due, or has ended, while no frames are trained.
+const SAVES: Duration = Duration::from_secs(1);
 /// Most notices kept.
 const MAX_NOTICES: usize = 50;
 
@@ -147,12 +149,24 @@ impl WorkerThread {
                 Err(TryRecvError::Disconnected) => Err(Dismissed),
             };
         }
-        // Splats that could not be delivered yet are tried again while idle.
-        match self.inbox.recv_timeout(rest.unwrap_or(self.shared.interval())) {
+        let Some(rest) = rest.or(self.rest_at_idle()) else {
+            // Nothing can be due before somebody wants something: a window at rest takes no core.
+            return self.inbox.recv().map(Some).map_err(|_| Dismissed);
+        };
+        match self.inbox.recv_timeout(rest) {
             Ok(order) => Ok(Some(order)),
             Err(RecvTimeoutError::Timeout) => Ok(None),
             Err(RecvTimeoutError::Disconnected) => Err(Dismissed),
         }
+    }
+
+    /// Time until something may be due though nobody orders anything; `None` while nothing can be.
+    fn rest_at_idle(&self) -> Option<Duration> {
+        // Splats that could not be delivered yet are tried again.
+        if self.changed || !self.dirty.is_empty() || self.first_look.is_some() {
+            return Some(self.shared.interval());
+        }
+        self.saves_by_itself().then_some(SAVES)
     }
 
     /// Follows an order, or trains a frame where there is none, and tells the window.

@@ -1,0 +1,376 @@
+//! The file of settings in the user's configuration folder: RON, with a version, and what is done where it
+//! cannot be read.
+//!
+//! eframe reads and writes it as parts by name ([`persistence`](super::persistence)). It empties the file and then
+//! writes it, so that a full disk or a power cut leaves half of it; what it cannot read it passes over without
+//! a word, and writes over. So what no window of this version can read is set aside under another name before
+//! the first window opens, a copy of the last good file takes its place, and the user is told.
+
+use super::persistence::{ADAPTER, FILE_VERSION, StoredSettings, VERSION};
+use super::user_folders;
+use crate::export::ExportError;
+use crate::export::atomic::write_atomic;
+use crate::render::gpu::adapters::AdapterChoice;
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+const FILE: &str = "settings.ron";
+/// Files of version 1, in the folder of data: settings, and the chosen adapter in one of its own.
+const FORMER_FILE: &str = "app.ron";
+const FORMER_ADAPTER_FILE: &str = "adapter.ron";
+/// Largest file that is read: it holds some kilobytes.
+const MAX_BYTES: u64 = 1 << 26;
+
+/// What a file holds: texts by the names of what they set.
+type Parts = BTreeMap<String, String>;
+
+/// The file of settings, and where older versions had it.
+pub struct SettingsFile {
+    file: PathBuf,
+    former: Option<PathBuf>,
+}
+
+/// What is known of the settings before there is a window.
+#[derive(Debug, Default, PartialEq)]
+pub struct FoundSettings {
+    /// The adapter that was chosen in an earlier window.
+    pub adapter: Option<AdapterChoice>,
+    /// What the user is to know of what could not be read.
+    pub problems: Vec<String>,
+}
+
+/// Why a file is not used.
+enum Unusable {
+    Missing,
+    /// The system does not give it.
+    Unread(io::Error),
+    /// With what was found.
+    Broken(String),
+    /// Written by a program of a later version.
+    Newer(u32),
+}
+
+impl SettingsFile {
+    /// The user's file, where the platform has a folder for it.
+    pub fn of_user() -> Option<Self> {
+        Some(Self { file: user_folders::config()?.join(FILE), former: user_folders::data() })
+    }
+
+    /// Where it lies.
+    pub fn path(&self) -> &Path {
+        &self.file
+    }
+
+    /// Makes the file one that a window of this version reads as a whole; before the first opens.
+    pub fn open(&self) -> FoundSettings {
+        let (parts, problem) = match read(&self.file) {
+            Ok(parts) => (Some(parts), None),
+            Err(Unusable::Missing) => self.take_over_former(),
+            Err(unusable) => self.replace(&unusable),
+        };
+        let Some(parts) = parts else {
+            return FoundSettings { adapter: None, problems: problem.into_iter().collect() };
+        };
+        let adapter = parts.get(ADAPTER).map(|name| AdapterChoice::parse(name));
+        let problems = problem.into_iter().chain(self.keep_unread_parts(&parts)).collect();
+        FoundSettings { adapter, problems }
+    }
+
+    /// Keeps a copy of the file where it is whole; after the last window, since a start waits for no disk.
+    /// What the user is to know of one that the last window could not write.
+    pub fn close(&self) -> Option<String> {
+        match read(&self.file) {
+            Ok(parts) => {
+                if let Err(error) = write(&self.good(), &parts) {
+                    tracing::warn!("the copy of the settings was not kept: {error}");
+                }
+                None
+            }
+            Err(broken @ Unusable::Broken(_)) => self.replace(&broken).1,
+            Err(Unusable::Missing | Unusable::Unread(_) | Unusable::Newer(_)) => None,
+        }
+    }
+
+    fn good(&self) -> PathBuf {
+        self.file.with_added_extension("good")
+    }
+
+    /// Sets a file aside that is not used and puts the last good one in its place.
+    fn replace(&self, unusable: &Unusable) -> (Option<Parts>, Option<String>) {
+        let place = self.file.display();
+        let (expected, found, aside, advice) = match unusable {
+            Unusable::Missing => return (None, None),
+            Unusable::Unread(error) => {
+                let text = format!(
+                    "{place}: expected a file of settings, found that it cannot be read: {error}; the defaults are used, delete it or make it readable"
+                );
+                return (None, Some(text));
+            }
+            Unusable::Broken(found) => (
+                "the settings that the last window wrote".to_owned(),
+                found.clone(),
+                "broken".to_owned(),
+                "the disk may have been full: make room, and settings are kept again",
+            ),
+            Unusable::Newer(version) => (
+                format!("settings of version {FILE_VERSION} or older"),
+                format!("version {version}"),
+                format!("version-{version}"),
+                "for the program that wrote it give it back its name",
+            ),
+        };
+        let aside = self.file.with_added_extension(aside);
+        if let Err(error) = std::fs::rename(&self.file, &aside) {
+            let text = format!(
+                "{place}: expected {expected}, found {found}, and it cannot be set aside: {error}; the defaults are used and this window writes over it, keep a copy or delete it"
+            );
+            return (None, Some(text));
+        }
+        let good = self.good();
+        // A new name for the copy, and no other copy: the disk may still be full.
+        let parts = read(&good).ok().filter(|_| std::fs::rename(&good, &self.file).is_ok());
+        let used = match &parts {
+            Some(_) => "those of the start before are used",
+            None => "the defaults are used",
+        };
+        let aside = aside.display();
+        let text = format!(
+            "{place}: expected {expected}, found {found}; {used}, the file is set aside as {aside}; {advice}"
+        );
+        (parts, Some(text))
+    }
+
+    /// Copies what an older version has left, which stays there for it.
+    fn take_over_former(&self) -> (Option<Parts>, Option<String>) {
+        let Some(former) = &self.former else { return (None, None) };
+        let adapter = std::fs::read_to_string(former.join(FORMER_ADAPTER_FILE)).ok();
+        let adapter = adapter.and_then(|text| ron::from_str::<String>(&text).ok());
+        let file = former.join(FORMER_FILE);
+        let (mut parts, problem) = match read(&file) {
+            Ok(parts) => (parts, None),
+            Err(Unusable::Broken(found)) => {
+                let text = format!(
+                    "{}: expected the settings of an older version, found {found}; the defaults are used, the file stays as it is",
+                    file.display()
+                );
+                (Parts::new(), Some(text))
+            }
+            Err(_) => (Parts::new(), None),
+        };
+        parts.extend(adapter.map(|name| (ADAPTER.to_owned(), name)));
+        if parts.is_empty() {
+            return (None, problem);
+        }
+        parts.insert(VERSION.to_owned(), FILE_VERSION.to_string());
+        match write(&self.file, &parts) {
+            Ok(()) => (Some(parts), problem),
+            Err(error) => {
+                let text = format!(
+                    "the settings of {} could not be taken over: {error}; the defaults are used until the program is started again",
+                    file.display()
+                );
+                (Some(parts), Some(text))
+            }
+        }
+    }
+
+    /// Copies the whole file where a part cannot be read: windows use that part's default, say so, and write
+    /// it over.
+    fn keep_unread_parts(&self, parts: &Parts) -> Option<String> {
+        let stored = StoredSettings::read(|part| parts.get(part).cloned());
+        if stored.problems.is_empty() {
+            return None;
+        }
+        let aside = self.file.with_added_extension("unread");
+        let (place, shown) = (self.file.display(), aside.display());
+        Some(match std::fs::copy(&self.file, &aside) {
+            Ok(_) => {
+                format!("{place}: a part cannot be read; the file as it was is kept as {shown}")
+            }
+            Err(error) => format!(
+                "{place}: a part cannot be read, and the file as it was could not be kept as {shown}: {error}"
+            ),
+        })
+    }
+}
+
+fn read(file: &Path) -> Result<Parts, Unusable> {
+    let metadata = file.metadata().map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => Unusable::Missing,
+        _ => Unusable::Unread(error),
+    })?;
+    if !metadata.is_file() {
+        return Err(Unusable::Unread(io::Error::other("it is no file")));
+    }
+    if metadata.len() > MAX_BYTES {
+        return Err(Unusable::Broken(format!("{} bytes", metadata.len())));
+    }
+    // Bytes that are no text break the file as well as a missing end does.
+    let bytes = std::fs::read(file).map_err(Unusable::Unread)?;
+    parse(&String::from_utf8_lossy(&bytes))
+}
+
+/// As eframe reads it.
+fn parse(text: &str) -> Result<Parts, Unusable> {
+    if text.trim().is_empty() {
+        return Err(Unusable::Broken("an empty file".to_owned()));
+    }
+    let parts: Parts = ron::from_str(text).map_err(|error| Unusable::Broken(error.to_string()))?;
+    let version = parts.get(VERSION).map_or(Ok(1), |version| version.parse::<u32>());
+    match version {
+        Ok(version) if version > FILE_VERSION => Err(Unusable::Newer(version)),
+        Ok(_) => Ok(parts),
+        Err(error) => Err(Unusable::Broken(format!("a version that is none: {error}"))),
+    }
+}
+
+fn write(file: &Path, parts: &Parts) -> Result<(), ExportError> {
+    let text = ron::ser::to_string_pretty(parts, ron::ser::PrettyConfig::default());
+    // An existing folder is no error, a missing one is said below.
+    let _ = file.parent().map(std::fs::create_dir_all);
+    write_atomic(file, |out| out.write_all(text.map_err(io::Error::other)?.as_bytes())).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::viewer::settings::ViewSettings;
+    use tempfile::TempDir;
+
+    const GOOD: &str = r#"{"version": "2", "adapter": "RTX \"9\""}"#;
+
+    /// A home whose folder of settings does not exist yet, and that of older versions does.
+    fn home() -> (TempDir, SettingsFile) {
+        let home = tempfile::tempdir().unwrap();
+        let former = home.path().join("data");
+        std::fs::create_dir(&former).unwrap();
+        let file = home.path().join("config").join(FILE);
+        (home, SettingsFile { file, former: Some(former) })
+    }
+
+    fn put(settings: &SettingsFile, text: &str) {
+        std::fs::create_dir_all(settings.file.parent().unwrap()).unwrap();
+        std::fs::write(&settings.file, text).unwrap();
+    }
+
+    fn beside(settings: &SettingsFile, extension: &str) -> Option<String> {
+        std::fs::read_to_string(settings.file.with_added_extension(extension)).ok()
+    }
+
+    /// What opening finds, which tells one problem that holds these words.
+    fn problem(settings: &SettingsFile, words: &[&str]) -> Option<AdapterChoice> {
+        let FoundSettings { adapter, problems } = settings.open();
+        let [problem] = &problems[..] else { panic!("{problems:?}") };
+        let place = settings.file.display().to_string();
+        for part in [place.as_str(), "expected", "found"].iter().chain(words) {
+            assert!(problem.contains(part), "{part:?} is missing in: {problem}");
+        }
+        adapter
+    }
+
+    fn named() -> Option<AdapterChoice> {
+        Some(AdapterChoice::Named("RTX \"9\"".into()))
+    }
+
+    #[test]
+    fn half_a_file_gives_way_to_the_last_good_one_and_is_kept() {
+        for broken in ["", "{\"layout\": \"(vers", "\u{0}\u{0}", r#"{"version": "new"}"#] {
+            let (_home, settings) = home();
+            assert_eq!(settings.open(), FoundSettings::default(), "none was written yet");
+            assert_eq!(settings.close(), None);
+            put(&settings, GOOD);
+            let good = FoundSettings { adapter: named(), problems: vec![] };
+            assert_eq!(settings.open(), good);
+            assert_eq!(settings.close(), None);
+            put(&settings, broken);
+            let words = ["start before", "settings.ron.broken", "make room"];
+            assert_eq!(problem(&settings, &words), named());
+            assert_eq!(beside(&settings, "broken").as_deref(), Some(broken));
+            assert_eq!(settings.open(), good, "told once");
+            // As where the last window met a full disk: nobody but the log learns of it.
+            assert_eq!(settings.close(), None);
+            put(&settings, broken);
+            assert!(settings.close().unwrap().contains("start before"));
+            assert_eq!(settings.open(), good);
+        }
+    }
+
+    #[test]
+    fn without_a_good_one_the_defaults_are_used() {
+        let (_home, settings) = home();
+        put(&settings, "no RON at all");
+        assert_eq!(problem(&settings, &["the defaults are used"]), None);
+        assert!(!settings.file.exists());
+        assert_eq!(settings.open(), FoundSettings::default());
+    }
+
+    #[test]
+    fn a_newer_file_is_set_aside_as_it_is_and_said() {
+        let newer = r#"{"version": "3", "adapter": "software", "rooms": "(4)"}"#;
+        for good in [None, Some(GOOD)] {
+            let (_home, settings) = home();
+            if let Some(good) = good {
+                put(&settings, good);
+                settings.close();
+            }
+            put(&settings, newer);
+            let words = ["version 3", "version 2 or older", "settings.ron.version-3"];
+            assert_eq!(problem(&settings, &words), good.and_then(|_| named()));
+            assert_eq!(beside(&settings, "version-3").as_deref(), Some(newer));
+        }
+    }
+
+    #[test]
+    fn older_settings_are_taken_over_once_and_stay_where_they_were() {
+        let (_home, settings) = home();
+        let former = settings.former.clone().unwrap();
+        std::fs::write(former.join(FORMER_FILE), r#"{"recent": "([\"/rooms/a\"])"}"#).unwrap();
+        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""software""#).unwrap();
+        let software = Some(AdapterChoice::Software);
+        assert_eq!(settings.open(), FoundSettings { adapter: software.clone(), problems: vec![] });
+        let parts = read(&settings.file).ok().unwrap();
+        assert_eq!(parts["recent"], "([\"/rooms/a\"])");
+        assert_eq!(parts[VERSION], "2");
+        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""auto""#).unwrap();
+        assert_eq!(settings.open().adapter, software, "taken over already");
+        assert!(former.join(FORMER_FILE).exists());
+    }
+
+    #[test]
+    fn broken_older_settings_are_said_and_an_adapter_beside_them_is_taken_over() {
+        let (_home, settings) = home();
+        let former = settings.former.clone().unwrap();
+        std::fs::write(former.join(FORMER_FILE), "{").unwrap();
+        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""software""#).unwrap();
+        let FoundSettings { adapter, problems } = settings.open();
+        assert_eq!(adapter, Some(AdapterChoice::Software));
+        assert!(
+            problems[0].contains("app.ron") && problems[0].contains("expected"),
+            "{problems:?}"
+        );
+        assert_eq!(settings.open().problems, Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_part_that_cannot_be_read_leaves_a_copy_of_the_file() {
+        let (_home, settings) = home();
+        let view = ViewSettings::default().to_text().unwrap();
+        let whole = Parts::from([("viewport".to_owned(), view)]);
+        write(&settings.file, &whole).ok().unwrap();
+        assert_eq!(settings.open(), FoundSettings::default());
+        let text = r#"{"version": "2", "viewport": "(by a hand that slipped"}"#;
+        put(&settings, text);
+        let told = settings.open().problems;
+        assert!(told[0].contains("settings.ron.unread"), "{told:?}");
+        assert_eq!(beside(&settings, "unread").as_deref(), Some(text));
+    }
+
+    #[test]
+    fn what_is_no_file_is_said_and_left() {
+        let (_home, settings) = home();
+        std::fs::create_dir_all(&settings.file).unwrap();
+        assert_eq!(problem(&settings, &["cannot be read"]), None);
+        assert!(settings.file.is_dir());
+    }
+}

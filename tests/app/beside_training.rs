@@ -1,0 +1,163 @@
+//! What the window takes from the trainer beside it, as ratios of paired runs without a display: on a GPU no
+//! more than noise. The figures of one command, on whatever adapter draws:
+//! `cargo test --release --test app -- --ignored --nocapture beside_training`.
+
+use super::harness::{PATIENCE, Window, click, is, wait, window};
+use super::waiting::large;
+use crate::common::adapter::turn;
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use egui_kittest::kittest::Queryable;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+
+/// Time between two passes of a display.
+const REFRESH: Duration = Duration::from_micros(16_667);
+/// Where the hand takes hold of the scene.
+const HOLD: Pos2 = Pos2::new(300.0, 300.0);
+
+/// What is beside the trainer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Beside {
+    /// Nothing.
+    NoWindow,
+    /// A window that is drawn when it asks for it.
+    Window,
+    /// The same, which keeps no earlier moments.
+    WindowWithoutPast,
+    /// A window whose camera a hand turns all the while.
+    Orbiting,
+}
+
+/// How many frames a run has, and how many pairs there are.
+fn extent() -> (usize, usize) {
+    let number = |name, otherwise| {
+        std::env::var(name).ok().and_then(|text: String| text.parse().ok()).unwrap_or(otherwise)
+    };
+    (number("VBGS_FRAMES", 60), number("VBGS_PAIRS", 3))
+}
+
+/// Seconds of training all frames but the first.
+fn trained_s(room: &Path, beside: Beside) -> Option<f64> {
+    let subject = Subject::Path(room.to_owned());
+    if beside == Beside::NoWindow {
+        return Some(trained_alone_s(subject));
+    }
+    let mut window = window(Some(subject), Painting::Auto)?;
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Step");
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1 && s.n_drawn() > 0);
+    if beside == Beside::WindowWithoutPast {
+        keep_no_past(&mut window);
+    }
+    let before = window.state().snapshot().trained_s;
+    window.key_press(Key::Space);
+    window.step();
+    if beside == Beside::Orbiting {
+        press(&mut window, true);
+    }
+    let started = Instant::now();
+    for pass in 0.. {
+        let begun = Instant::now();
+        if beside == Beside::Orbiting {
+            let swing = (pass % 200_usize).abs_diff(100) as f32;
+            window.event(Event::PointerMoved(HOLD + Vec2::new(2.0 * swing, 0.0)));
+        }
+        if beside == Beside::Orbiting || window.ctx.has_requested_repaint() {
+            window.step();
+            window.render().unwrap();
+        }
+        if is(RunState::Finished)(window.state()) {
+            break;
+        }
+        assert!(started.elapsed() < 2 * PATIENCE, "it is never trained");
+        std::thread::sleep(REFRESH.saturating_sub(begun.elapsed()));
+    }
+    let moments = window.state().view().editor().past.moments().len();
+    assert_eq!(moments == 0, beside == Beside::WindowWithoutPast, "{moments} moments");
+    Some(window.state().snapshot().trained_s - before)
+}
+
+fn trained_alone_s(subject: Subject) -> f64 {
+    let worker = Worker::start(Arc::new(|| {})).unwrap();
+    let reached = |state, frames| {
+        let started = Instant::now();
+        while worker.snapshot().state != state || worker.snapshot().frames_done < frames {
+            assert!(started.elapsed() < 2 * PATIENCE, "it is never {state:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        worker.snapshot().trained_s
+    };
+    worker.send(WorkerOrder::Open(subject));
+    reached(RunState::Ready, 0);
+    worker.send(WorkerOrder::Step);
+    let before = reached(RunState::Paused, 1);
+    worker.send(WorkerOrder::Train);
+    reached(RunState::Finished, 2) - before
+}
+
+fn press(window: &mut Window, pressed: bool) {
+    window.event(Event::PointerMoved(HOLD));
+    window.step();
+    let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+    window.event(Event::PointerButton { pos: HOLD, button, pressed, modifiers });
+    window.step();
+}
+
+/// As the user has the copies for walking back given up.
+fn keep_no_past(window: &mut Window) {
+    click(window, "Edit");
+    window.get_by_label("Memory of earlier moments").focus();
+    window.run_steps(3);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(Event::Text("0".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    assert_eq!(window.state().view().settings.past_mb, 0);
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Ratios of the training times of paired runs, in turn, so that what else the machine does falls on both.
+fn ratios(room: &Path, one: Beside, other: Beside, n_pairs: usize) -> Option<Vec<f64>> {
+    let mut ratios = Vec::new();
+    for _ in 0..n_pairs {
+        let (one, other) = (trained_s(room, one)?, trained_s(room, other)?);
+        println!("{one:.2} s, {other:.2} s");
+        ratios.push(one / other);
+    }
+    Some(ratios)
+}
+
+fn room() -> (tempfile::TempDir, PathBuf, usize) {
+    let folder = tempfile::tempdir().unwrap();
+    let (n_frames, n_pairs) = extent();
+    let room = large(folder.path(), n_frames);
+    (folder, room, n_pairs)
+}
+
+#[test]
+#[ignore = "trains some minutes; ratios are of a quiet machine"]
+fn beside_training_a_window_takes_little() {
+    let _turn = turn();
+    let (_folder, room, n_pairs) = room();
+    let cases = [
+        (Beside::Window, Beside::NoWindow),
+        (Beside::Orbiting, Beside::Window),
+        (Beside::Window, Beside::WindowWithoutPast),
+    ];
+    for (one, other) in cases {
+        let Some(ratios) = ratios(&room, one, other, n_pairs) else { return };
+        let middle = median(ratios.clone());
+        println!("training time {one:?} / {other:?}: {ratios:.3?}, median {middle:.3}");
+        // A busy machine may exceed the targets by far.
+        assert!(middle < 2.0, "{one:?} costs training {middle:.2} times the time of {other:?}");
+    }
+}
