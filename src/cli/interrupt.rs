@@ -45,7 +45,7 @@ impl Interrupt {
         let (wakes, sender) = UnixStream::pair()?;
         let mut waker = sender.try_clone()?;
         // Nobody who waits is missed by a word that is not written: the waits end by themselves too.
-        listen(&asked, move || drop(waker.write(&[0])))?;
+        listen(&asked, move || drop(waker.write_all(&[0])))?;
         listen_to_the_system(&asked, &sender)?;
         Ok(Self { asked, wakes: Arc::new(wakes) })
     }
@@ -76,7 +76,7 @@ impl Interrupt {
             return std::thread::sleep(longest);
         }
         // How the waiting ended does not matter: it is looked at the flag next.
-        let _ = (&*self.wakes).read(&mut [0]);
+        let _ = (&*self.wakes).read_exact(&mut [0]);
     }
 
     #[cfg(not(unix))]

@@ -129,9 +129,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn ratios(room: &Path, one: Beside, other: Beside, n_pairs: usize) -> Option<Vec<f64>> {
     let mut ratios = Vec::new();
     for _ in 0..n_pairs {
-        let (one, other) = (trained_s(room, one)?, trained_s(room, other)?);
-        println!("{one:.2} s, {other:.2} s");
-        ratios.push(one / other);
+        ratios.push(trained_s(room, one)? / trained_s(room, other)?);
     }
     Some(ratios)
 }

@@ -62,7 +62,8 @@ fn a_window_of_any_size_has_its_panels() {
     let _turn = turn();
     let Some(mut window) = window(None, Painting::Auto) else { return };
     press(&mut window, Key::F6);
-    for size in [[1600.0, 1000.0], [640.0, 400.0], [240.0, 60.0], [1000.0, 640.0]] {
+    let sizes = [[3840.0, 2160.0], [800.0, 600.0], [640.0, 400.0], [240.0, 60.0], [1000.0, 640.0]];
+    for size in sizes {
         window.set_size(size.into());
         window.run_steps(3);
         window.render().unwrap();

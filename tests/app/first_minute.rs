@@ -77,8 +77,8 @@ fn the_camera_rides_along_until_it_is_moved() {
     assert_ne!(window.state().view().eye(), left);
 }
 
-/// Where a card and the notices above it lie; the card below all of them.
-fn assert_card_below_notices(window: &mut Window, card: &'static str) {
+/// The card lies below all notices, and its button on it.
+fn assert_card_below_notices(window: &mut Window, card: &'static str, button: &str) {
     for size in [Vec2::new(800.0, 600.0), Vec2::new(1600.0, 1000.0)] {
         window.set_size(size);
         window.run_steps(6);
@@ -87,6 +87,8 @@ fn assert_card_below_notices(window: &mut Window, card: &'static str) {
         assert!(notices.height() > 50.0, "{notices} in {size}");
         assert!(card.height() > 80.0, "{card} in {size}");
         assert!(notices.bottom() <= card.top(), "{notices} and {card} in {size}");
+        let button = window.get_by_label(button).rect();
+        assert!(card.contains_rect(button), "{button} on {card} in {size}");
     }
 }
 
@@ -102,8 +104,8 @@ fn cards_leave_notices_their_place_in_small_windows() {
         drop_on(&mut window, &folder.path().join(missing));
         wait(&mut window, "the notice", |s| s.snapshot().notices.len() > before);
     }
-    assert_card_below_notices(&mut window, "ready");
+    assert_card_below_notices(&mut window, "ready", "Train 3 frames");
     window.key_press(Key::Space);
     wait(&mut window, "the end", is(RunState::Finished));
-    assert_card_below_notices(&mut window, "summary");
+    assert_card_below_notices(&mut window, "summary", "Compare with photographs");
 }

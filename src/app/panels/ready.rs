@@ -13,7 +13,7 @@ const WIDTH: f32 = 250.0;
 /// Tallest first photograph, points.
 const PHOTO_HEIGHT: f32 = 190.0;
 /// Room for what is written below it until that was laid out once, points.
-const TEXT_HEIGHT: f32 = 210.0;
+const TEXT_HEIGHT: f32 = 170.0;
 /// A smaller photograph shows nothing.
 const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
@@ -26,7 +26,7 @@ pub fn ui(
     ui: &Ui,
 ) -> Option<UiCommand> {
     let mut asked = None;
-    card::show("ready", place, ui, |ui| {
+    let contents = |ui: &mut Ui| {
         ui.set_width(WIDTH);
         // The photograph takes what the text leaves.
         let measured = Id::unique("ready's text");
@@ -39,15 +39,16 @@ pub fn ui(
                 .on_hover_text("The first photograph");
         }
         let top = ui.cursor().top();
-        asked = words(snapshot, opened, ui);
+        words(snapshot, opened, ui);
         let text = ui.min_rect().bottom() - top + ui.spacing().item_spacing.y;
         ui.data_mut(|data| data.insert_temp(measured, text));
-    });
+    };
+    card::show("ready", place, ui, contents, |ui| asked = button(snapshot, ui));
     asked
 }
 
-/// What was recognised, and the button.
-fn words(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
+/// What was recognised.
+fn words(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
     ui.label(RichText::new(&opened.name).strong().size(16.0));
     for line in recognised(opened) {
         ui.add(Label::new(line).wrap().selectable(false));
@@ -61,7 +62,9 @@ fn words(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) -> Option<UiCommand>
         };
         ui.add(Label::new(text).wrap().selectable(false));
     }
-    ui.add_space(4.0);
+}
+
+fn button(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let text = RichText::new(format!("Train {} frames", snapshot.n_frames)).size(18.0);
     let button = Button::new(text).fill(ui.visuals().selection.bg_fill);
     let train = ui.add_sized(Vec2::new(WIDTH, 36.0), button);

@@ -27,8 +27,8 @@ pub fn ui(
     place: CardPlace,
     ui: &Ui,
 ) -> Option<SummaryAnswer> {
-    let mut answer = None;
-    card::show("summary", place, ui, |ui| {
+    let (mut answer, mut asked) = (None, None);
+    let contents = |ui: &mut Ui| {
         ui.horizontal(|ui| {
             // At the fixed corner of the card: figures that come in make it wider.
             if ui.small_button("×").on_hover_text("Close this card").clicked() {
@@ -55,10 +55,11 @@ pub fn ui(
                 ui.end_row();
             }
         });
-        ui.add_space(4.0);
-        ui.horizontal(|ui| answer = buttons(finer, ui).or(answer));
+    };
+    card::show("summary", place, ui, contents, |ui| {
+        ui.horizontal(|ui| asked = buttons(finer, ui));
     });
-    answer
+    asked.or(answer)
 }
 
 fn buttons(finer: Option<&str>, ui: &mut Ui) -> Option<SummaryAnswer> {
