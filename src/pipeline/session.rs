@@ -201,8 +201,7 @@ impl Session {
         self.step_within(Duration::MAX).map(|step| step.unwrap_or(Step::Waiting))
     }
 
-    /// [`Self::step`], waiting no longer than that for the frame; `None` if it is not read yet. So a drive that
-    /// does not answer keeps nobody from saving what was learnt.
+    /// [`Self::step`], waiting at most that long; `None` if the frame is not read yet: no drive holds up saving.
     pub fn step_within(&mut self, patience: Duration) -> Result<Option<Step>, SessionError> {
         if !self.catch_up()? {
             return Ok(Some(Step::Waiting));

@@ -63,8 +63,9 @@ mod tests {
         let mut found = [0; 2];
         for (i, points) in points.chunks(20).enumerate() {
             // One point of the tile sees farther than the others, from nowhere to a third of the cube.
-            let reach2: Vec<f32> =
-                (0..20).map(|k| if k == i % 20 { 1e-4 * i as f32 } else { 1e-9 }).collect();
+            let reach2: Vec<f32> = (0..20)
+                .map(|k| if k == i % 20 { (0.02 * i as f32).powi(2) } else { 1e-9 })
+                .collect();
             let [x, y, z] =
                 [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>());
             let is_within = Isa::best().run(AnyWithin {
