@@ -3,7 +3,6 @@
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use std::sync::Arc;
-use std::thread::sleep;
 use std::time::{Duration, Instant};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::growing::END_MARKER;
@@ -34,7 +33,7 @@ pub fn begin(
                 Err(error) => return Err(error.into()),
             }
         }
-        told.wait(&follow);
+        told.wait(&follow, interrupt);
     }
     Err(Failure::Interrupted)
 }
@@ -47,8 +46,8 @@ pub struct ToldProblem {
 }
 
 impl ToldProblem {
-    /// Rests until there may be more; tells what keeps it from coming, once.
-    pub fn wait(&mut self, follow: &Follow) {
+    /// Rests until there may be more, or the user asks to stop; tells what keeps it from coming, once.
+    pub fn wait(&mut self, follow: &Follow, interrupt: &Interrupt) {
         match (follow.problem(), &mut self.latest) {
             (None, latest) => *latest = None,
             (Some(problem), Some((known, since, is_told))) if *known == problem => {
@@ -60,6 +59,6 @@ impl ToldProblem {
             (Some(problem), latest) => *latest = Some((problem.to_owned(), Instant::now(), false)),
         }
         // Never without a rest, however late it is.
-        sleep(follow.rest().max(Duration::from_millis(1)));
+        interrupt.is_asked_within(follow.rest().max(Duration::from_millis(1)));
     }
 }

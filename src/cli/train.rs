@@ -265,7 +265,7 @@ pub fn train(
             Step::Waiting => {
                 bar.set_message("waiting for the next frame,");
                 if let Some(follow) = session.followed() {
-                    told.wait(follow);
+                    told.wait(follow, interrupt);
                 }
             }
             Step::Finished => break,
