@@ -1,6 +1,6 @@
 //! What the window takes from the trainer beside it, as ratios of paired runs without a display: on a GPU no
 //! more than noise. The figures of one command, on whatever adapter draws:
-//! `cargo test --release --test app -- --ignored --nocapture beside_training`.
+//! `VBGS_FRAMES=60 VBGS_PAIRS=3 cargo test --release --test app -- --ignored --nocapture beside_training`.
 
 use super::harness::{PATIENCE, Window, click, is, wait, window};
 use super::waiting::large;
@@ -32,12 +32,13 @@ enum Beside {
     Orbiting,
 }
 
-/// How many frames a run has, and how many pairs there are.
+/// How many frames a run has, and how many pairs there are: without being asked for more, so few that ratios
+/// say nothing, and that it runs at all is what is tested.
 fn extent() -> (usize, usize) {
     let number = |name, otherwise| {
         std::env::var(name).ok().and_then(|text: String| text.parse().ok()).unwrap_or(otherwise)
     };
-    (number("VBGS_FRAMES", 60), number("VBGS_PAIRS", 3))
+    (number("VBGS_FRAMES", 8), number("VBGS_PAIRS", 1))
 }
 
 /// Seconds of training all frames but the first.
@@ -155,7 +156,11 @@ fn beside_training_a_window_takes_little() {
         let Some(ratios) = ratios(&room, one, other, n_pairs) else { return };
         let middle = median(ratios.clone());
         println!("training time {one:?} / {other:?}: {ratios:.3?}, median {middle:.3}");
-        // A busy machine may exceed the targets by far.
-        assert!(middle < 2.0, "{one:?} costs training {middle:.2} times the time of {other:?}");
+        // A busy machine may exceed the targets by far, and one short pair anything.
+        let is_told = n_pairs > 1;
+        assert!(
+            !is_told || middle < 2.0,
+            "{one:?} costs training {middle:.2} times the time of {other:?}"
+        );
     }
 }
