@@ -165,7 +165,8 @@ fn readme_pictures() {
     let [Some(lego), Some(kinect)] = recordings else { return };
     let Some(mut window) = opened(None, README_SIZE) else { return };
     click(&mut window, "Try the synthetic scene");
-    wait(&mut window, "ready", |s| s.snapshot().opened.is_some());
+    // Paused before its first frame, it would have none.
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done > 0);
     if is(RunState::Training)(window.state()) {
         window.key_press(Key::Space);
     }
