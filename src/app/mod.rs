@@ -68,6 +68,7 @@ mod window_damage;
 mod window_error;
 mod window_meshes;
 mod window_painter;
+mod window_waker;
 mod wording;
 pub mod worker;
 

@@ -9,10 +9,11 @@ use super::state::{NoticeKind, RunState, Subject};
 use super::studio::Studio;
 use super::unattended::Unattended;
 use super::window_error::WindowError;
-use super::worker::{Waker, Worker, WorkerOrder};
+use super::window_waker::WindowWaker;
+use super::worker::{Worker, WorkerOrder};
 use super::{persistence, termination, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
-use eframe::egui::{Context, Vec2, ViewportBuilder};
+use eframe::egui::{Vec2, ViewportBuilder};
 use std::cell::RefCell;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -129,8 +130,8 @@ pub fn run(
 /// What outlives a window.
 struct Host {
     worker: Arc<Worker>,
-    /// The window to wake.
-    context: Arc<Mutex<Option<Context>>>,
+    /// What wakes the window: the trainer's thread outlives each of them.
+    waker: Arc<WindowWaker>,
     /// The latest caveat of an adapter that was shown.
     shown: Arc<Mutex<Option<String>>>,
     /// Of the latest window.
@@ -140,17 +141,9 @@ struct Host {
 
 impl Host {
     fn new(started: Instant) -> std::io::Result<Self> {
-        let context: Arc<Mutex<Option<Context>>> = Arc::default();
-        let window = context.clone();
-        // One waker for all windows: the thread outlives each of them, so it
-        // looks up which is open.
-        let waker: Waker = Arc::new(move || {
-            if let Some(context) = &*window.lock().unwrap_or_else(PoisonError::into_inner) {
-                context.request_repaint();
-            }
-        });
-        let worker = Arc::new(Worker::start(waker)?);
-        Ok(Self { worker, context, shown: Arc::default(), exit: RefCell::default(), started })
+        let waker = Arc::new(WindowWaker::default());
+        let worker = Arc::new(Worker::start(waker.waker())?);
+        Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
     fn is_at_work(&self) -> bool {
@@ -169,13 +162,12 @@ impl Host {
     ) -> Result<Leave, WindowError> {
         let exit = self.exit.borrow().of_next();
         self.exit.replace(exit.clone());
-        let (word, worker, context) = (exit.clone(), self.worker.clone(), self.context.clone());
+        let (word, worker, waker) = (exit.clone(), self.worker.clone(), self.waker.clone());
         let (started, shown) = (self.started, self.shown.clone());
         // Cloned and not taken: a window that fails to open has given none of them.
         let orders = first.clone();
         let create = move |creation: &eframe::CreationContext<'_>| {
-            let window = creation.egui_ctx.clone();
-            *context.lock().unwrap_or_else(PoisonError::into_inner) = Some(window);
+            waker.open(creation.egui_ctx.clone());
             tell_caveat(creation, &worker, &shown);
             let studio = Studio::attach(creation, worker, orders, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
@@ -184,7 +176,7 @@ impl Host {
         // keeps by thread to run it again.
         let ended = run_window(&self.worker, &exit, || native_options(adapter, settings), create);
         // After an error too: the waker must not hold the context of a window that is gone.
-        *self.context.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        self.waker.close();
         ended?;
         // The next window finds everything opened and lacks the splats only.
         *first = vec![WorkerOrder::Deliver];

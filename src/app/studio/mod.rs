@@ -36,13 +36,14 @@ use super::training::TrainSettings;
 use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewport;
+use super::window_waker::WindowWaker;
 use super::worker::{Waker, Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
 use glam::DVec3;
-use setup::{give_first_orders, go_on, scene_view, strengthen_weak_text, waker_of};
+use setup::{give_first_orders, go_on, scene_view, strengthen_weak_text};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -55,6 +56,8 @@ pub struct Studio {
     exit: Exit,
     device: Option<WindowDevice>,
     waker: Waker,
+    /// What wakes this window, until it goes.
+    _wakes: WindowWaker,
     egui: Context,
     view: SceneView,
     quality: QualityMonitor,
@@ -103,7 +106,8 @@ impl Studio {
         painting: Painting,
         started: Instant,
     ) -> std::io::Result<Self> {
-        let worker = Arc::new(Worker::start(waker_of(&context.egui_ctx))?);
+        let window = context.egui_ctx.clone();
+        let worker = Arc::new(Worker::start(Arc::new(move || window.request_repaint()))?);
         let first = subject.map_or(WorkerOrder::Deliver, WorkerOrder::Open);
         Self::attach(context, worker, vec![first], Exit::default(), painting, started)
     }
@@ -123,10 +127,11 @@ impl Studio {
             StoredSettings::read(|part| context.storage?.get_string(part));
         give_first_orders(&worker, &training, first, problems);
         strengthen_weak_text(&context.egui_ctx);
-        let waker = waker_of(&context.egui_ctx);
+        let wakes = WindowWaker::of(&context.egui_ctx);
+        let waker = wakes.waker();
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
-        let mut view = scene_view(painter, view, &context.egui_ctx, device.as_ref());
+        let mut view = scene_view(painter, view, (&context.egui_ctx, &waker), device.as_ref());
         worker.set_interval(view.snapshot_interval());
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
@@ -142,6 +147,7 @@ impl Studio {
             quality_plot: QualityPlot::default(),
             summary_closed: 0,
             waker,
+            _wakes: wakes,
             egui: context.egui_ctx.clone(),
             adapter,
             layout,

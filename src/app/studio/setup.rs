@@ -14,7 +14,6 @@ use crate::app::viewport;
 use crate::app::window_painter::WindowPainter;
 use crate::app::worker::{Waker, Worker, WorkerOrder};
 use eframe::egui::{Context, Theme};
-use std::sync::Arc;
 
 /// Share of its strength that text has which stands back.
 const WEAK_TEXT: f32 = 0.8;
@@ -38,11 +37,11 @@ pub(super) fn give_first_orders(
 pub(super) fn scene_view(
     painter: ViewPainter,
     settings: ViewSettings,
-    window: &Context,
+    (window, waker): (&Context, &Waker),
     device: Option<&WindowDevice>,
 ) -> SceneView {
     let on_cpu = painter.drawer() == Drawer::Cpu;
-    let mut view = SceneView::new(painter, settings, waker_of(window));
+    let mut view = SceneView::new(painter, settings, waker.clone());
     if let Some(WindowDevice { state, .. }) = device.filter(|_| on_cpu) {
         if viewport::capabilities(state).is_software() {
             WindowPainter::install(window, state);
@@ -65,10 +64,4 @@ pub(super) fn strengthen_weak_text(context: &Context) {
     context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
     let link = SignalColor::Blue.on(false);
     context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
-}
-
-/// Draws the window again when something has come that it does not wait for.
-pub(super) fn waker_of(context: &Context) -> Waker {
-    let context = context.clone();
-    Arc::new(move || context.request_repaint())
 }
