@@ -59,6 +59,7 @@ pub struct FrameOutcomes {
     /// First position in the order of training of each frame of the split that is trained.
     positions: HashMap<usize, usize>,
     outcomes: HashMap<usize, TrainedFrame>,
+    recent: Arc<Vec<FrameReport>>,
     /// Frames before this position are trained or skipped.
     n_reached: usize,
     skipped: Arc<Vec<SkippedFrame>>,
@@ -74,10 +75,13 @@ impl FrameOutcomes {
             *self = Self { serial: opened.serial, ..Self::default() };
         }
         self.take_plan(opened);
-        let is_new = |report: &&FrameReport| report.index >= self.n_reached;
-        let new: Vec<&FrameReport> = snapshot.recent.iter().rev().take_while(is_new).collect();
-        self.outcomes.extend(new.iter().map(|report| (report.index, TrainedFrame::from(*report))));
-        self.n_reached = new.first().map_or(self.n_reached, |newest| newest.index + 1);
+        if !Arc::ptr_eq(&self.recent, &snapshot.recent) {
+            self.recent = snapshot.recent.clone();
+            // Known ones too: a photograph that waits is learnt some frames later.
+            let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
+            self.outcomes.extend(self.recent.iter().map(outcome));
+            self.n_reached = self.recent.last().map_or(self.n_reached, |newest| newest.index + 1);
+        }
         if !Arc::ptr_eq(&self.skipped, &snapshot.skipped) {
             self.skipped = snapshot.skipped.clone();
             let named = self.skipped.iter().enumerate();

@@ -40,6 +40,7 @@ mod pending;
 mod persistence;
 mod picker;
 pub mod quality;
+mod quality_thread;
 mod recent;
 pub mod rescue;
 pub mod retention;

@@ -87,8 +87,8 @@ pub fn open(
 }
 
 /// A session of the demo, or of what lies at a path.
-pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
-    let dataset = session.dataset();
+pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
+    let dataset = session.dataset().clone();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
     let warnings = match dataset.warnings.len() {
         0 => None,
@@ -98,7 +98,7 @@ pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubj
             format!("{n} frames are unusable; the first: {}", dataset.warnings[0]),
         )),
     };
-    let assumed = session.config().method.assumes_calibration(dataset).then(|| (
+    let assumed = session.config().method.assumes_calibration(&dataset).then(|| (
         NoticeKind::Info,
         "colour is looked up by the published Kinect's camera; another is described in a calibration file, which can be dropped here".to_owned(),
     ));
@@ -126,7 +126,13 @@ pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubj
     };
     let splats = match session.learner().used() {
         0 => vec![Splat::default(); session.learner().components()].into(),
-        _ => session.splats(),
+        _ => {
+            // At rest: what waits to be learnt from photographs is drawn too.
+            session.settle();
+            // Its reports tell them.
+            session.take_doubts();
+            session.splats()
+        }
     };
     OpenedSubject { splats, opened, notices, content: Content::Session(Box::new(session)) }
 }

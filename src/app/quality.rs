@@ -5,24 +5,23 @@
 //! measuring, so that the trainer keeps its cores. At rest every view is measured once. The figures
 //! are those of `vbgs-studio eval`.
 
-use super::panic_report::PanicReport;
+use super::quality_thread::{QualityAnswer, QualityPurpose, QualityQuery, start};
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
 use super::view_thread::{Announce, ViewThread};
 use super::worker::Waker;
-use crate::dataset::Dataset;
 use crate::dataset::splits::Evaluation;
 use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::metrics::mean_std;
-use crate::eval::near::near_plane;
+use crate::eval::near::NearRule;
 use crate::eval::report::ViewReport;
-use crate::eval::views::{EvalOptions, evaluate};
-use crate::math::camera::Camera;
+use crate::eval::views::EvalOptions;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::settings::method::Method;
 use crate::render::{RenderMethod, RenderOptions};
+use crate::train::setting::Preset;
 use eframe::egui::Context;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -55,45 +54,6 @@ pub struct QualityPoint {
     pub depth_error: Option<f64>,
 }
 
-/// What a measurement is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Purpose {
-    /// The quality, on views that were held out.
-    HeldOut,
-    /// What is kept of frames that were trained.
-    Retention,
-}
-
-/// What is measured: frames of a split of a dataset, with these settings.
-#[derive(Clone)]
-struct QualityQuery {
-    purpose: Purpose,
-    dataset: Arc<Dataset>,
-    split: usize,
-    views: Vec<usize>,
-    /// All that will be measured: the near plane is one for them.
-    all: Vec<usize>,
-    options: EvalOptions,
-    /// When: frames, seconds and components.
-    at: (usize, f64, usize),
-}
-
-impl QualityQuery {
-    /// With a near plane that follows the scene.
-    fn options_for(&self, splats: &SplatSet) -> EvalOptions {
-        let frames = &self.dataset.splits[self.split].frames;
-        let cameras: Vec<Camera> = self.all.iter().map(|&view| frames[view].camera).collect();
-        let near = near_plane(splats.view(), &cameras);
-        EvalOptions { render: RenderOptions { near, ..self.options.render }, ..self.options }
-    }
-}
-
-struct QualityAnswer {
-    query: QualityQuery,
-    scores: Result<Vec<ViewReport>, String>,
-    took: Duration,
-}
-
 /// What is known of the quality of what is open.
 pub struct QualityMonitor {
     waker: Waker,
@@ -102,10 +62,12 @@ pub struct QualityMonitor {
     evaluation: Option<Evaluation>,
     options: Option<EvalOptions>,
     history: Vec<QualityPoint>,
+    /// Whether what waits to be learnt is drawn in the newest scene.
+    settled: bool,
     /// Of the scene after [`Self::measured_at`] frames; views of an older scene until they are
     /// measured again.
     views: Vec<ViewReport>,
-    measured_at: usize,
+    measured_at: Option<usize>,
     n_measured: usize,
     /// Frames of the scene if it is at rest.
     at_rest: Option<usize>,
@@ -125,7 +87,8 @@ impl QualityMonitor {
             options: None,
             history: Vec::new(),
             views: Vec::new(),
-            measured_at: 0,
+            settled: false,
+            measured_at: None,
             n_measured: 0,
             at_rest: None,
             problem: None,
@@ -157,8 +120,9 @@ impl QualityMonitor {
     /// Means over all views, once the scene at rest was measured on all of them.
     pub fn result(&self) -> Option<QualityPoint> {
         let (done, all) = self.progress();
-        let is_new =
-            |at: &&QualityPoint| self.at_rest == Some(at.frames) && at.frames == self.measured_at;
+        let is_new = |at: &&QualityPoint| {
+            self.at_rest == Some(at.frames) && Some(at.frames) == self.measured_at
+        };
         let at = self.history.last().filter(is_new)?;
         (all > 0 && done == all)
             .then(|| point(&self.views, (at.frames, at.seconds, at.components)))?
@@ -192,6 +156,12 @@ impl QualityMonitor {
     ) {
         let Some(opened) = &snapshot.opened else { return };
         self.turn_to(opened, method);
+        if snapshot.settled && !self.settled {
+            // As many frames as before, and another scene.
+            self.measured_at = None;
+            self.retention.measure_again();
+        }
+        self.settled = snapshot.settled;
         self.take_answer();
         let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         self.at_rest = rests.then_some(snapshot.frames_done);
@@ -224,13 +194,13 @@ impl QualityMonitor {
     fn take_answer(&mut self) {
         let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
         let QualityAnswer { query, scores, took } = answer;
-        if self.options != Some(query.options) {
+        if self.options != Some(query.options) || self.settled != query.settled {
             return;
         }
         self.rest_until = Instant::now() + (took * REST).max(MIN_REST);
         match scores {
             Err(problem) => self.problem = Some(problem),
-            Ok(scores) if query.purpose == Purpose::Retention => {
+            Ok(scores) if query.purpose == QualityPurpose::Retention => {
                 self.problem = None;
                 let psnr = |view| scores.iter().find(|s| s.index == view).map(|s| s.psnr);
                 let followed = positions(query.at.0).into_iter().zip(query.views);
@@ -239,8 +209,8 @@ impl QualityMonitor {
             }
             Ok(scores) => {
                 self.problem = None;
-                if query.at.0 != self.measured_at {
-                    (self.measured_at, self.n_measured) = (query.at.0, 0);
+                if Some(query.at.0) != self.measured_at {
+                    (self.measured_at, self.n_measured) = (Some(query.at.0), 0);
                 }
                 if self.n_measured == 0 {
                     self.history.extend(point(&scores, query.at));
@@ -259,7 +229,7 @@ impl QualityMonitor {
         context: &Context,
         snapshot: &Snapshot,
         every: Option<usize>,
-    ) -> Option<(Purpose, Vec<usize>, Duration)> {
+    ) -> Option<(QualityPurpose, Vec<usize>, Duration)> {
         let frames = snapshot.frames_done;
         if frames == 0 || self.problem.is_some() {
             return None;
@@ -267,16 +237,17 @@ impl QualityMonitor {
         if self.thread.as_ref().is_some_and(ViewThread::is_busy) {
             return None; // the answer wakes the window, which asks again
         }
-        let is_new = self.history.is_empty() || frames != self.measured_at;
+        let is_new = self.history.is_empty() || Some(frames) != self.measured_at;
         let sample = self.chosen(SAMPLED);
         let due = match snapshot.state {
             RunState::Training => {
-                let is_due = self.history.is_empty() || frames >= self.measured_at + every?;
+                let since = self.measured_at.map_or(usize::MAX, |at| frames.saturating_sub(at));
+                let is_due = self.history.is_empty() || since >= every?;
                 let retained = || self.retained(snapshot).filter(|_| !self.history.is_empty());
                 // In turn: what is kept of earlier frames, then the quality again.
                 let next = match is_due {
-                    true => Some((Purpose::HeldOut, sample)),
-                    false => retained().map(|views| (Purpose::Retention, views)),
+                    true => Some((QualityPurpose::HeldOut, sample)),
+                    false => retained().map(|views| (QualityPurpose::Retention, views)),
                 };
                 let rest = self.rest_until.saturating_duration_since(Instant::now());
                 if next.is_some() && !rest.is_zero() {
@@ -285,13 +256,13 @@ impl QualityMonitor {
                 next.filter(|_| rest.is_zero()).map(|(purpose, views)| (purpose, views, MIN_REST))
             }
             RunState::Paused | RunState::Finished if is_new => {
-                Some((Purpose::HeldOut, sample, MIN_REST))
+                Some((QualityPurpose::HeldOut, sample, MIN_REST))
             }
             RunState::Paused | RunState::Finished => {
                 let mut others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
                 let next = others.nth(self.n_measured.saturating_sub(sample.len()));
-                let next = next.map(|view| (Purpose::HeldOut, vec![view]));
-                let retained = || Some((Purpose::Retention, self.retained(snapshot)?));
+                let next = next.map(|view| (QualityPurpose::HeldOut, vec![view]));
+                let retained = || Some((QualityPurpose::Retention, self.retained(snapshot)?));
                 next.or_else(retained).map(|(purpose, views)| (purpose, views, Duration::ZERO))
             }
             _ => None,
@@ -304,7 +275,7 @@ impl QualityMonitor {
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
         let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
         let is_due = match snapshot.state {
-            RunState::Training => self.retention.is_older_than(self.measured_at),
+            RunState::Training => self.retention.is_older_than(self.measured_at?),
             _ => self.retention.is_older_than(snapshot.frames_done),
         };
         let frame = |position: usize| plan.frames.get(position).copied();
@@ -323,7 +294,7 @@ impl QualityMonitor {
         &mut self,
         opened: &Opened,
         snapshot: &Snapshot,
-        (purpose, views): (Purpose, Vec<usize>),
+        (purpose, views): (QualityPurpose, Vec<usize>),
         splats: &Arc<SplatSet>,
     ) {
         let (Some(dataset), Some(evaluation), Some(options)) =
@@ -332,20 +303,25 @@ impl QualityMonitor {
             return;
         };
         let split = match (purpose, &opened.plan) {
-            (Purpose::Retention, Some(plan)) => plan.split,
+            (QualityPurpose::Retention, Some(plan)) => plan.split,
             _ => evaluation.split,
         };
         let query = QualityQuery {
             dataset: dataset.clone(),
             split,
             all: match purpose {
-                Purpose::HeldOut => self.chosen(MAX_VIEWS),
-                Purpose::Retention => views.clone(),
+                QualityPurpose::HeldOut => self.chosen(MAX_VIEWS),
+                QualityPurpose::Retention => views.clone(),
             },
             purpose,
             views,
             options,
+            near_rule: match opened.method.as_ref().map(Method::preset) {
+                Some(Preset::Paper) => NearRule::Published,
+                _ => NearRule::Following,
+            },
             at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
+            settled: snapshot.settled,
         };
         if self.thread.is_none() {
             match start(self.waker.clone()) {
@@ -363,32 +339,6 @@ impl QualityMonitor {
             thread.ask(query, Announce::Wake);
         }
     }
-}
-
-fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
-    // In rayon's global pool measuring would take every core, those of the trainer included.
-    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-    let alone = alone.map_err(std::io::Error::other)?;
-    ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
-        let started = Instant::now();
-        let QualityQuery { dataset, split, views, .. } = &query;
-        let options = query.options_for(splats);
-        let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
-        let scores = measured(|| {
-            let (_, scores) = alone.install(measure).map_err(|error| error.to_string())?;
-            Ok(scores)
-        });
-        QualityAnswer { scores, took: started.elapsed(), query }
-    })
-}
-
-/// What was measured, or why nothing can be: a figure is no reason to close the window, and nothing of the
-/// measuring outlives its panic.
-fn measured(
-    measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,
-) -> Result<Vec<ViewReport>, String> {
-    catch_unwind(AssertUnwindSafe(measure))
-        .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).ended("measuring the quality")))
 }
 
 /// Means over views; `None` for none.
@@ -431,14 +381,5 @@ mod tests {
         assert_eq!(all.len(), MAX_VIEWS);
         assert!(all.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(held_out(0).chosen(3).is_empty());
-    }
-
-    #[test]
-    fn a_panic_of_measuring_is_a_problem_that_is_told() {
-        let problem = measured(|| panic!("injected into measuring")).unwrap_err();
-        for part in ["injected into measuring", "the quality", "report it"] {
-            assert!(problem.contains(part), "{part:?} is missing in: {problem}");
-        }
-        assert_eq!(measured(|| Ok(Vec::new())).unwrap().len(), 0);
     }
 }

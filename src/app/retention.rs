@@ -34,6 +34,11 @@ impl Retention {
         self.measured_at.is_none_or(|at| at < frames_done)
     }
 
+    /// Whatever was measured, the scene is another one now.
+    pub fn measure_again(&mut self) {
+        self.measured_at = None;
+    }
+
     /// Notes the PSNR of frames, by their positions, after so many trained ones.
     pub fn note(&mut self, frames_done: usize, measured: impl IntoIterator<Item = (usize, f64)>) {
         self.measured_at = Some(frames_done);

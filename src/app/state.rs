@@ -214,6 +214,8 @@ pub struct Snapshot {
     pub frames_done: usize,
     /// Frames of the run.
     pub n_frames: usize,
+    /// Whether the scene is drawn with what waits to be learnt from photographs.
+    pub settled: bool,
     /// Components, used or not.
     pub components: usize,
     /// Components with statistics.

@@ -10,12 +10,12 @@ use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::learnt::learnt_views;
 use vbgs_studio::eval::measure::{self, Views};
-use vbgs_studio::eval::near::near_plane;
+use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::views::EvalOptions;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::render::{EVALUATION_NEAR, RenderMethod, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// How splats are compared with photographs.
 pub struct QualityRequest<'a> {
@@ -83,11 +83,11 @@ pub fn seen(
 impl QualityRequest<'_> {
     /// The near plane of all views, world units.
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
-        let given = self.args.near.or(self.is_paper.then_some(EVALUATION_NEAR));
-        given.unwrap_or_else(|| {
+        let rule = if self.is_paper { NearRule::Published } else { NearRule::Following };
+        self.args.near.unwrap_or_else(|| {
             let frames = &dataset.splits[split].frames;
             let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
-            near_plane(splats, &cameras)
+            near_plane(splats, &cameras, rule)
         })
     }
 

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::machine;
-use vbgs_studio::eval::near::near_plane;
+use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::export::camera_path::PacedPath;
 use vbgs_studio::export::film::FilmWriter;
 use vbgs_studio::export::video::is_video;
@@ -21,7 +21,7 @@ use vbgs_studio::math::orbit::Orbit;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::framing::{Framing, framing};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{EVALUATION_NEAR, Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
+use vbgs_studio::render::{Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
 use vbgs_studio::train::setting::Preset;
 
 /// Elevation of views that do not say otherwise, degrees.
@@ -170,10 +170,8 @@ fn render_view(
     };
     let is_paper = model.method.as_ref().is_some_and(|method| method.preset() == Preset::Paper);
     let cameras: Vec<Camera> = split.frames.iter().map(|frame| frame.camera).collect();
-    let near = match is_paper {
-        true => EVALUATION_NEAR,
-        false => near_plane(painter.splats, &cameras),
-    };
+    let rule = if is_paper { NearRule::Published } else { NearRule::Following };
+    let near = near_plane(painter.splats, &cameras, rule);
     let options = |method| {
         // Not as the viewport draws: this is the picture that `eval` scores.
         let plain = RenderOptions::evaluation(method, args.background);

@@ -59,7 +59,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
                 rayon::spawn(move || doubt_poses(&dataset));
             }
             if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
-                early.push((session.visited(), session.stored_splats()));
+                early.push((session.visited(), settled(session)));
             }
             // The run is worth more than one of its copies: that one failed is said and no more.
             if let Some(Err(error)) = autosave.between_frames(session) {
@@ -77,7 +77,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
     warn(&session);
     // Whatever happens next, the model is safe.
-    let files = save_model(&session, args)?;
+    let files = save_model(&mut session, args)?;
     let measured = match (&args.eval, &end) {
         (Some(split), Ok(true)) => {
             output::write_json(&args.out.join(REPORT), &session.report(None, Vec::new()))?;
@@ -96,6 +96,12 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
+}
+
+/// What files would hold if the run ended here.
+fn settled(session: &mut Session) -> SplatSet {
+    session.settle();
+    session.stored_splats()
 }
 
 /// What the learner has to say of what it learnt.
@@ -235,7 +241,7 @@ fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
-    mut after: impl FnMut(&Session, &ProgressBar),
+    mut after: impl FnMut(&mut Session, &ProgressBar),
 ) -> Result<bool, Failure> {
     let bar = progress::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
@@ -248,6 +254,7 @@ pub fn train(
         }
         // Asked for an end, nobody waits for a drive that does not answer.
         let Some(step) = session.step_within(LOOK)? else { continue };
+        session.take_doubts().iter().for_each(|doubt| progress::warn(&bar, doubt));
         match step {
             Step::Trained(frame) => {
                 bar.set_length(session.plan().frames.len() as u64);
@@ -256,9 +263,6 @@ pub fn train(
                     "{:.1} ms/frame, {} of {} components used,",
                     frame.ms.stages.train, frame.used, frame.components
                 ));
-                if let Some(doubt) = frame.doubt() {
-                    progress::warn(&bar, &doubt);
-                }
                 after(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
@@ -285,7 +289,7 @@ const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
 /// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
-fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failure> {
+fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
     if session.learner().used() == 0 {
         return Ok("");
     }
@@ -295,6 +299,8 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
         // Like every save on the way: the one before stays.
         false => session.save_keeping_old(&checkpoint)?,
     };
+    session.settle();
+    session.take_doubts().iter().for_each(|doubt| eprintln!("warning: {doubt}"));
     let comments = file_comments(&session.config().method, session.learner().frames());
     let options = WriteOptions {
         comments: &comments,

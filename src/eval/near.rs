@@ -11,9 +11,18 @@ const SPLATS: usize = 4096;
 /// Share of the depths of splats in a view that may be nearer than what the near plane follows.
 const NEARER: f64 = 0.02;
 
-/// Near plane for views by these cameras, world units: [`following_near`] of the depth that nearly all
-/// splats in their pictures are beyond. [`EVALUATION_NEAR`] where they show none.
-pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera]) -> f64 {
+/// Which near plane measured views have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NearRule {
+    /// [`following_near`] of the depth that nearly all splats in the pictures are beyond.
+    Following,
+    /// [`EVALUATION_NEAR`] as published, unless half of the splats in the pictures lie so near that the
+    /// world's unit cannot be meant: then [`following_near`] of the depth that half of them are beyond.
+    Published,
+}
+
+/// Near plane for views by these cameras, world units; [`EVALUATION_NEAR`] where they show no splats.
+pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> f64 {
     let every = |n: usize, most: usize| n.div_ceil(most).max(1);
     let splats = splats.splats();
     let mut depths = Vec::new();
@@ -33,6 +42,47 @@ pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera]) -> f64 {
     if depths.is_empty() {
         return EVALUATION_NEAR;
     }
-    let at = (depths.len() as f64 * NEARER) as usize;
-    following_near(*depths.select_nth_unstable_by(at, f64::total_cmp).1)
+    let mut beyond = |share: f64| {
+        let at = (depths.len() as f64 * share) as usize;
+        following_near(*depths.select_nth_unstable_by(at, f64::total_cmp).1)
+    };
+    match rule {
+        NearRule::Following => beyond(NEARER),
+        NearRule::Published => beyond(0.5).min(EVALUATION_NEAR),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::camera::Intrinsics;
+    use crate::math::pose::Pose;
+    use crate::model::splat::splats::Splat;
+
+    #[test]
+    fn published_figures_keep_their_near_plane_unless_the_unit_is_another() {
+        let intrinsics = Intrinsics::from_horizontal_fov(64, 48, 1.0);
+        let cameras = [Camera { intrinsics, pose: Pose::IDENTITY }];
+        // A wall from .3 to 6 m, in worlds of several units.
+        let near = |unit: f32, rule| {
+            let splat = |i: u8| {
+                let mean = [0.0, 0.0, unit * (0.3 + 0.3 * f32::from(i))];
+                Splat { mean, opacity: 0.9, scale: [0.01 * unit; 3], ..Splat::default() }
+            };
+            let splats: Vec<Splat> = (0..20).map(splat).collect();
+            near_plane(SplatView::new(&splats, &[]).unwrap(), &cameras, rule)
+        };
+        let both = |unit| [NearRule::Following, NearRule::Published].map(|rule| near(unit, rule));
+        let is = |found: [f64; 2], expected: [f64; 2]| {
+            let apart = |(a, b): (f64, f64)| (a / b - 1.0).abs();
+            assert!(found.into_iter().zip(expected).all(|p| apart(p) < 1e-9), "{found:?}");
+        };
+        is(both(1.0), [0.02, 0.2]);
+        is(both(1e-4), [2e-6, 2e-5]);
+        is(both(1e4), [200.0, 0.2]);
+        assert_eq!(
+            near_plane(SplatView::new(&[], &[]).unwrap(), &cameras, NearRule::Published),
+            0.2
+        );
+    }
 }

@@ -14,6 +14,8 @@ pub enum Purpose {
     Order,
     /// Procedural scenes and their sensor noise.
     Synthetic,
+    /// Photographs out of those that wait.
+    Photographs,
 }
 
 /// A reproducible stream of random numbers.

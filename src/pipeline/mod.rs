@@ -24,6 +24,7 @@ mod presets;
 pub mod provenance;
 pub mod run;
 pub mod session;
+mod session_report;
 pub mod settings;
 mod start;
 pub mod surfels;

@@ -2,6 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::eval::report::{FrameReport, SkippedFrame};
+use crate::train::outcome::ComparedPhotograph;
 
 /// What a run has behind it when a session begins.
 #[derive(Clone)]
@@ -30,5 +31,16 @@ impl Past {
             skipped: refused.map(|w| SkippedFrame::from(&*w.error)).collect(),
             wall_s: 0.0,
         }
+    }
+
+    /// Notes with its frame how a photograph compared, after so many frames learnt; what is to be told of it.
+    pub fn compared(&mut self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<String> {
+        // Reports of the first frames of a long run that went on may not be known.
+        let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
+        let at = usize::try_from(compared.frame.checked_sub(n_before)?).ok()?;
+        let report = self.frames.get_mut(at)?;
+        let is_told = report.doubt().is_some();
+        report.photograph = Some(compared.outcome);
+        report.doubt().filter(|_| !is_told)
     }
 }

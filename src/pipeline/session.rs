@@ -13,10 +13,7 @@ use super::settings::method::MethodRequest;
 use super::start::{Origin, frame_loop};
 use crate::dataset::Dataset;
 use crate::dataset::range;
-use crate::eval::machine;
-use crate::eval::report::{
-    DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
-};
+use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
 use crate::math::normalization::Normalization;
 use crate::model::splat::appearance::SplatSet;
 use crate::train::birth_log::BirthLog;
@@ -72,6 +69,9 @@ pub struct Session {
     births: BirthLog,
     /// Everything up to the last step.
     past: Past,
+    /// Of frames that contradict the scene, not yet told.
+    doubts: Vec<String>,
+    is_settled: bool,
     started: Instant,
     /// Seconds spent before `started`.
     wall_before_s: f64,
@@ -122,6 +122,8 @@ impl Session {
             follow: None,
             is_followed: false,
             past,
+            doubts: Vec::new(),
+            is_settled: false,
             started,
             wall_before_s,
         })
@@ -232,8 +234,12 @@ impl Session {
             }
             FrameStatus::Failed(error) => return Err(error.into()),
         };
-        self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
+        self.look_at_the_clock();
         Ok(Some(step))
+    }
+
+    fn look_at_the_clock(&mut self) {
+        self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
     }
 
     fn skipped_frame(&mut self, frame: String, message: String) -> Step {
@@ -242,8 +248,9 @@ impl Session {
         Step::Skipped(skipped)
     }
 
-    fn finish(&self) -> Result<Step, SessionError> {
+    fn finish(&mut self) -> Result<Step, SessionError> {
         if self.learner().frames() > 0 {
+            self.settle();
             return Ok(Step::Finished);
         }
         Err(SessionError::NoUsableFrame {
@@ -265,6 +272,7 @@ impl Session {
         points_dropped: usize,
         ms: FrameMs,
     ) -> FrameReport {
+        self.is_settled = false;
         let behind_ms = self.is_followed.then(|| self.behind_ms(position)).flatten();
         self.forgive(&frame);
         let learner = self.frames.learner();
@@ -280,7 +288,7 @@ impl Session {
             reassigned: outcome.reassigned,
             merged: outcome.merged,
             elbo_mean: outcome.elbo_mean,
-            photograph: outcome.photograph,
+            photograph: None,
             tracked: match outcome.tracking {
                 Some(FrameTracking::Placed(pose)) => Some(pose),
                 _ => None,
@@ -290,7 +298,38 @@ impl Session {
         };
         self.past.points += outcome.evidence;
         self.past.frames.push(report.clone());
-        report
+        self.take_compared();
+        self.past.frames.last().cloned().unwrap_or(report)
+    }
+
+    /// Notes how photographs compared with the scene.
+    fn take_compared(&mut self) {
+        let learner = self.frames.learner();
+        for compared in learner.compared() {
+            self.doubts.extend(self.past.compared(learner.frames(), compared));
+        }
+    }
+
+    /// What is to be told of frames that contradict the scene, once.
+    pub fn take_doubts(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.doubts)
+    }
+
+    /// Whether the scene is drawn as [`Self::settle`] says.
+    pub fn is_settled(&self) -> bool {
+        self.is_settled
+    }
+
+    /// Draws the scene as it will be once no photograph waits any more to be learnt, until the next frame.
+    /// Whether that changes anything.
+    pub fn settle(&mut self) -> bool {
+        let changes = self.learner_mut().settle();
+        if changes {
+            self.is_settled = true;
+            self.take_compared();
+            self.look_at_the_clock();
+        }
+        changes
     }
 
     /// Forgets that a frame could not be read, which was half written then.
@@ -403,48 +442,5 @@ impl Session {
     /// Splats of the listed components.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         self.learner().splats_of(ids)
-    }
-
-    /// Components that are drawn.
-    fn drawn(&self) -> usize {
-        self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
-    }
-
-    /// The report so far; `adapter` names the graphics adapter that draws, if any.
-    pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
-        let split = &self.dataset.splits[self.plan.split];
-        let first = self.plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
-        Report {
-            format: REPORT_FORMAT,
-            dataset: DatasetReport {
-                path: self
-                    .dataset
-                    .path
-                    .as_ref()
-                    .map_or_else(|| self.dataset.name.clone(), |p| p.display().to_string()),
-                layout: self.dataset.layout.name().to_owned(),
-                split: split.name.clone(),
-                frames: self.plan.frames.len(),
-                width: first.map_or(0, |k| k.width),
-                height: first.map_or(0, |k| k.height),
-            },
-            config: self.config.clone(),
-            machine: machine::describe(adapter),
-            frames: self.past.frames.clone(),
-            skipped: self.past.skipped.clone(),
-            summary: Summary {
-                components: self.learner().components(),
-                used: self.learner().used(),
-                drawn: self.drawn(),
-                model_bytes: self.learner().model_bytes(),
-                peak_rss_bytes: machine::peak_rss_bytes(),
-                ..Summary::of_frames(&self.past.frames, self.past.wall_s)
-            },
-            eval,
-            seen: Vec::new(),
-            tracking: None,
-            comparer: self.learner().comparer_use(),
-            passes: self.learner().pass_use(),
-        }
     }
 }

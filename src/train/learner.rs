@@ -9,7 +9,7 @@ use super::candidates::IndexError;
 use super::comparer_use::ComparerUse;
 use super::component_elbo::ComponentElbo;
 use super::device_trial::DevicePolicy;
-use super::outcome::FrameOutcome;
+use super::outcome::{ComparedPhotograph, FrameOutcome};
 use super::pass_use::PassUse;
 use super::stages::TrainStage;
 use super::warnings::TrainingWarning;
@@ -49,6 +49,17 @@ pub trait Learner: Send + Sync {
     /// Posterior of a component. Positions are normalised, or of a scene in world units from its
     /// origin; colours are normalised. For the inspector and attributes: no E-step reads it.
     fn posterior(&self, component: usize) -> ComponentPosterior;
+
+    /// Photographs that were compared with the scene in the last frame, or in [`Self::settle`] since.
+    fn compared(&self) -> &[ComparedPhotograph] {
+        &[]
+    }
+
+    /// Draws the scene as it will be once nothing waits any more to be learnt, until the next frame: runs
+    /// go on as if it had not been asked for. Whether that changes anything.
+    fn settle(&mut self) -> bool {
+        false
+    }
 
     /// What photographs leave uncertain of a component's splat; `None` where they teach nothing.
     fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {

@@ -20,8 +20,6 @@ pub struct FrameOutcome {
     pub reassigned: usize,
     /// Components that became part of others.
     pub merged: usize,
-    /// How its photograph compared with the scene, where photographs are learnt and showed any of it.
-    pub photograph: Option<PhotographOutcome>,
     /// Where its camera was found, where poses are tracked.
     pub tracking: Option<FrameTracking>,
     /// Where the time went.
@@ -35,6 +33,15 @@ pub enum FrameTracking {
     Placed(TrackedPose),
     /// It could not be placed: nothing was learnt from it.
     Lost(TrackingLoss),
+}
+
+/// A photograph that was compared with the scene before it was learnt, or a frame that contradicts it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ComparedPhotograph {
+    /// Frames learnt before its own.
+    pub frame: u64,
+    /// How it compared.
+    pub outcome: PhotographOutcome,
 }
 
 /// A frame beside the scene as it was before: an honest score, since the frame was never seen.

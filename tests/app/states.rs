@@ -1,6 +1,8 @@
 //! Every state of a run, and what the window shows in it.
 
-use super::harness::{PATIENCE, click, dataset, is, wait, wait_for_picture, window};
+use super::harness::{
+    PATIENCE, click, dataset, is, wait, wait_for_label, wait_for_picture, window,
+};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Key, Vec2};
@@ -97,7 +99,7 @@ fn the_status_line_tells_state_pace_components_and_memory() {
     let subject = Subject::Path(super::waiting::large(folder.path(), 60));
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    window.get_by_label("Ready");
+    wait_for_label(&mut window, "Ready");
     window.key_press(Key::Space);
     let started = Instant::now();
     // What the pass has drawn: the newest snapshot may be newer.

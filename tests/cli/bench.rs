@@ -55,7 +55,7 @@ fn recordings_are_judged_from_recorded_and_aligned_poses() {
     let scratch = Scratch::with_room();
     std::fs::create_dir(scratch.path("rooms")).unwrap();
     std::fs::rename(scratch.path("room"), scratch.path("rooms/room")).unwrap();
-    let bench = "bench real --data rooms --quick --max-frames 3 --repeats 2 --out found";
+    let bench = "bench real --data rooms --quick --max-frames 8 --repeats 2 --out found";
     let run = scratch.run(bench).succeeds();
     assert!(run.stdout.contains("energy by octave"), "{}", run.stdout);
     let json = scratch.json("found/real.json");
@@ -102,7 +102,7 @@ fn retention_is_of_frames_and_held_out_views() {
 #[test]
 fn accuracy_is_taken_apart() {
     let scratch = Scratch::with_room();
-    let options = "--quick --max-frames 3 --repeats 2 --out found";
+    let options = "--quick --max-frames 8 --repeats 2 --out found";
     let run = scratch.run(&format!("bench accuracy room {options}")).succeeds();
     for part in [
         "+ plane fit and its filter",

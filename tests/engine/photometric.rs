@@ -17,6 +17,7 @@ use vbgs_studio::pipeline::plan::{Plan, Selection};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::train::outcome::ComparedPhotograph;
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 
@@ -92,18 +93,19 @@ fn photographs_improve_views_that_were_never_seen() {
 
 /// A session that is to go through the frames so often, after its first steps.
 fn repeated(passes: usize, steps: usize) -> Session {
-    let asked =
-        SceneOverrides { photometric: Some(PhotometricMode::Light), ..SceneOverrides::default() };
     let selection = Selection { passes, ..Selection::everything() };
-    let mut session = Session::new(room(), asked, selection).unwrap();
+    // Fewer wait than there are frames, as in any longer recording.
+    let mut session = Session::new(room(), asked(8), selection).unwrap();
     (0..steps).for_each(|_| drop(session.step().unwrap()));
     session
 }
 
 #[test]
 fn photographs_looked_at_again_teach_more_and_points_count_once() {
-    let [once, mut twice] = [repeated(1, 40), repeated(2, 80)];
-    assert!(matches!(twice.step().unwrap(), Step::Finished));
+    let [mut once, mut twice] = [repeated(1, 40), repeated(2, 80)];
+    for session in [&mut once, &mut twice] {
+        assert!(matches!(session.step().unwrap(), Step::Finished));
+    }
     let [first, second] = [&once, &twice].map(|session| psnr(&session.stored_splats()));
     println!("once {first:.2} dB, twice {second:.2} dB");
     assert!(second > first + 0.2, "once {first:.2} dB, twice {second:.2} dB");
@@ -125,6 +127,55 @@ fn photographs_looked_at_again_teach_more_and_points_count_once() {
     assert!(resumed.checkpoint().unwrap().model == twice.checkpoint().unwrap().model);
 }
 
+fn asked(shuffle_buffer: usize) -> SceneOverrides {
+    SceneOverrides { shuffle_buffer: Some(shuffle_buffer), ..SceneOverrides::default() }
+}
+
+#[test]
+fn photographs_drawn_at_random_teach_more_than_one_after_the_other() {
+    let [at_once, shuffled] = [0, 60].map(|n| psnr(&trained_with(asked(n))));
+    println!("at once {at_once:.2} dB, out of a buffer {shuffled:.2} dB");
+    assert!(shuffled > at_once + 0.1, "at once {at_once:.2} dB, out of a buffer {shuffled:.2} dB");
+}
+
+#[test]
+fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
+    let mut session = Session::new(room(), asked(8), Selection::everything()).unwrap();
+    for _ in 0..20 {
+        assert!(matches!(session.step().unwrap(), Step::Trained(_)));
+    }
+    let compared = |session: &Session| {
+        session.frames().iter().filter(|frame| frame.photograph.is_some()).count()
+    };
+    assert_eq!(compared(&session), 12, "eight of twenty wait");
+    let before = session.stored_splats();
+    let model = session.checkpoint().unwrap().model;
+    assert!(session.settle() && !session.settle(), "once");
+    assert_eq!(compared(&session), 20);
+    assert!(session.checkpoint().unwrap().model == model, "a run goes on as if nobody had looked");
+    let settled = session.stored_splats();
+    assert!(settled != before);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.vbgs");
+    session.save(&path).unwrap();
+    assert!(SavedRun::read(&path).unwrap().splats().unwrap() == settled);
+    // And the next frame is learnt from what was, not from what was drawn.
+    let mut resumed =
+        SavedRun::read(&path).unwrap().resume(room(), &ResumeRequest::default(), false).unwrap();
+    for session in [&mut session, &mut resumed] {
+        assert!(matches!(session.step().unwrap(), Step::Trained(_)));
+    }
+    assert!(session.stored_splats() == resumed.stored_splats());
+    assert!(session.checkpoint().unwrap().model == resumed.checkpoint().unwrap().model);
+}
+
+#[test]
+fn photographs_wait_only_to_be_learnt() {
+    let asked = SceneOverrides { photometric: Some(PhotometricMode::Off), ..asked(5) };
+    let error = Session::new(room(), asked, Selection::everything()).err().unwrap().to_string();
+    assert!(error.contains("shuffle_buffer: expected 0") && error.contains("found 5"), "{error}");
+}
+
 #[test]
 fn points_alone_are_not_gone_through_twice() {
     let asked =
@@ -136,6 +187,12 @@ fn points_alone_are_not_gone_through_twice() {
 
 /// A tenth of the frames, behind the first ones, by which is known what is usual.
 const DAMAGED: [usize; 4] = [12, 20, 28, 36];
+
+/// Frames among the compared that contradict the scene.
+fn contradictions(compared: &[ComparedPhotograph]) -> impl Iterator<Item = usize> {
+    let doubted = compared.iter().filter(|compared| compared.outcome.contradiction.is_some());
+    doubted.map(|compared| compared.frame as usize)
+}
 
 /// The scene after all frames, a tenth of which `damage` changed, and those that were doubted.
 fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
@@ -152,19 +209,20 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
             damage(&mut frame);
         }
         preparer.prepare(&frame, &surface, &mut seen).unwrap();
-        let outcome = scene.learn(&seen).unwrap().photograph;
-        if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
-            doubted.push(i);
-        }
+        scene.learn(&seen).unwrap();
+        doubted.extend(contradictions(scene.compared()));
     }
+    scene.settle();
+    doubted.extend(contradictions(scene.compared()));
+    doubted.sort_unstable();
     (scene.stored_splats(), doubted)
 }
 
 /// A name, and what it does to a frame.
 type Damage = (&'static str, fn(&mut Frame));
 
-/// Covered lenses, flashes and wrong poses are named and left out. Another image of the same room may
-/// have colours so alike that it passes; robust weights keep it from harming much.
+/// Covered lenses, flashes, wrong poses and images of other places are named and left out; of the last, whose
+/// points may have colours much like those of the scene, it is the picture that is.
 #[test]
 fn frames_that_contradict_the_scene_are_named_and_left_out() {
     let (clean, none) = trained_on(|_| ());
@@ -183,7 +241,7 @@ fn frames_that_contradict_the_scene_are_named_and_left_out() {
         let (harmed, doubted) = trained_on(damage);
         let harmed = psnr(&harmed);
         println!("{name}: {harmed:.2} dB, clean {clean:.2} dB, doubted {doubted:?}");
-        assert!(doubted == DAMAGED || name == "another image", "{name}: {doubted:?}");
+        assert!(doubted == DAMAGED, "{name}: {doubted:?}");
         assert!(harmed > clean - 0.3, "{name}: clean {clean:.2} dB, harmed {harmed:.2} dB");
     }
 }

@@ -30,8 +30,9 @@ fn room() -> Arc<Dataset> {
 }
 
 fn session(room: &Arc<Dataset>) -> Session {
-    let asked =
-        SceneOverrides { photometric: Some(PhotometricMode::Full), ..SceneOverrides::default() };
+    // Each at once: devices are lost at frames that are counted.
+    let (photometric, shuffle_buffer) = (Some(PhotometricMode::Full), Some(0));
+    let asked = SceneOverrides { photometric, shuffle_buffer, ..SceneOverrides::default() };
     Session::new(room.clone(), asked, Selection::everything()).unwrap()
 }
 

@@ -40,6 +40,8 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
                 }
             }
             3 => drop(scene.learn(&seen)),
+            // Nothing that goes on may depend on it.
+            4 if input.flag() => drop(scene.settle()),
             4 => drop(scene.look_again(&seen)),
             5 => {
                 scene = reopened(&config, &*scene);
@@ -89,6 +91,9 @@ fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
         (true, 3) => PhotometricMode::Full.rule(),
         _ => None,
     };
+    if let Some(rule) = &mut config.photometric {
+        rule.shuffle_buffer = usize::from(flags & 3);
+    }
     config.max_components = 1 + usize::from(input.byte());
     config
 }

@@ -46,6 +46,7 @@ impl WorkerThread {
         left_out: &LeftOut,
     ) {
         self.begin_write(number);
+        self.settle();
         self.shared.file.begin();
         let written = self.write_model(path, mapping, left_out);
         self.shared.file.end();

@@ -3,7 +3,8 @@
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::splat_updates::{SplatChange, SplatUpdate};
-use crate::app::state::Inspected;
+use crate::app::state::{HISTORY, Inspected};
+use crate::eval::report::FrameReport;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::attributes::Attribute;
@@ -40,11 +41,27 @@ impl WorkerThread {
         // Before the snapshot: a window that sees it finds its splats too.
         self.deliver_splats();
         self.snapshot.inspected = self.inspect();
-        self.snapshot.recent = Arc::new(self.recent.iter().cloned().collect());
+        self.snapshot.settled = self.is_settled();
+        self.snapshot.recent = Arc::new(self.recent_frames().to_vec());
         self.shared.publish(self.snapshot.clone());
         self.published = Instant::now();
         self.changed = false;
         (self.waker)();
+    }
+
+    /// Reports of the latest frames. Those of frames whose photographs wait change when these are learnt.
+    fn recent_frames(&self) -> &[FrameReport] {
+        match &self.content {
+            Some(Content::Session(session)) => {
+                let frames = session.frames();
+                &frames[frames.len().saturating_sub(HISTORY)..]
+            }
+            Some(Content::Model(_)) | None => &[],
+        }
+    }
+
+    fn is_settled(&self) -> bool {
+        matches!(&self.content, Some(Content::Session(session)) if session.is_settled())
     }
 
     fn deliver_splats(&mut self) {

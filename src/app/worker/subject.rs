@@ -7,7 +7,7 @@ use super::thread::WorkerThread;
 use crate::app::opening::{self, Content, OpenedSubject};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
-    GivenCalibration, HISTORY, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject,
+    GivenCalibration, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject,
 };
 use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
@@ -137,7 +137,6 @@ impl WorkerThread {
     }
 
     pub(super) fn begin(&mut self, opened: opening::OpenedSubject) {
-        self.recent.clear();
         self.ends.clear();
         self.dirty = Dirty::default();
         self.forget_notices(NoticeTopic::Subject);
@@ -174,8 +173,6 @@ impl WorkerThread {
                 self.snapshot.trained_s = 1e-3 * trained.sum::<f64>();
                 let doubted = session.frames().iter().filter_map(FrameReport::doubt);
                 self.snapshot.doubts = Arc::new(doubted.collect());
-                let recent = session.frames().len().saturating_sub(HISTORY);
-                self.recent.extend(session.frames()[recent..].iter().cloned());
             }
             Content::Model(splats) => {
                 self.snapshot.source = Source::Model;

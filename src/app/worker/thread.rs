@@ -15,7 +15,6 @@ use crate::app::state::{
 use crate::app::training::TrainSettings;
 use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
-use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
 use crate::render::attributes::Attribute;
 use std::collections::VecDeque;
@@ -46,7 +45,6 @@ pub struct WorkerThread {
     pub(super) subject: Option<Subject>,
     pub(super) content: Option<Content>,
     pub(super) snapshot: Snapshot,
-    pub(super) recent: VecDeque<FrameReport>,
     /// When recent frames ended, for the frame rate.
     pub(super) ends: VecDeque<Instant>,
     pub(super) dirty: Dirty,
@@ -103,7 +101,6 @@ impl WorkerThread {
             subject: None,
             content: None,
             snapshot: Snapshot::default(),
-            recent: VecDeque::new(),
             ends: VecDeque::new(),
             dirty: Dirty::default(),
             watched: None,

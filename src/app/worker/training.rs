@@ -2,10 +2,10 @@
 
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
-use crate::app::state::{HISTORY, NoticeKind, NoticeTopic, RunState};
+use crate::app::state::{NoticeKind, NoticeTopic, RunState};
 use crate::app::wording;
 use crate::dataset::pose_check::ENOUGH_FRAMES;
-use crate::eval::report::{FrameReport, Summary};
+use crate::eval::report::Summary;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::session::Step;
 use crate::train::learner::Changed;
@@ -33,15 +33,20 @@ impl WorkerThread {
         // What the frame before told of them is over, whether or not this one touches them.
         self.dirty.mark(session.learner().component_elbo().components());
         self.changed |= !matches!(step, Ok(Step::Waiting));
+        let doubts = session.take_doubts();
+        if !doubts.is_empty() {
+            // A new list, since snapshots that were published share the old one.
+            self.snapshot.doubts = Arc::new([&self.snapshot.doubts[..], &doubts].concat());
+        }
         match step {
-            Ok(Step::Trained(frame)) => {
+            Ok(Step::Trained(_)) => {
                 let learner = session.learner();
                 match learner.changed() {
                     Changed::Listed(ids) => self.dirty.mark(ids),
                     Changed::All => self.dirty.mark_all(learner.components()),
                 }
                 self.snapshot.trained_s += started.elapsed().as_secs_f64();
-                self.learned(*frame);
+                self.learned();
             }
             Ok(Step::Skipped(skipped)) => {
                 // No notice: a dataset may lack many frames. The status line counts them, the panel
@@ -59,16 +64,7 @@ impl WorkerThread {
         true
     }
 
-    fn learned(&mut self, frame: FrameReport) {
-        if self.recent.len() == HISTORY {
-            self.recent.pop_front();
-        }
-        if let Some(doubt) = frame.doubt() {
-            // A new list, since snapshots that were published share the old one.
-            let doubts = self.snapshot.doubts.iter().cloned().chain([doubt]);
-            self.snapshot.doubts = Arc::new(doubts.collect());
-        }
-        self.recent.push_back(frame);
+    fn learned(&mut self) {
         self.snapshot.frames_done += 1;
         if self.snapshot.followed.is_some() && self.snapshot.frames_done == ENOUGH_FRAMES {
             self.look_at_frames();
@@ -103,6 +99,15 @@ impl WorkerThread {
                 let text = wording::warning(&warning);
                 self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
             }
+        }
+    }
+
+    /// Shows the scene as files hold it: with what waits to be learnt from photographs.
+    pub(super) fn settle(&mut self) {
+        if let Some(Content::Session(session)) = &mut self.content
+            && session.settle()
+        {
+            self.dirty.mark_all(session.learner().components());
         }
     }
 

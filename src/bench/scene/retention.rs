@@ -155,6 +155,7 @@ impl Retention {
             prefetch.recycle(prepared.observation);
             let learnt = frame.position + 1;
             if self.looked_at.contains(&frame.position) {
+                scene.settle();
                 let after = self.psnr(&scene.stored_splats(), self.own(frame.position))?;
                 let frame = frame.name;
                 let row =
@@ -162,6 +163,7 @@ impl Retention {
                 rows.push(row);
             }
             if learnt.is_multiple_of(every) || learnt == n_frames {
+                scene.settle();
                 let views = (self.held_out.0, self.held_out.1.as_slice());
                 held_out.push((learnt, self.psnr(&scene.stored_splats(), views)?));
             }

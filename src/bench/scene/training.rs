@@ -124,6 +124,7 @@ fn train_alike(
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
         // Rules of drawing leave sums alone, so one model is drawn by each of them.
         course.engine.set_splat_rule(run.engine.splat_rule);
+        course.engine.settle();
         Some(Trained {
             splats: course.engine.stored_splats(),
             born: course.engine.components(),

@@ -57,7 +57,8 @@ fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
         return Ok(false);
     }
     let archive = Archive::open(&path)?;
-    for name in METADATA.into_iter().filter(|name| archive.names().iter().any(|n| n == name)) {
+    let names = archive.names();
+    for name in METADATA.into_iter().filter(|name| names.iter().any(|n| n == name)) {
         if Metadata::is_one(&archive.read(name)?) {
             return Ok(true);
         }

@@ -273,14 +273,14 @@ impl Poses<'_> {
     /// The camera's world pose at a time, where the trajectory says it.
     fn at(&self, time: f64) -> Option<Pose> {
         let matrix = self.trajectory.at(time).ok()?;
-        self.mounted(matrix, self.convention.unwrap_or(FORMAT.poses)).ok()
+        self.mounted(matrix).ok()
     }
 
     /// The same as this layout tells poses. What the user says that its matrices mean is applied later on, to
     /// poses read as the layout has them.
     fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
         let matrix = self.trajectory.at(time)?;
-        let pose = self.mounted(matrix, self.convention.unwrap_or(FORMAT.poses))?;
+        let pose = self.mounted(matrix)?;
         match self.convention {
             None => Ok(pose),
             Some(asked) => Ok(FORMAT.poses.pose(asked.matrix(&pose))?),
@@ -288,7 +288,8 @@ impl Poses<'_> {
     }
 
     /// The camera on what a matrix of the trajectory tells the pose of.
-    fn mounted(&self, matrix: DMat4, convention: PoseConvention) -> Result<Pose, PoseError> {
+    fn mounted(&self, matrix: DMat4) -> Result<Pose, PoseError> {
+        let convention = self.convention.unwrap_or(FORMAT.poses);
         Ok(self.rig.mount.of(&convention.pose(matrix)?))
     }
 

@@ -10,6 +10,7 @@ use crate::model::scene::state::{
 };
 use crate::model::scene::sums::N_SUMS;
 use crate::model::scene::trajectory::TrackedPose;
+use crate::model::scene::waiting::{PhotographView, WaitingPhotograph};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
 use crate::model::splat::pose_log::FramePose;
@@ -21,6 +22,7 @@ const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 /// Numbers of a frame's exposure.
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 const N_POSE: usize = size_of::<FramePose>() / size_of::<f64>();
+const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
 /// Numbers of a splat and of its appearance.
@@ -72,20 +74,29 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         let numbers = bytemuck::cast_slice(&state.trajectory);
         sections.push(Section::new::<f64>(tag::TRAJECTORY, numbers));
     }
-    sections.extend(state.photometric.iter().flat_map(|photometric| {
-        [
-            Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
-            Section::new::<f32>(
-                tag::PHOTO_APPEARANCE,
-                bytemuck::cast_slice(&photometric.appearance),
-            ),
-            Section::new(tag::PHOTO_FORM, photometric.form.as_flattened()),
-            Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
-            Section::new(tag::PHOTO_NOISE, &photometric.noise),
-            Section::new(tag::PHOTO_POINTS, &photometric.points),
-            Section::new(tag::PHOTO_SEEN_THROUGH, &photometric.seen_through),
-        ]
-    }));
+    sections.extend(state.photometric.iter().flat_map(photometric_sections));
+    sections
+}
+
+fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
+    let mut sections = vec![
+        Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
+        Section::new::<f32>(tag::PHOTO_APPEARANCE, bytemuck::cast_slice(&photometric.appearance)),
+        Section::new(tag::PHOTO_FORM, photometric.form.as_flattened()),
+        Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
+        Section::new(tag::PHOTO_NOISE, &photometric.noise),
+        Section::new(tag::PHOTO_POINTS, &photometric.points),
+        Section::new(tag::PHOTO_SEEN_THROUGH, &photometric.seen_through),
+    ];
+    // Where none waits, files keep the bytes that they had before any could.
+    if !photometric.waiting.is_empty() {
+        let views: Vec<PhotographView> = photometric.waiting.iter().map(|w| w.view).collect();
+        let pixels = photometric.waiting.iter().flat_map(|waiting| &waiting.pixels);
+        let pixels = pixels.map(|&pixel| u32::from_le_bytes(pixel)).collect();
+        sections
+            .push(Section::owned::<f64>(tag::PHOTO_WAITING, bytemuck::cast_slice(&views).to_vec()));
+        sections.push(Section::owned::<u32>(tag::PHOTO_PIXELS, pixels));
+    }
     sections
 }
 
@@ -174,7 +185,27 @@ fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect
         noise: sections.numbers(tag::PHOTO_NOISE)?,
         points: usual(tag::PHOTO_POINTS)?,
         seen_through: usual(tag::PHOTO_SEEN_THROUGH)?,
+        waiting: match sections.has(tag::PHOTO_WAITING) {
+            true => waiting(sections)?,
+            false => Vec::new(),
+        },
     })
+}
+
+/// Photographs that wait, each with the pixels that its numbers say.
+fn waiting(sections: &Sections) -> Result<Vec<WaitingPhotograph>, Defect> {
+    let views = sections.rows::<f64, N_VIEW>(tag::PHOTO_WAITING, None)?;
+    let views: Vec<PhotographView> = bytemuck::cast_vec(views);
+    // Before pixels are counted by them.
+    check::waiting(&views)?;
+    let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
+    let words: Vec<u32> = sections.elements(tag::PHOTO_PIXELS, Some(n))?;
+    let mut pixels = words.into_iter().map(u32::to_le_bytes);
+    let of = |view: PhotographView| {
+        let pixels = pixels.by_ref().take(view.n_pixels()).collect();
+        WaitingPhotograph { view, pixels }
+    };
+    Ok(views.into_iter().map(of).collect())
 }
 
 fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {

@@ -35,6 +35,8 @@ pub const PHOTO_COLOR: [u8; 4] = *b"PHCO";
 pub const PHOTO_NOISE: [u8; 4] = *b"PHNO";
 pub const PHOTO_POINTS: [u8; 4] = *b"PHPT";
 pub const PHOTO_SEEN_THROUGH: [u8; 4] = *b"PHST";
+pub const PHOTO_WAITING: [u8; 4] = *b"PHWA";
+pub const PHOTO_PIXELS: [u8; 4] = *b"PHPX";
 
 /// What every checkpoint may have.
 const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
@@ -42,7 +44,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 19] = [
+pub const OF_SCENES: [[u8; 4]; 21] = [
     ORIGIN,
     SEEDS,
     COARSENED,
@@ -62,6 +64,8 @@ pub const OF_SCENES: [[u8; 4]; 19] = [
     PHOTO_NOISE,
     PHOTO_POINTS,
     PHOTO_SEEN_THROUGH,
+    PHOTO_WAITING,
+    PHOTO_PIXELS,
 ];
 
 /// Whether this program knows what a section means.

@@ -11,3 +11,4 @@ pub mod splat_rule;
 pub mod state;
 pub mod sums;
 pub mod trajectory;
+pub mod waiting;

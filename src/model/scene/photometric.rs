@@ -1,5 +1,6 @@
 //! What photographs have taught a scene's splats: parameters and their precision, row by component.
 
+use super::waiting::WaitingPhotograph;
 use crate::math::cholesky::Cholesky;
 use crate::math::lane_cholesky::at;
 use crate::model::splat::appearance::Appearance;
@@ -35,6 +36,8 @@ pub struct PhotometricState {
     pub points: [f64; 2],
     /// Running mean share of surfaces in view that frames saw through; and the weight behind it.
     pub seen_through: [f64; 2],
+    /// Photographs that are still to be learnt, in no order.
+    pub waiting: Vec<WaitingPhotograph>,
 }
 
 impl PhotometricState {
@@ -44,7 +47,7 @@ impl PhotometricState {
         + size_of::<[f32; N_FORM_PRECISION]>()
         + size_of::<[f32; N_COLOR_PRECISION]>();
 
-    /// Bytes that it takes of the model.
+    /// Bytes that it takes of the model, without what waits.
     pub fn bytes(&self) -> usize {
         self.splats.len() * Self::BYTES
     }
@@ -67,7 +70,13 @@ impl PhotometricState {
             noise: self.noise,
             points: self.points,
             seen_through: self.seen_through,
+            waiting: self.waiting.clone(),
         }
+    }
+
+    /// Splat and appearance of a component, if it has any.
+    pub fn splat(&self, component: usize) -> Option<(Splat, Appearance)> {
+        self.has(component).then(|| (self.splats[component], self.appearance[component]))
     }
 
     /// Whether a component has a splat.

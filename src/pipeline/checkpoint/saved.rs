@@ -108,14 +108,17 @@ impl SavedRun {
         Ok(Trajectory::of(&history.frames, &history.skipped))
     }
 
-    /// The model, ready to go on, and world to model coordinates.
+    /// The model as it is drawn, ready to go on, and world to model coordinates.
     ///
     /// # Errors
     /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] unless model and settings
     /// belong together.
     pub fn revive(&self) -> Result<Revived, RunError> {
         let (model, frames) = (&self.content.model, self.content.cursor.frames);
-        self.config.method.any().revive(model, frames).map_err(|why| self.mismatch(why))
+        let revived = self.config.method.any().revive(model, frames);
+        let mut revived = revived.map_err(|why| self.mismatch(why))?;
+        revived.learner.settle();
+        Ok(revived)
     }
 
     /// Names the file in which model and settings do not belong together.

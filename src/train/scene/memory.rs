@@ -27,15 +27,19 @@ impl SceneConfig {
     /// What a run over frames of `pixels`, so many of them in memory at once, takes with as many components
     /// as the settings allow.
     pub fn memory(&self, pixels: usize, frames_at_once: usize) -> MemoryEstimate {
-        // A checkpoint holds a copy of what photographs taught, too.
+        // A checkpoint holds a copy of what photographs taught, too, and so does what is drawn at the end
+        // where some of them wait.
+        let waiting = self.photometric.map_or(0, |rule| 2 * rule.waiting_bytes(pixels));
         let [of_splat, of_pixel] = match self.photometric {
-            Some(_) => {
-                let of_splat = 2 * PhotometricState::BYTES + PHOTOGRAPH_SPLAT_BYTES;
+            Some(rule) => {
+                let copies = if rule.shuffle_buffer > 0 { 3 } else { 2 };
+                let of_splat = copies * PhotometricState::BYTES + PHOTOGRAPH_SPLAT_BYTES;
                 [of_splat, frames_at_once * PHOTOGRAPH_PIXEL_BYTES]
             }
             None => [0; 2],
         };
-        let fixed = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + SCENE_PROGRAM_BYTES;
+        let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
+        let fixed = of_photographs + SCENE_PROGRAM_BYTES;
         // A lattice is merged only in a copy.
         let most = match self.births.is_order_invariant() {
             true => self.most_seeds(),

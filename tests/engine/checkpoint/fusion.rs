@@ -11,7 +11,10 @@ use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricR
 use vbgs_studio::train::scene::units::Budget;
 
 fn asked(photometric: PhotometricMode) -> SceneOverrides {
-    SceneOverrides { photometric: Some(photometric), ..SceneOverrides::default() }
+    // Some wait in every shard, and in the start.
+    let shuffle_buffer = (photometric != PhotometricMode::Off).then_some(4);
+    let photometric = Some(photometric);
+    SceneOverrides { photometric, shuffle_buffer, ..SceneOverrides::default() }
 }
 
 fn scene(run: &SavedRun) -> &SceneState {
@@ -79,7 +82,7 @@ fn shards_of_one_start_are_as_one_run() {
             .all(|run| known(run, id).is_none_or(|d| known(&all, id).unwrap() <= d * 1.001))
     };
     let (all_ids, surer): (Vec<_>, Vec<_>) = (ids.clone().collect(), ids.filter(surer).collect());
-    assert!(surer.len() * 100 >= all_ids.len() * 98, "{} of {}", surer.len(), all_ids.len());
+    assert!(surer.len() * 100 >= all_ids.len() * 95, "{} of {}", surer.len(), all_ids.len());
     // In whatever order they are named.
     let mut others = shards;
     others.rotate_left(1);
@@ -101,11 +104,13 @@ fn what_one_shard_alone_learnt_is_what_it_learnt() {
     assert_eq!((&fused.seeds, &fused.visibility), (&alone.seeds, &alone.visibility));
     // Moments are made definite as they are put together: by few quanta.
     assert!(fused.seeds.len() > 100 && farthest(&fused.sums, &alone.sums) <= 8);
-    let (fused, alone) = (fused.photometric.as_ref().unwrap(), alone.photometric.as_ref().unwrap());
+    // What waits is learnt before scenes are fused.
+    let waiting = |run: &SavedRun| scene(run).photometric.as_ref().unwrap().waiting.len();
+    assert_eq!((waiting(&one), waiting(&shards[1])), (0, 4));
+    let (fused, alone) = (one.splats().unwrap(), shards[1].splats().unwrap());
     let far = fused
-        .splats
         .iter()
-        .zip(&alone.splats)
+        .zip(alone.iter())
         .map(|(a, b)| (0..3).map(|k| (a.color[k] - b.color[k]).abs()).fold(0.0f32, f32::max));
     let mut far: Vec<f32> = far.collect();
     far.sort_by(f32::total_cmp);

@@ -53,7 +53,8 @@ fn a_scene_that_stopped_is_the_scene_that_did_not() {
 }
 
 fn photographed() -> SceneOverrides {
-    SceneOverrides { photometric: Some(PhotometricMode::Full), ..SceneOverrides::default() }
+    let photometric = Some(PhotometricMode::Full);
+    SceneOverrides { photometric, shuffle_buffer: Some(3), ..SceneOverrides::default() }
 }
 
 #[test]
@@ -66,6 +67,7 @@ fn what_photographs_taught_is_stored_and_goes_on() {
     assert_eq!(resumed.splats(), whole.splats());
     let state = scene(&expected).photometric.as_ref().unwrap();
     assert!(state.splats.iter().any(|splat| splat.is_drawable()));
+    assert_eq!(state.waiting.len(), 3);
     let other = SceneOverrides { photometric: Some(PhotometricMode::Off), ..Default::default() };
     let refused = saved(&whole).check(&ResumeRequest { model: other.into(), ..up_to(12) });
     assert!(refused.unwrap_err().to_string().starts_with("--photometric: expected full"));
@@ -81,7 +83,8 @@ fn scenes_that_learnt_from_photographs_are_not_added() {
 
 #[test]
 fn a_scene_may_stop_after_every_frame() {
-    for asked in [coarse(BirthRule::Seeds), coarse(BirthRule::Lattice), births(BirthRule::Seeds)] {
+    let rules = [coarse(BirthRule::Seeds), coarse(BirthRule::Lattice), births(BirthRule::Seeds)];
+    for asked in rules.into_iter().chain([photographed()]) {
         let expected = timeless(trained(&asked, first(12)).checkpoint().unwrap());
         let mut run = saved(&trained(&asked, first(1)));
         for n_frames in 2..=12 {

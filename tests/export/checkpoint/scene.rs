@@ -3,11 +3,15 @@
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
 use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, VERSION, parse, to_bytes};
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::scene::photometric::PhotometricState;
 use vbgs_studio::model::scene::state::{
     QUANTUM, SceneState, StoredSums, VisibilityCounts, WideRow,
 };
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
+use vbgs_studio::model::scene::waiting::{PhotographView, WaitingPhotograph};
 use vbgs_studio::model::splat::exposure::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
 use vbgs_studio::model::splat::viewpoint::Viewpoint;
@@ -82,6 +86,63 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         trajectory: Vec::new(),
         photometric: None,
     }))
+}
+
+/// A scene that has seen photographs, two of which wait: of 6 × 5 pixels the second and fourth row.
+fn photographed() -> Vec<u8> {
+    let mut sample = sample(mixed());
+    let StoredModel::Scene(state) = &mut sample.model else { unreachable!() };
+    let intrinsics = Intrinsics::from_horizontal_fov(6, 5, 0.8);
+    let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+    let waiting = |frame: u8| WaitingPhotograph {
+        view: PhotographView::new(frame.into(), &camera, [1.0, 1.1, 0.9], 0.1, [2, 1]),
+        pixels: (0..12).map(|i| [frame, i, 200, 255 - i]).collect(),
+    };
+    let waiting = vec![waiting(7), waiting(3)];
+    let mut photometric = PhotometricState { waiting, ..PhotometricState::default() };
+    photometric.grow(N);
+    state.photometric = Some(photometric);
+    to_bytes(&sample)
+}
+
+#[test]
+fn photographs_that_wait_come_back_or_are_refused() {
+    let bytes = photographed();
+    let read = parse(&bytes).unwrap();
+    let StoredModel::Scene(state) = &read.checkpoint.model else { unreachable!() };
+    let waiting = &state.photometric.as_ref().unwrap().waiting;
+    assert_eq!((waiting[1].view.frame, waiting[1].pixels[5]), (3.0, [3, 5, 200, 250]));
+    assert!(to_bytes(&read.checkpoint) == bytes);
+    let numbers = size_of::<PhotographView>() / 8;
+    // By their place in a row: frame, size, pinhole, pose, gain, near, rows.
+    let places = [
+        (0, "frame"),
+        (1, "size"),
+        (3, "focal length"),
+        (5, "centre"),
+        (7, "pose"),
+        (23, "gain"),
+        (26, "near"),
+        (27, "rows"),
+        (28, "first row"),
+    ];
+    for (place, name) in places {
+        let damaged = edited(&bytes, b"PHWA", |s| {
+            let at = 8 * (numbers + place);
+            s.content[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+        });
+        assert_refused(&damaged, &["PHWA[component 1", name, "NaN"]);
+    }
+    // Numbers that call for more pixels than there are, before memory is taken for them.
+    let larger = edited(&bytes, b"PHWA", |s| {
+        let at = 8 * (numbers + 1);
+        s.content[at..at + 8].copy_from_slice(&65536f64.to_le_bytes());
+    });
+    assert_refused(&larger, &["PHPX", "131084 elements", "24"]);
+    let short = edited(&bytes, b"PHPX", |s| s.content.truncate(4 * 23));
+    assert_refused(&short, &["PHPX", "24 elements", "23"]);
+    let part = edited(&bytes, b"PHWA", |s| s.content.truncate(8 * numbers - 8));
+    assert_refused(&part, &["PHWA", "whole rows"]);
 }
 
 /// A scene before its first frame.

@@ -7,6 +7,7 @@ use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbound
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
+use crate::model::scene::waiting::PhotographView;
 use crate::model::splat::viewpoint::Viewpoint;
 
 /// Every sum by name.
@@ -75,6 +76,16 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
     let length = viewpoint.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
     if length.is_nan() || (length - 1.0).abs() > 1e-3 {
         return Err(value(tag, at, "direction", "a unit vector", length));
+    }
+    Ok(())
+}
+
+/// Photographs that wait: cameras that can be, and what is kept of an image.
+pub(in super::super) fn waiting(views: &[PhotographView]) -> Result<(), Defect> {
+    for (at, view) in views.iter().enumerate() {
+        if let Some((name, expected, found)) = view.defect() {
+            return Err(value(tag::PHOTO_WAITING, at, name, &expected, found));
+        }
     }
     Ok(())
 }

@@ -39,6 +39,7 @@ impl SceneRun {
         nothing_native_of_plain(overrides)?;
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
+        no_photographs_wait_unlearnt(overrides, &run.engine)?;
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
         run.engine.h = in_world_units(run.scale, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })
@@ -102,6 +103,21 @@ fn nothing_native_of_plain(overrides: &SceneOverrides) -> Result<(), ConfigError
             found: "plain".to_owned(),
         }),
         _ => Ok(()),
+    }
+}
+
+/// Refuses to let photographs wait that nothing learns.
+fn no_photographs_wait_unlearnt(
+    overrides: &SceneOverrides,
+    engine: &SceneConfig,
+) -> Result<(), ConfigError> {
+    match overrides.shuffle_buffer.filter(|&n| n > 0 && engine.photometric.is_none()) {
+        None => Ok(()),
+        Some(n) => Err(ConfigError {
+            setting: "shuffle_buffer",
+            expected: "0 where photographs are not learnt (--photometric off)".to_owned(),
+            found: n.to_string(),
+        }),
     }
 }
 

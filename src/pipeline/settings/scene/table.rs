@@ -5,7 +5,7 @@ use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{PixelSampling, Sensor};
 use crate::model::scene::splat_rule::SplatKind;
 use crate::train::scene::config::{BirthRule, VisibilityRule};
-use crate::train::scene::photometric::rule::PhotometricMode;
+use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
 use crate::train::scene::spacing::NearSpacing;
 use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::units::{Budget, StructuralScale};
@@ -65,6 +65,21 @@ settings! {
         default by "light; off with lattices";
         get |run| Some(PhotometricMode::of(run.engine.photometric));
         set |run, mode| run.engine.photometric = mode.rule();
+    }
+    /// Photographs that wait before splats learn from them, at most: for every one that comes, one of
+    /// them is drawn at random, so that no view is learnt many times in a row; 0 learns each at once.
+    /// No more wait than 64 MB hold.
+    shuffle_buffer: usize {
+        option "--shuffle-buffer" "N";
+        label "Shuffle buffer";
+        default by "60; none where photographs are not learnt";
+        range "0 to {MAX_WAITING} photographs", |n| *n <= MAX_WAITING;
+        get |run| run.engine.photometric.map(|rule| rule.shuffle_buffer);
+        set |run, n| {
+            if let Some(rule) = &mut run.engine.photometric {
+                rule.shuffle_buffer = n;
+            }
+        };
     }
     /// What splats are: native ones are drawn best by this program; plain ones are what every viewer draws,
     /// and files hold them as they were learnt.

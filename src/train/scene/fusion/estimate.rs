@@ -15,7 +15,7 @@ use crate::model::scene::photometric::{
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::train::scene::photometric::rule::PhotometricRule;
-use crate::train::scene::photometric::{LEAST_OPACITY, prior_precision};
+use crate::train::scene::photometric::{LEAST_OPACITY, is_taught, prior_precision};
 use glam::{DQuat, DVec3};
 
 /// Largest turn between two estimates of one splat whose forms are compared, radians: beyond it their
@@ -48,6 +48,11 @@ impl Estimate {
             form: state.form[component],
             color: state.color[component],
         })
+    }
+
+    /// Whether a photograph has added to its precision.
+    pub fn is_taught(&self, rule: &PhotometricRule) -> bool {
+        is_taught(&self.color, &rule.prior)
     }
 
     /// Into the row of a component.

@@ -11,6 +11,7 @@ use super::coarsening::factor;
 use super::component_sums::{ComponentSums, SumScalar};
 use super::config::SceneConfig;
 use super::grid::{SeedGrid, squared_distance};
+use super::photometric::PhotometricLearner;
 use super::photometric::rule::PhotometricRule;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
@@ -18,6 +19,7 @@ use crate::model::scene::sums::{N_SUMS, SceneSums};
 use estimate::{Estimate, Later};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Scenes of one scale that went on from `start`, if they share one, as one scene, in this order: of places that
 /// several found by themselves the first one's components stay. Components of the start come first, and
@@ -27,6 +29,10 @@ pub fn fuse<W: SumScalar>(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
+    let start = start.map(|start| settled(config, start));
+    let scenes: Vec<_> = scenes.iter().map(|scene| settled(config, scene)).collect();
+    let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
+    let start = start.as_deref();
     let first = scenes.first()?;
     let shared = start.map_or(Some(Vec::new()), components::<W>)?;
     let all: Option<Vec<Vec<Component>>> = scenes.iter().map(|s| components::<W>(s)).collect();
@@ -44,7 +50,7 @@ pub fn fuse<W: SumScalar>(
     let (n_exposures, n_poses) = start.map_or((0, 0), |s| (s.exposures.len(), s.poses.len()));
     state.exposures.extend(first.exposures.iter().take(n_exposures));
     state.poses.extend(first.poses.iter().take(n_poses));
-    for scene in scenes {
+    for scene in &scenes {
         state.exposures.extend(scene.exposures.iter().skip(n_exposures));
         state.poses.extend(scene.poses.iter().skip(n_poses));
     }
@@ -54,6 +60,18 @@ pub fn fuse<W: SumScalar>(
         estimate::take_noise(photometric, taught);
     }
     Some(state)
+}
+
+/// A scene with what waits to be learnt from photographs.
+fn settled<'a>(config: &SceneConfig, state: &'a SceneState) -> Cow<'a, SceneState> {
+    let waits = state.photometric.as_ref().filter(|photometric| !photometric.waiting.is_empty());
+    let (Some(photometric), Some(rule)) = (waits, config.photometric_rule()) else {
+        return Cow::Borrowed(state);
+    };
+    let full_coverage = config.splat_rule.full_coverage as f32;
+    let mut learner = PhotometricLearner::restore(photometric.clone());
+    let (photometric, _) = learner.settled(full_coverage, &rule);
+    Cow::Owned(SceneState { photometric: Some(photometric), ..state.clone() })
 }
 
 /// A component with everything that a scene knows of it.
@@ -93,9 +111,11 @@ impl Component {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
         let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
-        // Splats begin anew while few points stand behind them: nothing of the start is in those.
-        let is_anew = rule.is_some_and(|rule| self.sums[0] < rule.young)
-            && later.iter().any(|now| has_more(&now));
+        // Splats begin anew while few points stand behind them or no photograph has taught them: nothing of
+        // the start is in those.
+        let is_taught = |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_taught(rule));
+        let begins = |rule: &PhotometricRule| self.sums[0] < rule.young || !is_taught(rule);
+        let is_anew = rule.is_some_and(begins) && later.iter().any(|now| has_more(&now));
         let mut estimates = Vec::with_capacity(later.len());
         for now in later {
             for ((sum, now), before) in sums.iter_mut().zip(now.sums).zip(self.sums) {

@@ -13,6 +13,18 @@ use crate::train::comparer_use::{ComparerMs, ComparerUse};
 use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};
 use crate::train::timing::Stopwatch;
 
+/// How a photograph is looked at.
+pub struct LearntView {
+    /// The camera that took it.
+    pub camera: Camera,
+    /// What is nearer than so many world units is not compared.
+    pub near: f64,
+    /// The rows that are learnt.
+    pub rows: RowChoice,
+    /// Times the usual mean square from which on it contradicts the scene.
+    pub contradicts_from: f64,
+}
+
 /// Comparers and their memory.
 #[derive(Default)]
 pub struct Comparers {
@@ -43,11 +55,6 @@ impl Comparers {
         ComparerUse { ms: ComparerMs { prepare, compare, step }, ..self.counts.clone() }
     }
 
-    /// Leaves out what is nearer than so many world units from now on.
-    pub fn set_near(&mut self, near: f64) {
-        self.view.near = near;
-    }
-
     /// Books the time of a step.
     pub fn stepped(&mut self, ms: f64) {
         self.counts.ms.step += ms;
@@ -57,17 +64,18 @@ impl Comparers {
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,
-        camera: &Camera,
+        learnt: &LearntView,
         photograph: &Image<[f32; 4]>,
         rule: PixelRule,
-        rows: RowChoice,
     ) -> Compared<'_> {
+        let LearntView { camera, near, rows, .. } = *learnt;
+        self.view.near = near;
         if self.counts.given_up.is_some() {
             self.device = None;
         }
         let Self { view, processor, device, counts } = self;
         let mut clock = Stopwatch::start();
-        let view = view.prepare(splats, camera, photograph.height);
+        let view = view.prepare(splats, &camera, photograph.height);
         counts.ms.prepare += clock.lap_ms();
         let turn =
             device.as_mut().map_or(Turn::Processor, |device| device.trial.turn(view.n_drawn()));
@@ -156,7 +164,8 @@ mod tests {
         let splat = Splat { mean, opacity: 0.9, scale: [0.3; 3], ..Splat::default() };
         let splats = [splat];
         let Some(view) = SplatView::new(&splats, &[]) else { return f64::NAN };
-        comparers.compare(view, &camera, &photograph, RULE, RowChoice::ALL).squared_error
+        let learnt = LearntView { camera, near: 0.2, rows: RowChoice::ALL, contradicts_from: 6.0 };
+        comparers.compare(view, &learnt, &photograph, RULE).squared_error
     }
 
     #[test]

@@ -7,25 +7,27 @@ mod comparers;
 mod noise;
 pub mod rule;
 mod step;
+pub mod waiting;
 
-use crate::math::camera::Camera;
 use crate::math::image::Image;
+use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
+use crate::model::scene::waiting::WaitingPhotograph;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{
-    Compared, PhotometricComparer, PixelRule, RowChoice, SeenSplat,
-};
+use crate::render::cpu::photometric::{Compared, PhotometricComparer, PixelRule, SeenSplat};
 use crate::train::comparer_use::ComparerUse;
 use crate::train::device_trial::DevicePolicy;
-use crate::train::outcome::PhotographOutcome;
+use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::timing::Stopwatch;
 use agreement::FrameAgreement;
 use comparers::Comparers;
+pub use comparers::LearntView;
+pub use noise::CONTRADICTION;
 use rayon::prelude::*;
 use rule::PhotometricRule;
-pub use step::{LEAST_OPACITY, prior_precision};
+pub use step::{LEAST_OPACITY, is_taught, prior_precision};
 use step::{LearnRun, SplatRun};
 
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
@@ -33,18 +35,30 @@ const MIN_SEEN: f32 = 0.5;
 /// Components per parallel task.
 const MIN_TASK: usize = 512;
 
+fn pixel_rule(full_coverage: f32, rule: &PhotometricRule) -> PixelRule {
+    PixelRule { full_coverage, tau: rule.tau as f32, coverage: rule.coverage as f32 }
+}
+
 /// Splats that learn from photographs, and the memory for it.
-#[derive(Default)]
 pub struct PhotometricLearner {
     state: PhotometricState,
     comparers: Comparers,
+    /// A photograph that waited, in full.
+    image: Image<[f32; 4]>,
     repaired: u64,
+}
+
+impl Default for PhotometricLearner {
+    fn default() -> Self {
+        Self::restore(PhotometricState::default())
+    }
 }
 
 impl PhotometricLearner {
     /// One that goes on.
     pub fn restore(state: PhotometricState) -> Self {
-        Self { state, ..Self::default() }
+        let image = Image::filled(0, 0, [0.0; 4]);
+        Self { state, comparers: Comparers::default(), image, repaired: 0 }
     }
 
     /// Precisions that had to be taken back to the prior's, since training began or went on.
@@ -62,24 +76,13 @@ impl PhotometricLearner {
         self.comparers.used()
     }
 
-    /// Compares what is farther than so many world units from now on.
-    pub fn set_near(&mut self, near: f64) {
-        self.comparers.set_near(near);
-    }
-
     /// What it has learnt.
     pub fn state(&self) -> &PhotometricState {
         &self.state
     }
 
-    /// Splat and appearance of a component, if it has any.
-    pub fn splat(&self, component: usize) -> Option<(Splat, Appearance)> {
-        let has = self.state.has(component);
-        has.then(|| (self.state.splats[component], self.state.appearance[component]))
-    }
-
-    /// Gives components that have none, or are young yet, the splats that points make, as far as these can
-    /// be drawn. `points` and `splat` are those of a component.
+    /// Gives components that have none, or are young yet, or that no photograph has taught, the splats that
+    /// points make, as far as these can be drawn. `points` and `splat` are those of a component.
     pub fn begin(
         &mut self,
         n_components: usize,
@@ -89,7 +92,9 @@ impl PhotometricLearner {
         splat: impl Fn(usize) -> (Splat, Appearance) + Sync,
     ) {
         self.state.grow(n_components);
-        let begins = |id: usize| !self.state.has(id) || points(id) < rule.young;
+        let state = &self.state;
+        let is_taught = |id: usize| is_taught(&state.color[id], &rule.prior);
+        let begins = |id: usize| !state.has(id) || points(id) < rule.young || !is_taught(id);
         let new = touched.par_iter().filter(|&&id| begins(id as usize));
         let new: Vec<(u32, (Splat, Appearance))> =
             new.map(|&id| (id, splat(id as usize))).filter(|(_, s)| s.0.is_drawable()).collect();
@@ -112,26 +117,101 @@ impl PhotometricLearner {
         noise::judge_points(&mut self.state, agreement)
     }
 
-    /// Learns from a photograph taken by `camera`, unless that contradicts the scene. Gives which splats
-    /// it changed, and how it compared.
+    /// Lets a photograph wait.
+    pub fn put_off(&mut self, photograph: WaitingPhotograph) {
+        self.state.waiting.push(photograph);
+    }
+
+    /// Learns from one of the photographs that wait, drawn at random, where more do than may.
+    pub fn learn_one_beyond(
+        &mut self,
+        most: usize,
+        full_coverage: f32,
+        rule: &PhotometricRule,
+    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+        if self.state.waiting.len() <= most {
+            return (Vec::new(), None);
+        }
+        let mut draws = waiting::draws(&self.state.waiting);
+        self.learn_drawn(&mut draws, full_coverage, rule)
+    }
+
+    /// What it will have learnt once nothing waits any more, and how what waits compares. It goes on as if
+    /// it had not been asked.
+    pub fn settled(
+        &mut self,
+        full_coverage: f32,
+        rule: &PhotometricRule,
+    ) -> (PhotometricState, Vec<ComparedPhotograph>) {
+        let (before, repaired) = (self.state.clone(), self.repaired);
+        let mut draws = waiting::draws(&self.state.waiting);
+        let mut compared = Vec::new();
+        while !self.state.waiting.is_empty() {
+            compared.extend(self.learn_drawn(&mut draws, full_coverage, rule).1);
+        }
+        self.repaired = repaired;
+        (std::mem::replace(&mut self.state, before), compared)
+    }
+
+    fn learn_drawn(
+        &mut self,
+        draws: &mut Rng,
+        full_coverage: f32,
+        rule: &PhotometricRule,
+    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+        self.see_what_is_usual(full_coverage, rule);
+        let drawn = draws.below(self.state.waiting.len());
+        let drawn = self.state.waiting.swap_remove(drawn);
+        let mut image = std::mem::replace(&mut self.image, Image::filled(0, 0, [0.0; 4]));
+        let unpacked = waiting::unpacked(&drawn, &mut image);
+        let learnt = unpacked.map(|view| self.learn(&view, &image, full_coverage, rule));
+        self.image = image;
+        let (changed, outcome) = learnt.unwrap_or_default();
+        let frame = drawn.view.frame as u64;
+        (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
+    }
+
+    /// Before the first of the photographs that wait is learnt: how far a few of them differ says what is
+    /// usual, so that not even the first ones are learnt blindly.
+    fn see_what_is_usual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
+        let n = self.state.waiting.len();
+        if noise::is_known(&self.state.noise) || n < noise::SETTLED as usize {
+            return;
+        }
+        let mut image = std::mem::replace(&mut self.image, Image::filled(0, 0, [0.0; 4]));
+        let mut differences = Vec::new();
+        for few in 0..noise::SETTLED as usize {
+            let waiting = &self.state.waiting[few * n / noise::SETTLED as usize];
+            let Some(view) = waiting::unpacked(waiting, &mut image) else { continue };
+            let splats = SplatView::new(&self.state.splats, &self.state.appearance);
+            let Some(splats) = splats else { continue };
+            let pixels = pixel_rule(full_coverage, rule);
+            let compared = self.comparers.compare(splats, &view, &image, pixels);
+            differences.extend(noise::difference(compared.squared_error, compared.pixels));
+        }
+        noise::begin(&mut self.state.noise, differences);
+        self.image = image;
+    }
+
+    /// Learns from a photograph, unless that contradicts the scene. Gives which splats it changed, and how
+    /// it compared.
     pub fn learn(
         &mut self,
-        camera: &Camera,
+        view: &LearntView,
         photograph: &Image<[f32; 4]>,
         full_coverage: f32,
         rule: &PhotometricRule,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
         let PhotometricState { splats, appearance, .. } = &self.state;
-        let Some(view) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
-        let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
-        let pixels = PixelRule { full_coverage, tau, coverage };
-        let rows = RowChoice::new(rule.rows_of(photograph.data.len()), self.state.noise[1] as u64);
-        let every = rows.every();
+        let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
+        let every = view.rows.every();
         let mut comparers = std::mem::take(&mut self.comparers);
-        let compared = comparers.compare(view, camera, photograph, pixels, rows);
+        let pixels = pixel_rule(full_coverage, rule);
+        let compared = comparers.compare(splats, view, photograph, pixels);
         let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
-        let outcome = noise::judge(noise, compared.squared_error, compared.pixels);
+        let outcome =
+            noise::judge(noise, compared.squared_error, compared.pixels, view.contradicts_from);
         let deviation = rule.noise * noise::usual(noise);
         let mut seen = compared.seen(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {

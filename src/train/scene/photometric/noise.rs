@@ -12,21 +12,45 @@ const FIRST: f64 = 0.1;
 /// Least difference, colour units: half a level of 8 bits.
 const LEAST: f64 = 0.002;
 /// Frames after which the running mean says what is usual.
-const SETTLED: f64 = 8.0;
-/// Times the usual mean square from which on a photograph contradicts the scene.
-const CONTRADICTION: f64 = 6.0;
+pub const SETTLED: f64 = 8.0;
+/// Times the usual mean square from which on a frame contradicts the scene: of frames as they come, and of
+/// photographs drawn at random, whose differences no trend widens.
+pub const CONTRADICTION: f64 = 6.0;
+pub const DRAWN_CONTRADICTION: f64 = 4.0;
 /// Times the usual share of surfaces seen through from which on a frame's depth contradicts the scene,
 /// and the least such share.
 const SEEN_THROUGH: [f64; 2] = [4.0, 0.2];
 
-/// Judges a frame by its squared difference over so many pixels of three channels, and takes it into the
-/// running mean square and its weight, `noise`. `None` without pixels.
-pub fn judge(noise: &mut [f64; 2], squared_error: f64, pixels: f64) -> Option<PhotographOutcome> {
-    if !(pixels > 0.0 && squared_error.is_finite()) {
-        return None;
+/// Mean squared difference over so many pixels of three channels; `None` without pixels.
+pub fn difference(squared_error: f64, pixels: f64) -> Option<f64> {
+    (pixels > 0.0 && squared_error.is_finite()).then(|| squared_error / (3.0 * pixels))
+}
+
+/// Whether anything was judged yet.
+pub fn is_known(noise: &[f64; 2]) -> bool {
+    noise[1] > 0.0
+}
+
+/// Begins with the median of what a few photographs differ by, which some of them that contradict the scene
+/// do not change.
+pub fn begin(noise: &mut [f64; 2], mut differences: Vec<f64>) {
+    differences.sort_unstable_by(f64::total_cmp);
+    if let Some(&median) = differences.get(differences.len() / 2) {
+        *noise = [median, SETTLED];
     }
-    let (of_frame, usual) = (squared_error / (3.0 * pixels), usual(noise));
-    let contradicts = take(noise, of_frame, CONTRADICTION * usual * usual);
+}
+
+/// Judges a frame by its squared difference over so many pixels of three channels, and takes it into the
+/// running mean square and its weight, `noise`. It contradicts from `most` times what is usual on. `None`
+/// without pixels.
+pub fn judge(
+    noise: &mut [f64; 2],
+    squared_error: f64,
+    pixels: f64,
+    most: f64,
+) -> Option<PhotographOutcome> {
+    let (of_frame, usual) = (difference(squared_error, pixels)?, usual(noise));
+    let contradicts = take(noise, of_frame, most * usual * usual);
     let contradiction = contradicts.then_some(Contradiction::Picture);
     Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradiction })
 }
@@ -38,7 +62,7 @@ pub fn judge_points(
     agreement: &FrameAgreement,
 ) -> Option<PhotographOutcome> {
     let FrameAgreement { squared_error, points, in_view, seen_through } = *agreement;
-    let colors = judge(&mut state.points, squared_error, points)
+    let colors = judge(&mut state.points, squared_error, points, CONTRADICTION)
         .filter(|outcome| outcome.contradiction.is_some())
         .map(|outcome| PhotographOutcome { contradiction: Some(Contradiction::Colors), ..outcome });
     let usual = state.seen_through[0];
@@ -75,7 +99,7 @@ mod tests {
     fn a_contradiction_is_told_until_it_is_the_rule() {
         let mut noise = [0.0, 0.0];
         let mut judge = |difference: f64| {
-            judge(&mut noise, 300.0 * difference * difference, 100.0)
+            judge(&mut noise, 300.0 * difference * difference, 100.0, CONTRADICTION)
                 .unwrap()
                 .contradiction
                 .is_some()
@@ -88,10 +112,25 @@ mod tests {
     }
 
     #[test]
+    fn a_few_that_differ_do_not_change_what_is_usual_at_first() {
+        let mut noise = [0.0, 0.0];
+        begin(&mut noise, Vec::new());
+        assert!(!is_known(&noise));
+        begin(&mut noise, vec![0.09, 0.0024, 0.0026, 0.0025, 0.08, 0.0025, 0.07, 0.0025]);
+        assert!(is_known(&noise) && (usual(&noise) - 0.05).abs() < 0.002, "{noise:?}");
+        assert!(
+            judge(&mut noise, 27.0, 100.0, DRAWN_CONTRADICTION).unwrap().contradiction.is_some()
+        );
+        assert!(
+            judge(&mut noise, 0.8, 100.0, DRAWN_CONTRADICTION).unwrap().contradiction.is_none()
+        );
+    }
+
+    #[test]
     fn nothing_to_compare_says_nothing() {
         let mut noise = [0.01, 3.0];
-        assert!(judge(&mut noise, 0.0, 0.0).is_none());
-        assert!(judge(&mut noise, f64::NAN, 5.0).is_none());
+        assert!(judge(&mut noise, 0.0, 0.0, CONTRADICTION).is_none());
+        assert!(judge(&mut noise, f64::NAN, 5.0, CONTRADICTION).is_none());
         assert_eq!(noise, [0.01, 3.0]);
         assert_eq!(usual(&[0.0, 0.0]), FIRST);
     }

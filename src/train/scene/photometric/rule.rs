@@ -8,6 +8,11 @@ use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use strum::{Display, EnumString, VariantNames};
 
+/// Photographs that a user may let wait at most.
+pub const MAX_WAITING: usize = 1000;
+/// Bytes of photographs that wait at most.
+const MOST_WAITING_BYTES: usize = 64_000_000;
+
 /// Pixels that are learnt of a frame where rows are left out at all: photographs of phones have millions.
 const MOST_PIXELS: usize = 100_000;
 
@@ -36,9 +41,12 @@ pub struct PhotometricRule {
     #[serde(default = "every_row")]
     pub rows: u32,
     /// Points of a component up to which its splat begins anew with every frame: what few of them say of
-    /// a surface is no place to start from.
+    /// a surface is no place to start from. Splats that no photograph has taught yet do so anyway.
     #[serde(default)]
     pub young: f64,
+    /// Photographs that wait at most; out of them one is drawn at random for every one that comes.
+    #[serde(default)]
+    pub shuffle_buffer: usize,
     /// Standard deviations of the prior.
     pub prior: PriorDeviations,
     /// Largest opacity that a step leaves.
@@ -104,6 +112,17 @@ impl PhotometricRule {
         }
     }
 
+    /// How many photographs of so many bytes may wait.
+    pub fn most_waiting(&self, bytes: usize) -> usize {
+        self.shuffle_buffer.min(MOST_WAITING_BYTES / bytes.max(1))
+    }
+
+    /// Bytes of photographs of so many pixels that wait at most.
+    pub fn waiting_bytes(&self, pixels: usize) -> usize {
+        let of_one = pixels / self.rows_of(pixels) as usize * size_of::<[u8; 4]>();
+        of_one * self.most_waiting(of_one)
+    }
+
     /// What two cores can afford live.
     pub const LIGHT: Self = Self { rows: 4, ..Self::DEFAULT };
 
@@ -118,6 +137,7 @@ impl PhotometricRule {
         trust: 0.2,
         rows: 1,
         young: 40.0,
+        shuffle_buffer: 60,
         prior: PriorDeviations {
             mean: 0.5,
             scale: 0.26,

@@ -252,7 +252,6 @@ fn largest(splat: &Splat) -> f64 {
 /// Precision of what points say of a splat's form and colour, parameter by parameter.
 pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f64; N_COLOR]) {
     let extent = largest(splat);
-    let per = |deviation: f64| 1.0 / (deviation * deviation);
     let (mean, scale, turn) = (per(prior.mean * extent), per(prior.scale), per(prior.turn));
     let directional = per(prior.directional.max(HELD));
     let gradient = per(prior.gradient.max(HELD) / extent);
@@ -260,6 +259,16 @@ pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM]
     let color =
         [per(prior.color), directional, directional, directional, gradient, gradient, gradient];
     (form, color)
+}
+
+/// Whether photographs have added to a colour's precision.
+pub fn is_taught(color: &[f32; N_COLOR_PRECISION], prior: &PriorDeviations) -> bool {
+    color[0] != per(prior.color) as f32
+}
+
+/// Precision of a standard deviation.
+fn per(deviation: f64) -> f64 {
+    1.0 / (deviation * deviation)
 }
 
 fn diagonal<const N: usize, const P: usize>(values: &[f64; N]) -> [f32; P] {

@@ -26,6 +26,7 @@ use super::seed_positions::SeedPositions;
 use super::spacing::Spacing;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
+use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{SplatContext, SplatRule};
 use crate::model::scene::state::{SceneState, WHOLE, seed_order};
 use crate::model::scene::sums::SceneSums;
@@ -38,7 +39,7 @@ use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
 use crate::train::learner::Learner;
-use crate::train::outcome::FrameOutcome;
+use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
@@ -92,6 +93,10 @@ pub struct SceneTrainer<W> {
     moved: Vec<SurfacePoint>,
     /// What photographs taught, while splats learn from them.
     photometric: PhotometricLearner,
+    /// The same once those have taught as well that wait; until the next frame.
+    settled: Option<PhotometricState>,
+    /// What the last frame was compared with, or what settled since.
+    compared: Vec<ComparedPhotograph>,
 }
 
 impl<W: SumScalar> SceneTrainer<W> {
@@ -126,6 +131,8 @@ impl<W: SumScalar> SceneTrainer<W> {
             trajectory: Vec::new(),
             moved: Vec::new(),
             photometric: PhotometricLearner::default(),
+            settled: None,
+            compared: Vec::new(),
         }
     }
 
@@ -159,6 +166,10 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// The scene as it stands, its components in their stored order.
     pub fn state(&self) -> SceneState {
+        self.state_with(self.photometric.state())
+    }
+
+    fn state_with(&self, photometric: &PhotometricState) -> SceneState {
         let order = self.stored_order();
         let (sums, visibility) = self.component_sums.state(&order);
         let components = self.components.shared().map(<[u32]>::to_vec);
@@ -167,8 +178,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             None => order.iter().map(|&id| self.grid.position(id as usize)).collect(),
         };
         let (exposures, poses) = (self.exposures.clone(), self.poses.clone());
-        let photometric = self.config.photometric.is_some();
-        let photometric = photometric.then(|| self.photometric.state().listed(&order));
+        let photometric = self.config.photometric.map(|_| photometric.listed(&order));
         SceneState {
             origin: self.origin.to_array(),
             coarsened: self.coarsened,
@@ -197,6 +207,13 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Learns from one frame, whole: nothing in it can fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
+        let was_settled = self.unsettle();
+        let outcome = self.learn_frame(frame);
+        self.has_changed_all |= was_settled;
+        outcome
+    }
+
+    fn learn_frame(&mut self, frame: &Observation) -> FrameOutcome {
         let wall = Stopwatch::start();
         let mut ms = StageMs::new(&SCENE_STAGES);
         let mut clock = Stopwatch::start();
@@ -214,13 +231,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         lap(&mut ms, SceneStage::Pose);
         self.assign(points);
         let gain = self.gain(points, frame.point_weight);
-        let photograph = self.contradiction(frame, &camera, points, gain);
+        let contradicts = self.contradicts(frame, &camera, points, gain);
         lap(&mut ms, SceneStage::Assign);
-        if photograph.is_some() {
+        if contradicts {
             self.moved = moved.unwrap_or_default();
-            self.pass_over();
+            self.touched.clear();
+            self.count_frame();
             ms.train = wall.elapsed_ms();
-            return FrameOutcome { photograph, tracking, ms, ..FrameOutcome::default() };
+            return FrameOutcome { tracking, ms, ..FrameOutcome::default() };
         }
         let coarsened = self.coarsened;
         let [born, merged] = self.bear(points, |stage| lap(&mut ms, stage));
@@ -236,13 +254,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
-        let photograph = self.learn_photograph(frame, &camera, gain);
+        self.learn_photograph(frame, &camera, gain);
         lap(&mut ms, SceneStage::Photometric);
         self.log(frame, &camera, gain);
         self.moved = moved.unwrap_or_default();
-        self.frames += 1;
+        self.count_frame();
         // Looks, merging and another scale change components without points as well.
-        self.has_changed_all = is_rebuilt || self.frames.is_multiple_of(EVERYTHING_EVERY);
+        self.has_changed_all |= is_rebuilt;
         ms.train = wall.elapsed_ms();
         FrameOutcome {
             points: n_points,
@@ -251,7 +269,6 @@ impl<W: SumScalar> SceneTrainer<W> {
             born,
             reassigned: 0,
             merged,
-            photograph,
             tracking,
             ms,
         }
@@ -385,6 +402,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Draws components by another rule from now on.
     pub fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.splat_rule = rule;
+        self.settled = None;
     }
 
     /// The scene of a lattice that exceeds its budget, merged until it holds it; what cannot be merged
@@ -395,7 +413,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             return None;
         }
         // In stored order, that of the lattice: the order of births is that of the frames.
-        let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
+        let mut merged = Self::restore(&self.config, self.state_with(self.shown()), self.frames)?;
         merged.merge_to(most);
         for id in merged.component_sums.keep_fullest(most) {
             merged.photometric.forget(id as usize);

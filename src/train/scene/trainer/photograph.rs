@@ -3,11 +3,16 @@
 
 use super::{EVERYTHING_EVERY, SceneTrainer};
 use crate::math::camera::Camera;
+use crate::model::scene::photometric::PhotometricState;
+use crate::model::scene::waiting::PhotographView;
 use crate::observation::surface::{Observation, SurfacePoint};
+use crate::render::cpu::photometric::RowChoice;
 use crate::render::following_near;
-use crate::train::outcome::{FrameOutcome, PhotographOutcome};
+use crate::train::outcome::{ComparedPhotograph, FrameOutcome, PhotographOutcome};
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::photometric::agreement::FrameBesideScene;
+use crate::train::scene::photometric::waiting::packed;
+use crate::train::scene::photometric::{CONTRADICTION, LearntView};
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
@@ -30,6 +35,7 @@ fn nearest(points: &[SurfacePoint]) -> f64 {
 impl<W: SumScalar> SceneTrainer<W> {
     /// Learns from the photograph of a frame whose points are known, unless it contradicts the scene.
     pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
+        let was_settled = self.unsettle();
         let wall = Stopwatch::start();
         let mut ms = StageMs::new(&SCENE_STAGES);
         let mut clock = Stopwatch::start();
@@ -38,29 +44,32 @@ impl<W: SumScalar> SceneTrainer<W> {
         ms.add(SceneStage::Pose as usize, clock.lap_ms());
         self.assign(points);
         let gain = self.gain(points, frame.point_weight);
-        let contradiction = self.contradiction(frame, &camera, points, gain);
+        let contradicts = self.contradicts(frame, &camera, points, gain);
         ms.add(SceneStage::Assign as usize, clock.lap_ms());
-        self.pass_over();
-        let photograph = match contradiction {
-            None => self.learn_photograph(frame, &camera, gain),
-            contradiction => contradiction,
-        };
+        self.touched.clear();
+        if !contradicts {
+            self.learn_photograph(frame, &camera, gain);
+        }
+        self.count_frame();
+        self.has_changed_all |= was_settled;
         ms.add(SceneStage::Photometric as usize, clock.lap_ms());
         self.moved = moved.unwrap_or_default();
         ms.train = wall.elapsed_ms();
-        FrameOutcome { photograph, ms, ..FrameOutcome::default() }
+        FrameOutcome { ms, ..FrameOutcome::default() }
     }
 
     /// Whether a frame's points contradict the scene, asked only where photographs are learnt: without
     /// them scenes keep the bits that they had before frames were judged.
-    pub(super) fn contradiction(
+    pub(super) fn contradicts(
         &mut self,
         frame: &Observation,
         camera: &Camera,
         points: &[SurfacePoint],
         gain: [f32; 3],
-    ) -> Option<PhotographOutcome> {
-        self.config.photometric?;
+    ) -> bool {
+        if self.config.photometric.is_none() {
+            return false;
+        }
         let comparison = FrameBesideScene {
             component_sums: &self.component_sums,
             seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
@@ -71,40 +80,84 @@ impl<W: SumScalar> SceneTrainer<W> {
             owners: &self.owners,
             gain,
         };
-        let agreement = comparison.agreement();
-        self.photometric.judge(&agreement)
+        let outcome = self.photometric.judge(&comparison.agreement());
+        self.compared.extend(outcome.map(|outcome| self.of_this_frame(outcome)));
+        outcome.is_some()
     }
 
-    /// Counts a frame of whose points nothing is learnt.
-    pub(super) fn pass_over(&mut self) {
+    fn of_this_frame(&self, outcome: PhotographOutcome) -> ComparedPhotograph {
+        ComparedPhotograph { frame: self.frames, outcome }
+    }
+
+    /// Counts a frame that was learnt, or passed over.
+    pub(super) fn count_frame(&mut self) {
         self.frames += 1;
-        self.touched.clear();
         self.has_changed_all = self.frames.is_multiple_of(EVERYTHING_EVERY);
     }
 
-    /// The step that the frame's photograph asks of the splats.
+    /// Gives new components splats that photographs can teach, and takes the step that the frame's
+    /// photograph asks of the splats, or one that has waited; where photographs wait, the frame's does.
     pub(super) fn learn_photograph(
         &mut self,
         frame: &Observation,
         camera: &Camera,
         gain: [f32; 3],
-    ) -> Option<PhotographOutcome> {
-        let (rule, photograph) = (self.config.photometric_rule()?, frame.photograph.as_ref()?);
+    ) {
+        let Some(rule) = self.config.photometric_rule() else { return };
+        let Some(photograph) = &frame.photograph else { return };
         // Taken out meanwhile: new splats are made of the sums that stay behind.
         let mut photometric = std::mem::take(&mut self.photometric);
         let splat = |id| self.splat_of_points(id);
         let points = |id| self.component_sums.plane_sums(id).0;
         photometric.begin(self.component_sums.len(), &self.touched, &rule, points, splat);
         let full_coverage = self.config.splat_rule.full_coverage as f32;
-        let exposed = photograph.exposed(gain);
-        let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
         let camera = photograph.camera(&camera.pose);
-        photometric.set_near(following_near(nearest(&frame.points)));
-        let (changed, outcome) = photometric.learn(&camera, pixels, full_coverage, &rule);
+        let near = following_near(nearest(&frame.points));
+        let every = rule.rows_of(photograph.pixels.data.len());
+        let rows = RowChoice::new(every, self.frames);
+        let (changed, compared) = if rule.shuffle_buffer == 0 {
+            let exposed = photograph.exposed(gain);
+            let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
+            let view = LearntView { camera, near, rows, contradicts_from: CONTRADICTION };
+            let (changed, outcome) = photometric.learn(&view, pixels, full_coverage, &rule);
+            (changed, outcome.map(|outcome| self.of_this_frame(outcome)))
+        } else {
+            let rows = [rows.every(), rows.first()];
+            let view = PhotographView::new(self.frames, &camera, gain, near, rows);
+            let waiting = packed(view, &photograph.pixels);
+            let most = rule.most_waiting(size_of_val(&waiting.pixels[..]));
+            photometric.put_off(waiting);
+            photometric.learn_one_beyond(most, full_coverage, &rule)
+        };
         self.photometric = photometric;
+        self.compared.extend(compared);
         self.touched.extend(changed);
         self.touched.sort_unstable();
         self.touched.dedup();
-        outcome
+    }
+
+    /// Draws what photographs have taught so far: those that wait have not. Whether these were drawn.
+    pub(super) fn unsettle(&mut self) -> bool {
+        self.compared.clear();
+        self.settled.take().is_some()
+    }
+
+    /// Draws what photographs will have taught once none waits any more. Whether any does.
+    pub(super) fn settle_photographs(&mut self) -> bool {
+        let Some(rule) = self.config.photometric_rule() else { return false };
+        if self.settled.is_some() || self.photometric.state().waiting.is_empty() {
+            return false;
+        }
+        let full_coverage = self.config.splat_rule.full_coverage as f32;
+        let (settled, compared) = self.photometric.settled(full_coverage, &rule);
+        self.settled = Some(settled);
+        self.compared = compared;
+        self.has_changed_all = true;
+        true
+    }
+
+    /// What photographs taught, as it is drawn.
+    pub(super) fn shown(&self) -> &PhotometricState {
+        self.settled.as_ref().unwrap_or_else(|| self.photometric.state())
     }
 }

@@ -14,7 +14,7 @@ use crate::train::comparer_use::ComparerUse;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::{Changed, Learner, Learns};
-use crate::train::outcome::FrameOutcome;
+use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::learner::SceneLearner;
 use crate::train::stages::{SCENE_STAGES, TrainStage};
@@ -82,7 +82,15 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn photographed(&self, id: usize) -> Option<PhotometricDeviations> {
-        PhotometricDeviations::of(self.photometric.state(), id)
+        PhotometricDeviations::of(self.shown(), id)
+    }
+
+    fn compared(&self) -> &[ComparedPhotograph] {
+        &self.compared
+    }
+
+    fn settle(&mut self) -> bool {
+        self.settle_photographs()
     }
 
     fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
@@ -98,7 +106,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.photometric.splat(id).unwrap_or_else(|| self.splat_of_points(id))
+        self.shown().splat(id).unwrap_or_else(|| self.splat_of_points(id))
     }
 
     /// Of a lattice that exceeds its budget, more than [`Self::stored_splats`] has: merged components

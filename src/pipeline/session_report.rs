@@ -1,0 +1,49 @@
+//! What a session says of itself in figures.
+
+use super::run::RunConfig;
+use super::session::Session;
+use crate::eval::machine;
+use crate::eval::report::{DatasetReport, EvalReport, REPORT_FORMAT, Report, Summary};
+
+impl Session {
+    /// Components that are drawn.
+    fn drawn(&self) -> usize {
+        self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+    }
+
+    /// The report so far; `adapter` names the graphics adapter that draws, if any.
+    pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
+        let (dataset, plan, past) = (self.dataset(), self.plan(), self.past());
+        let split = &dataset.splits[plan.split];
+        let first = plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
+        let path = dataset.path.as_ref();
+        Report {
+            format: REPORT_FORMAT,
+            dataset: DatasetReport {
+                path: path.map_or_else(|| dataset.name.clone(), |p| p.display().to_string()),
+                layout: dataset.layout.name().to_owned(),
+                split: split.name.clone(),
+                frames: plan.frames.len(),
+                width: first.map_or(0, |k| k.width),
+                height: first.map_or(0, |k| k.height),
+            },
+            config: self.config().clone(),
+            machine: machine::describe(adapter),
+            frames: past.frames.clone(),
+            skipped: past.skipped.clone(),
+            summary: Summary {
+                components: self.learner().components(),
+                used: self.learner().used(),
+                drawn: self.drawn(),
+                model_bytes: self.learner().model_bytes(),
+                peak_rss_bytes: machine::peak_rss_bytes(),
+                ..Summary::of_frames(&past.frames, past.wall_s)
+            },
+            eval,
+            seen: Vec::new(),
+            tracking: None,
+            comparer: self.learner().comparer_use(),
+            passes: self.learner().pass_use(),
+        }
+    }
+}
