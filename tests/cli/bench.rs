@@ -60,7 +60,7 @@ fn recordings_are_judged_from_recorded_and_aligned_poses() {
     assert!(run.stdout.contains("energy by octave"), "{}", run.stdout);
     let json = scratch.json("found/real.json");
     let (row, orders) = (&json["rows"][0], json["summary"]["orders"].as_array().unwrap());
-    assert_eq!((row["frames"].as_u64(), orders.len()), (Some(3), 2));
+    assert_eq!((row["frames"].as_u64(), orders.len()), (Some(8), 2));
     let of = |row: &serde_json::Value, name: &str| row[name].as_f64().unwrap();
     for name in ["psnr", "corrected_psnr", "pose_aligned_psnr", "energy_1", "correlation_4"] {
         let median = 0.5 * (of(&orders[0], name) + of(&orders[1], name));
