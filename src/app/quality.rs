@@ -156,8 +156,9 @@ impl QualityMonitor {
     ) {
         let Some(opened) = &snapshot.opened else { return };
         self.turn_to(opened, method);
-        if snapshot.settled && !self.settled {
-            // As many frames as before, and another scene.
+        // At rest, or by a frame that could not be placed: as many frames as before, and another scene.
+        let is_other = snapshot.settled || self.measured_at == Some(snapshot.frames_done);
+        if snapshot.settled != self.settled && is_other {
             self.measured_at = None;
             self.retention.measure_again();
         }

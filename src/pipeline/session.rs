@@ -71,7 +71,6 @@ pub struct Session {
     past: Past,
     /// Of frames that contradict the scene, not yet told.
     doubts: Vec<String>,
-    is_settled: bool,
     started: Instant,
     /// Seconds spent before `started`.
     wall_before_s: f64,
@@ -123,7 +122,6 @@ impl Session {
             is_followed: false,
             past,
             doubts: Vec::new(),
-            is_settled: false,
             started,
             wall_before_s,
         })
@@ -272,7 +270,6 @@ impl Session {
         points_dropped: usize,
         ms: FrameMs,
     ) -> FrameReport {
-        self.is_settled = false;
         let behind_ms = self.is_followed.then(|| self.behind_ms(position)).flatten();
         self.forgive(&frame);
         let learner = self.frames.learner();
@@ -317,7 +314,7 @@ impl Session {
 
     /// Whether the scene is drawn as [`Self::settle`] says.
     pub fn is_settled(&self) -> bool {
-        self.is_settled
+        self.learner().is_settled()
     }
 
     /// Draws the scene as it will be once no photograph waits any more to be learnt, until the next frame.
@@ -325,7 +322,6 @@ impl Session {
     pub fn settle(&mut self) -> bool {
         let changes = self.learner_mut().settle();
         if changes {
-            self.is_settled = true;
             self.take_compared();
             self.look_at_the_clock();
         }

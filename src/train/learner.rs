@@ -61,6 +61,11 @@ pub trait Learner: Send + Sync {
         false
     }
 
+    /// Whether the scene is drawn as [`Self::settle`] says.
+    fn is_settled(&self) -> bool {
+        false
+    }
+
     /// What photographs leave uncertain of a component's splat; `None` where they teach nothing.
     fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {
         None

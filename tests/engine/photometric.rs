@@ -166,6 +166,7 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
         assert!(matches!(session.step().unwrap(), Step::Trained(_)));
     }
     assert!(session.stored_splats() == resumed.stored_splats());
+        assert!(!session.is_settled());
     assert!(session.checkpoint().unwrap().model == resumed.checkpoint().unwrap().model);
 }
 

@@ -121,9 +121,13 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     let mut session = session(images.to.path(), images.n);
     loop {
         let before = session.learner().stored();
+        let was_drawn = session.stored_splats();
+        // As at rest, or for a file on the way.
+        assert_eq!(session.settle(), session.learner().frames() > 0);
         match session.step().unwrap() {
             Step::Skipped(skipped) => {
                 assert!(session.learner().stored() == before, "{skipped:?}");
+                assert!(!session.is_settled() && session.stored_splats() == was_drawn);
                 assert!(skipped.message.contains(&skipped.frame), "{skipped:?}");
             }
             Step::Trained(frame) => assert!(frame.tracked.is_some()),

@@ -22,6 +22,7 @@ impl WorkerThread {
     pub(super) fn step(&mut self) -> bool {
         let Some(Content::Session(session)) = &mut self.content else { return true };
         let started = Instant::now();
+        let was_settled = session.is_settled();
         let at_frame = self.shared.step.begin();
         let step = session.step_within(PATIENCE);
         drop(at_frame);
@@ -44,6 +45,10 @@ impl WorkerThread {
                 match learner.changed() {
                     Changed::Listed(ids) => self.dirty.mark(ids),
                     Changed::All => self.dirty.mark_all(learner.components()),
+                if was_settled && !session.is_settled() {
+                    // A frame that could not be placed: what waits to be learnt is drawn no more.
+                    self.dirty.mark_all(session.learner().components());
+                }
                 }
                 self.snapshot.trained_s += started.elapsed().as_secs_f64();
                 self.learned();

@@ -27,7 +27,7 @@ use super::spacing::Spacing;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::splat_rule::{SplatContext, SplatRule};
+use crate::model::scene::splat_rule::SplatContext;
 use crate::model::scene::state::{SceneState, WHOLE, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::scene::trajectory::TrackedPose;
@@ -397,12 +397,6 @@ impl<W: SumScalar> SceneTrainer<W> {
     fn seed(&self, id: usize) -> DVec3 {
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         DVec3::from_array(seed_positions.of(id).map(f64::from))
-    }
-
-    /// Draws components by another rule from now on.
-    pub fn set_splat_rule(&mut self, rule: SplatRule) {
-        self.config.splat_rule = rule;
-        self.settled = None;
     }
 
     /// The scene of a lattice that exceeds its budget, merged until it holds it; what cannot be merged

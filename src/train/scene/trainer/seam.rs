@@ -35,6 +35,8 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
 impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
     fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.splat_rule = rule;
+        // Learnt from pictures that the rule before drew.
+        self.settled = None;
     }
 }
 
@@ -91,6 +93,10 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
 
     fn settle(&mut self) -> bool {
         self.settle_photographs()
+    }
+
+    fn is_settled(&self) -> bool {
+        self.settled.is_some()
     }
 
     fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
