@@ -20,7 +20,6 @@ use crate::eval::views::EvalOptions;
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::settings::method::Method;
 use crate::render::{RenderMethod, RenderOptions};
-use crate::train::setting::Preset;
 use eframe::egui::Context;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -317,10 +316,7 @@ impl QualityMonitor {
             purpose,
             views,
             options,
-            near_rule: match opened.method.as_ref().map(Method::preset) {
-                Some(Preset::Paper) => NearRule::Published,
-                _ => NearRule::Following,
-            },
+            near_rule: NearRule::of(opened.method.as_ref().map(Method::preset)),
             at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
             settled: snapshot.settled,
         };

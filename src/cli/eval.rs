@@ -10,9 +10,10 @@ use serde::Serialize;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::splits::HOLD_OUT_EVERY;
 use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::eval::near::NearRule;
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
+use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::render::Lens;
-use vbgs_studio::train::setting::Preset;
 
 #[derive(Serialize)]
 struct EvalOutput {
@@ -46,7 +47,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     }
     let comparison = QualityRequest {
         args: &args.comparison,
-        is_paper: model.method.as_ref().is_some_and(|method| method.preset() == Preset::Paper),
+        near_rule: NearRule::of(model.method.as_ref().map(Method::preset)),
         color_camera,
         methods: &methods,
         learnt,

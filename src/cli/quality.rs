@@ -21,8 +21,8 @@ use vbgs_studio::render::{RenderMethod, RenderOptions};
 pub struct QualityRequest<'a> {
     /// Ground truth, background, partial coverage and exposure, as typed.
     pub args: &'a ComparisonArgs,
-    /// Whether the model is of the `paper` preset, whose near plane is the published one.
-    pub is_paper: bool,
+    /// The near plane of views, where none is typed.
+    pub near_rule: NearRule,
     /// The camera that took the photographs, if not the one that measured depth.
     pub color_camera: Option<ColorCamera>,
     /// Renderers, one after the other.
@@ -83,11 +83,10 @@ pub fn seen(
 impl QualityRequest<'_> {
     /// The near plane of all views, world units.
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
-        let rule = if self.is_paper { NearRule::Published } else { NearRule::Following };
         self.args.near.unwrap_or_else(|| {
             let frames = &dataset.splits[split].frames;
             let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
-            near_plane(splats, &cameras, rule)
+            near_plane(splats, &cameras, self.near_rule)
         })
     }
 

@@ -20,9 +20,9 @@ use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::framing::{Framing, framing};
+use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
-use vbgs_studio::train::setting::Preset;
 
 /// Elevation of views that do not say otherwise, degrees.
 const DEFAULT_ELEVATION: f64 = 25.0;
@@ -168,9 +168,8 @@ fn render_view(
             args.view
         )));
     };
-    let is_paper = model.method.as_ref().is_some_and(|method| method.preset() == Preset::Paper);
     let cameras: Vec<Camera> = split.frames.iter().map(|frame| frame.camera).collect();
-    let rule = if is_paper { NearRule::Published } else { NearRule::Following };
+    let rule = NearRule::of(model.method.as_ref().map(Method::preset));
     let near = near_plane(painter.splats, &cameras, rule);
     let options = |method| {
         // Not as the viewport draws: this is the picture that `eval` scores.

@@ -20,6 +20,7 @@ use vbgs_studio::dataset::wild_poses::wild_poses;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::memory::with_measuring;
+use vbgs_studio::eval::near::NearRule;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
@@ -34,7 +35,6 @@ use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::{Lens, RenderMethod};
-use vbgs_studio::train::setting::Preset;
 
 /// Trains as asked; after Ctrl-C and the like the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
@@ -377,7 +377,7 @@ fn measure(
     let (dataset, plan) = (session.dataset(), session.plan());
     let comparison = &QualityRequest {
         args: &args.comparison,
-        is_paper: session.config().method.preset() == Preset::Paper,
+        near_rule: NearRule::of(Some(session.config().method.preset())),
         color_camera: session.config().method.any().color_camera(),
         methods,
         learnt: Some((plan.split, &plan.frames[..session.visited()])),

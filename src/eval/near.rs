@@ -3,6 +3,7 @@
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatView;
 use crate::render::{EVALUATION_NEAR, following_near};
+use crate::train::setting::Preset;
 use glam::DVec3;
 
 /// Views and splats looked at, evenly spaced.
@@ -19,6 +20,16 @@ pub enum NearRule {
     /// [`EVALUATION_NEAR`] as published, unless half of the splats in the pictures lie so near that the
     /// world's unit cannot be meant: then [`following_near`] of the depth that half of them are beyond.
     Published,
+}
+
+impl NearRule {
+    /// The rule for models of a preset; those of which none is known are nobody's published ones.
+    pub fn of(preset: Option<Preset>) -> Self {
+        match preset {
+            Some(Preset::Paper) => Self::Published,
+            Some(Preset::Scene) | None => Self::Following,
+        }
+    }
 }
 
 /// Near plane for views by these cameras, world units; [`EVALUATION_NEAR`] where they show no splats.
