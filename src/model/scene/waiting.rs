@@ -4,10 +4,14 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::{Pose, PoseError};
 use bytemuck::{Pod, Zeroable};
 use glam::DMat4;
+use std::fmt::{self, Display, Formatter};
+use std::sync::Arc;
 
 /// Rows of which at most one is kept, and columns and rows of an image at most.
 const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
+/// Frames at most: all whole numbers up to here are told apart.
+const MOST_FRAMES: f64 = (1u64 << 53) as f64;
 /// Level of a coverage that is not known; all others are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
@@ -57,47 +61,75 @@ impl PhotographView {
     }
 
     /// Rows that are kept, from the top.
-    pub fn kept_rows(&self) -> impl Iterator<Item = usize> + use<> {
+    pub fn kept_rows(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
         let [every, first] = self.rows.map(|n| n as usize);
         (first..self.size[1] as usize).step_by(every.max(1))
     }
 
     /// Pixels that are kept.
     pub fn n_pixels(&self) -> usize {
-        let [every, first] = self.rows.map(|n| n as usize);
-        let [width, height] = self.size.map(|n| n as usize);
-        height.saturating_sub(first).div_ceil(every.max(1)).saturating_mul(width)
+        self.kept_rows().len().saturating_mul(self.size[0] as usize)
     }
 
     /// The first of its numbers that is none of a photograph's, by name, with what was expected.
     pub fn defect(&self) -> Option<(&'static str, String, f64)> {
-        let [every, first] = self.rows;
-        let is_whole = |x: f64, low: f64, high: f64| x.fract() == 0.0 && (low..=high).contains(&x);
-        let is_positive = |x: f64| x > 0.0 && x.is_finite();
-        let most = f64::from(MOST_EVERY);
-        let whole = |high: f64| format!("a whole number up to {high}");
-        let all = [
-            ("frame", self.frame, is_whole(self.frame, 0.0, 2f64.powi(53)), whole(2f64.powi(53))),
-            ("rows", every, is_whole(every, 1.0, most), whole(most)),
-            ("first row", first, is_whole(first, 0.0, every - 1.0), whole(every - 1.0)),
-            ("near", self.near, self.near >= 0.0 && self.near.is_finite(), "0 or more".to_owned()),
+        use NumberRange::{Finite, NotNegative, Positive, Whole};
+        let ([every, first], [width, height]) = (self.rows, self.size);
+        let ([red, green, blue], [fx, fy, cx, cy]) = (self.gain, self.pinhole);
+        let most_every = f64::from(MOST_EVERY);
+        let side = Whole { low: 1.0, high: f64::from(MOST_SIDE) };
+        let numbers = [
+            ("frame", self.frame, Whole { low: 0.0, high: MOST_FRAMES }),
+            ("rows", every, Whole { low: 1.0, high: most_every }),
+            ("first row", first, Whole { low: 0.0, high: every - 1.0 }),
+            ("near", self.near, NotNegative),
+            ("size", width, side),
+            ("size", height, side),
+            ("gain", red, Positive),
+            ("gain", green, Positive),
+            ("gain", blue, Positive),
+            ("focal length", fx, Positive),
+            ("focal length", fy, Positive),
+            ("centre", cx, Finite),
+            ("centre", cy, Finite),
         ];
-        let sides = self.size.map(|n| {
-            let most = f64::from(MOST_SIDE);
-            ("size", n, is_whole(n, 1.0, most), whole(most))
-        });
-        let gains = self.gain.map(|g| ("gain", g, is_positive(g), "a positive number".to_owned()));
-        let [fx, fy, cx, cy] = self.pinhole;
-        let focal =
-            [fx, fy].map(|f| ("focal length", f, is_positive(f), "a positive number".to_owned()));
-        let centre = [cx, cy].map(|c| ("centre", c, c.is_finite(), "a finite number".to_owned()));
-        let numbers = all.into_iter().chain(sides).chain(gains).chain(focal).chain(centre);
-        let no_pose = || {
-            let expected = "a rotation and a place".to_owned();
-            self.camera().is_err().then_some(("pose", expected, self.pose[0]))
-        };
-        let found = numbers.filter(|(_, _, is_sound, _)| !is_sound);
-        found.map(|(name, found, _, expected)| (name, expected, found)).next().or_else(no_pose)
+        let mut wrong = numbers.into_iter().filter(|(_, number, range)| !range.holds(*number));
+        if let Some((name, found, range)) = wrong.next() {
+            return Some((name, range.to_string(), found));
+        }
+        let is_posed = self.camera().is_ok();
+        (!is_posed).then(|| ("pose", "a rotation and a place".to_owned(), self.pose[0]))
+    }
+}
+
+/// What a number of a photograph may be.
+#[derive(Clone, Copy)]
+enum NumberRange {
+    Whole { low: f64, high: f64 },
+    NotNegative,
+    Positive,
+    Finite,
+}
+
+impl NumberRange {
+    fn holds(self, x: f64) -> bool {
+        match self {
+            Self::Whole { low, high } => x.fract() == 0.0 && (low..=high).contains(&x),
+            Self::NotNegative => x >= 0.0 && x.is_finite(),
+            Self::Positive => x > 0.0 && x.is_finite(),
+            Self::Finite => x.is_finite(),
+        }
+    }
+}
+
+impl Display for NumberRange {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole { high, .. } => write!(f, "a whole number up to {high}"),
+            Self::NotNegative => f.write_str("0 or more"),
+            Self::Positive => f.write_str("a positive number"),
+            Self::Finite => f.write_str("a finite number"),
+        }
     }
 }
 
@@ -107,8 +139,8 @@ pub struct WaitingPhotograph {
     /// Where it was taken from.
     pub view: PhotographView,
     /// Red, green and blue, sRGB-encoded in 255ths, and coverage in 254ths or [`UNKNOWN_COVERAGE`], of
-    /// the rows that are kept.
-    pub pixels: Vec<[u8; 4]>,
+    /// the rows that are kept. Shared, since they never change: copies of a scene hold no second ones.
+    pub pixels: Arc<[[u8; 4]]>,
 }
 
 #[cfg(test)]

@@ -168,29 +168,28 @@ impl PhotometricLearner {
         self.image = image;
         let (changed, outcome) = learnt.unwrap_or_default();
         let frame = drawn.view.frame as u64;
+        // Taken out meanwhile: learning from it needs all the rest.
         (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
     }
 
     /// Before the first of the photographs that wait is learnt: how far a few of them differ says what is
     /// usual, so that not even the first ones are learnt blindly.
     fn see_what_is_usual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
-        let n = self.state.waiting.len();
-        if noise::is_known(&self.state.noise) || n < noise::SETTLED as usize {
+        let Self { state, comparers, image, .. } = self;
+        let n = state.waiting.len();
+        if noise::is_known(&state.noise) || n < noise::SETTLED as usize {
             return;
         }
-        let mut image = std::mem::replace(&mut self.image, Image::filled(0, 0, [0.0; 4]));
+        let Some(splats) = SplatView::new(&state.splats, &state.appearance) else { return };
         let mut differences = Vec::new();
         for few in 0..noise::SETTLED as usize {
-            let waiting = &self.state.waiting[few * n / noise::SETTLED as usize];
-            let Some(view) = waiting::unpacked(waiting, &mut image) else { continue };
-            let splats = SplatView::new(&self.state.splats, &self.state.appearance);
-            let Some(splats) = splats else { continue };
+            let waiting = &state.waiting[few * n / noise::SETTLED as usize];
+            let Some(view) = waiting::unpacked(waiting, image) else { continue };
             let pixels = pixel_rule(full_coverage, rule);
-            let compared = self.comparers.compare(splats, &view, &image, pixels);
+            let compared = comparers.compare(splats, &view, image, pixels);
             differences.extend(noise::difference(compared.squared_error, compared.pixels));
         }
-        noise::begin(&mut self.state.noise, differences);
-        self.image = image;
+        noise::begin(&mut state.noise, differences);
     }
 
     /// Learns from a photograph, unless that contradicts the scene. Gives which splats it changed, and how
