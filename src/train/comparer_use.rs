@@ -3,7 +3,8 @@
 use super::device_trial::{DeviceMs, who_did};
 use serde::{Deserialize, Serialize};
 
-/// What photographs were compared on in this session.
+/// What photographs were compared on in this session: each that was learnt counts once, at rest those as well
+/// that have still waited.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ComparerUse {
     /// The device beside the processor, if one was to be used.

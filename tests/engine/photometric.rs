@@ -148,10 +148,12 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
         session.frames().iter().filter(|frame| frame.photograph.is_some()).count()
     };
     assert_eq!(compared(&session), 12, "eight of twenty wait");
+    let used = |session: &Session| session.learner().comparer_use().unwrap().processor_frames;
+    assert_eq!(used(&session), 12, "looks at what is usual are not learnt");
     let before = session.stored_splats();
     let model = session.checkpoint().unwrap().model;
-    assert!(session.settle() && !session.settle(), "once");
-    assert_eq!(compared(&session), 20);
+    assert!(session.settle() && !session.settle() && session.is_settled(), "once");
+    assert_eq!((compared(&session), used(&session)), (20, 20));
     assert!(session.checkpoint().unwrap().model == model, "a run goes on as if nobody had looked");
     let settled = session.stored_splats();
     assert!(settled != before);
@@ -164,9 +166,10 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
         SavedRun::read(&path).unwrap().resume(room(), &ResumeRequest::default(), false).unwrap();
     for session in [&mut session, &mut resumed] {
         assert!(matches!(session.step().unwrap(), Step::Trained(_)));
-    }
-    assert!(session.stored_splats() == resumed.stored_splats());
         assert!(!session.is_settled());
+    }
+    assert_eq!((used(&session), used(&resumed)), (13, 1));
+    assert!(session.stored_splats() == resumed.stored_splats());
     assert!(session.checkpoint().unwrap().model == resumed.checkpoint().unwrap().model);
 }
 

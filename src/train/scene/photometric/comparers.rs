@@ -31,8 +31,19 @@ pub struct Comparers {
     view: ViewBuffers,
     processor: PhotometricWalk,
     device: Option<Device>,
-    /// Frames so far; milliseconds are sums.
+    /// Photographs that were learnt so far; milliseconds are sums.
     counts: ComparerUse,
+    /// The same of those that were learnt for good, while others are learnt as well to be drawn at rest.
+    before_rest: Option<ComparerUse>,
+    /// The latest comparison, which may be a mere look.
+    latest: LatestComparison,
+}
+
+/// Who compared a photograph, and milliseconds without its step.
+#[derive(Default)]
+struct LatestComparison {
+    is_by_device: bool,
+    ms: ComparerMs,
 }
 
 struct Device {
@@ -44,6 +55,7 @@ impl Comparers {
     /// Compares on a device too from now on.
     pub fn add(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.counts = ComparerUse { device: Some(comparer.name()), ..ComparerUse::default() };
+        self.before_rest = None;
         self.device = Some(Device { comparer, trial: DeviceTrial::new(policy) });
     }
 
@@ -55,9 +67,30 @@ impl Comparers {
         ComparerUse { ms: ComparerMs { prepare, compare, step }, ..self.counts.clone() }
     }
 
-    /// Books the time of a step.
-    pub fn stepped(&mut self, ms: f64) {
-        self.counts.ms.step += ms;
+    /// Counts the latest comparison: a step of so many milliseconds was taken by it.
+    pub fn learnt(&mut self, step_ms: f64) {
+        let LatestComparison { is_by_device, ms } = std::mem::take(&mut self.latest);
+        let Self { counts, .. } = self;
+        let n = if is_by_device { &mut counts.device_frames } else { &mut counts.processor_frames };
+        *n += 1;
+        counts.ms.prepare += ms.prepare;
+        counts.ms.compare += ms.compare;
+        counts.ms.step += step_ms;
+    }
+
+    /// What is learnt from here on is drawn at rest, and learnt again once training goes on.
+    pub fn come_to_rest(&mut self) {
+        self.go_on();
+        self.before_rest = Some(self.counts.clone());
+    }
+
+    /// Counts what was learnt at rest no more.
+    pub fn go_on(&mut self) {
+        if let Some(before) = self.before_rest.take() {
+            // What became of the device meanwhile stays as it is.
+            let (trial, given_up) = (self.counts.trial, self.counts.given_up.take());
+            self.counts = ComparerUse { trial, given_up, ..before };
+        }
     }
 
     /// See [`PhotometricComparer::compare`].
@@ -73,10 +106,10 @@ impl Comparers {
         if self.counts.given_up.is_some() {
             self.device = None;
         }
-        let Self { view, processor, device, counts } = self;
+        let Self { view, processor, device, counts, latest, .. } = self;
         let mut clock = Stopwatch::start();
         let view = view.prepare(splats, &camera, photograph.height);
-        counts.ms.prepare += clock.lap_ms();
+        let prepare = clock.lap_ms();
         let turn =
             device.as_mut().map_or(Turn::Processor, |device| device.trial.turn(view.n_drawn()));
         let by_device = match device {
@@ -86,8 +119,8 @@ impl Comparers {
                 let (is_there, ms) = (note(answer, counts).is_some(), clock.lap_ms());
                 let compared = processor.walk(&view, photograph, rule, rows);
                 let processor_ms = clock.lap_ms();
-                counts.ms.compare += ms + processor_ms;
-                counts.processor_frames += 1;
+                let ms_of_both = ComparerMs { prepare, compare: ms + processor_ms, step: 0.0 };
+                *latest = LatestComparison { is_by_device: false, ms: ms_of_both };
                 if is_there {
                     trial.measured(processor_ms, ms);
                     counts.trial = trial.medians;
@@ -99,12 +132,10 @@ impl Comparers {
             }
             _ => None,
         };
-        let (count, compared) = match by_device {
-            Some(compared) => (&mut counts.device_frames, compared),
-            None => (&mut counts.processor_frames, processor.walk(&view, photograph, rule, rows)),
-        };
-        *count += 1;
-        counts.ms.compare += clock.lap_ms();
+        let is_by_device = by_device.is_some();
+        let compared = by_device.unwrap_or_else(|| processor.walk(&view, photograph, rule, rows));
+        let ms = ComparerMs { prepare, compare: clock.lap_ms(), step: 0.0 };
+        *latest = LatestComparison { is_by_device, ms };
         compared
     }
 }
@@ -165,7 +196,15 @@ mod tests {
         let splats = [splat];
         let Some(view) = SplatView::new(&splats, &[]) else { return f64::NAN };
         let learnt = LearntView { camera, near: 0.2, rows: RowChoice::ALL, contradicts_from: 6.0 };
-        comparers.compare(view, &learnt, &photograph, RULE).squared_error
+        let squared_error = comparers.compare(view, &learnt, &photograph, RULE).squared_error;
+        comparers.learnt(1.0);
+        squared_error
+    }
+
+    /// Photographs that the device and the processor compared.
+    fn frames(comparers: &Comparers) -> [u64; 2] {
+        let ComparerUse { device_frames, processor_frames, .. } = comparers.used();
+        [device_frames, processor_frames]
     }
 
     #[test]
@@ -175,15 +214,32 @@ mod tests {
         assert!(expected > 0.0);
         let failing = Failing { walk: PhotometricWalk::default(), left: 2 };
         comparers.add(Box::new(failing), DevicePolicy::Device);
-        for (device_frames, processor_frames) in [(1, 0), (2, 0), (2, 1), (2, 2)] {
+        for counted in [[1, 0], [2, 0], [2, 1], [2, 2]] {
             assert_eq!(squared_error(&mut comparers), expected);
-            let used = comparers.used();
-            assert_eq!(
-                (used.device_frames, used.processor_frames),
-                (device_frames, processor_frames)
-            );
-            assert_eq!(used.given_up.is_some(), processor_frames > 0);
+            assert_eq!(frames(&comparers), counted);
+            assert_eq!(comparers.used().given_up.is_some(), counted[1] > 0);
         }
         assert!(comparers.device.is_none(), "a device that failed is not asked again");
+    }
+
+    #[test]
+    fn what_is_learnt_to_be_drawn_at_rest_counts_until_training_goes_on() {
+        let mut comparers = Comparers::default();
+        let failing = Failing { walk: PhotometricWalk::default(), left: 2 };
+        comparers.add(Box::new(failing), DevicePolicy::Device);
+        squared_error(&mut comparers);
+        for _ in 0..2 {
+            comparers.come_to_rest();
+            squared_error(&mut comparers);
+            squared_error(&mut comparers);
+        }
+        assert_eq!(frames(&comparers), [1, 2]);
+        comparers.go_on();
+        assert_eq!(frames(&comparers), [1, 0]);
+        assert_eq!(comparers.used().ms.step, 1.0, "a mean");
+        assert!(comparers.used().given_up.is_some(), "which happened at rest");
+        comparers.go_on();
+        squared_error(&mut comparers);
+        assert_eq!(frames(&comparers), [1, 1]);
     }
 }

@@ -76,6 +76,11 @@ impl PhotometricLearner {
         self.comparers.used()
     }
 
+    /// Frames come again: what was learnt to be drawn at rest is over.
+    pub fn go_on(&mut self) {
+        self.comparers.go_on();
+    }
+
     /// What it has learnt.
     pub fn state(&self) -> &PhotometricState {
         &self.state
@@ -144,6 +149,7 @@ impl PhotometricLearner {
         rule: &PhotometricRule,
     ) -> (PhotometricState, Vec<ComparedPhotograph>) {
         let (before, repaired) = (self.state.clone(), self.repaired);
+        self.comparers.come_to_rest();
         let mut draws = waiting::draws(&self.state.waiting);
         let mut compared = Vec::new();
         while !self.state.waiting.is_empty() {
@@ -162,13 +168,13 @@ impl PhotometricLearner {
         self.see_what_is_usual(full_coverage, rule);
         let drawn = draws.below(self.state.waiting.len());
         let drawn = self.state.waiting.swap_remove(drawn);
+        // Taken out meanwhile: learning from it needs all the rest.
         let mut image = std::mem::replace(&mut self.image, Image::filled(0, 0, [0.0; 4]));
         let unpacked = waiting::unpacked(&drawn, &mut image);
         let learnt = unpacked.map(|view| self.learn(&view, &image, full_coverage, rule));
         self.image = image;
         let (changed, outcome) = learnt.unwrap_or_default();
         let frame = drawn.view.frame as u64;
-        // Taken out meanwhile: learning from it needs all the rest.
         (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
     }
 
@@ -219,7 +225,7 @@ impl PhotometricLearner {
         // A row stands for those that are left out.
         let variance = deviation * deviation / f64::from(every);
         self.repaired += self.step(&compared, &seen, variance, rule);
-        comparers.stepped(clock.elapsed_ms());
+        comparers.learnt(clock.elapsed_ms());
         self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }

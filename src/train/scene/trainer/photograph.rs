@@ -139,6 +139,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Draws what photographs have taught so far: those that wait have not. Whether these were drawn.
     pub(super) fn unsettle(&mut self) -> bool {
         self.compared.clear();
+        self.photometric.go_on();
         self.settled.take().is_some()
     }
 
