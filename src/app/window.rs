@@ -142,7 +142,7 @@ struct Host {
 impl Host {
     fn new(started: Instant) -> std::io::Result<Self> {
         let waker = Arc::new(WindowWaker::default());
-        let worker = Arc::new(Worker::start(waker.waker())?);
+        let worker = Arc::new(Worker::start(waker.waker().clone())?);
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 

@@ -9,8 +9,24 @@ use eframe::egui::Context;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The window to wake, while there is one; none any more once this is dropped.
-#[derive(Default)]
-pub struct WindowWaker(Arc<Mutex<Option<Context>>>);
+pub struct WindowWaker {
+    place: Arc<Mutex<Option<Context>>>,
+    waker: Waker,
+}
+
+impl Default for WindowWaker {
+    /// No window yet.
+    fn default() -> Self {
+        let place: Arc<Mutex<Option<Context>>> = Arc::default();
+        let looked_up = place.clone();
+        let waker = Arc::new(move || {
+            if let Some(context) = &*looked_up.lock().unwrap_or_else(PoisonError::into_inner) {
+                context.request_repaint();
+            }
+        });
+        Self { place, waker }
+    }
+}
 
 impl WindowWaker {
     /// Of a window.
@@ -31,21 +47,16 @@ impl WindowWaker {
     }
 
     fn put(&self, context: Option<Context>) {
-        let mut place = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut place = self.place.lock().unwrap_or_else(PoisonError::into_inner);
         let before = std::mem::replace(&mut *place, context);
         // Dropped without the lock: much may go with it.
         drop(place);
         drop(before);
     }
 
-    /// For threads: wakes whichever window is open then.
-    pub fn waker(&self) -> Waker {
-        let place = self.0.clone();
-        Arc::new(move || {
-            if let Some(context) = &*place.lock().unwrap_or_else(PoisonError::into_inner) {
-                context.request_repaint();
-            }
-        })
+    /// For threads, which may keep it: wakes whichever window is open then.
+    pub fn waker(&self) -> &Waker {
+        &self.waker
     }
 }
 
@@ -69,7 +80,7 @@ mod tests {
             *counter.lock().unwrap() += 1;
         });
         let window = WindowWaker::of(&context);
-        let waker = window.waker();
+        let waker = window.waker().clone();
         waker();
         assert_eq!(*asked.lock().unwrap(), 1);
         drop(window);

@@ -54,17 +54,19 @@ impl Studio {
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         // Nothing ever waits for this dialog, so it does not matter that it was cancelled.
-        if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| (), |_| ()) {
+        if let Some(PathAnswer::Path(path)) =
+            self.open_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ())
+        {
             self.discard_then(order_to_open(path), snapshot);
         }
         if let Some(PathAnswer::Path(path)) =
-            self.compare_dialog.ui(ui, &self.waker, |_| (), |_| ())
+            self.compare_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ())
             && let Err(error) = self.view.compare_with(path)
         {
             let text = format!("no thread to read a model on could be started: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
-        match self.save_dialog.ui(ui, &self.waker, |_| (), |_| ()) {
+        match self.save_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ()) {
             None => {}
             Some(PathAnswer::Cancelled) => self.forget_named(),
             Some(PathAnswer::Path(path)) => {
@@ -108,7 +110,7 @@ impl Studio {
             export_options::preview(previews, ui);
         };
         let told = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
-        match self.export_dialog.ui(ui, &self.waker, choices, told) {
+        match self.export_dialog.ui(ui, self.wakes.waker(), choices, told) {
             None => {}
             Some(PathAnswer::Cancelled) => self.forget_named(),
             Some(PathAnswer::Path(path)) => {
@@ -123,7 +125,7 @@ impl Studio {
     pub(super) fn save_picture(&mut self, snapshot: &Snapshot) {
         let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
         let path = opened.files.path("view.png");
-        if let Err(error) = self.still.start(still, path, self.waker.clone()) {
+        if let Err(error) = self.still.start(still, path, self.wakes.waker().clone()) {
             let text = format!("no thread to draw the picture on could be started: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
@@ -136,7 +138,8 @@ impl Studio {
         }
         let path = &mut self.path;
         let choices = |ui: &mut Ui| panels::path::film_choices(path, ui);
-        let Some(PathAnswer::Path(output)) = self.film_dialog.ui(ui, &self.waker, choices, |_| ())
+        let Some(PathAnswer::Path(output)) =
+            self.film_dialog.ui(ui, self.wakes.waker(), choices, |_| ())
         else {
             return;
         };
@@ -153,7 +156,7 @@ impl Studio {
             is_aside: snapshot.state == RunState::Training,
         };
         let scene = self.view.learned().clone();
-        if let Err(error) = self.film.start(scene, order, self.waker.clone()) {
+        if let Err(error) = self.film.start(scene, order, self.wakes.waker().clone()) {
             let text = format!("no thread to draw a film on could be started: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }

@@ -37,7 +37,7 @@ use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewport;
 use super::window_waker::WindowWaker;
-use super::worker::{Waker, Worker, WorkerOrder};
+use super::worker::{Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
@@ -55,9 +55,8 @@ pub struct Studio {
     worker: Arc<Worker>,
     exit: Exit,
     device: Option<WindowDevice>,
-    waker: Waker,
-    /// What wakes this window, until it goes.
-    _wakes: WindowWaker,
+    /// Wakes this window from threads; once it is dropped with the window, it wakes nothing any more.
+    wakes: WindowWaker,
     egui: Context,
     view: SceneView,
     quality: QualityMonitor,
@@ -130,8 +129,8 @@ impl Studio {
         let wakes = WindowWaker::of(&context.egui_ctx);
         let waker = wakes.waker();
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
-        let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
-        let mut view = scene_view(painter, view, (&context.egui_ctx, &waker), device.as_ref());
+        let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, waker)?;
+        let mut view = scene_view(painter, view, (&context.egui_ctx, waker), device.as_ref());
         worker.set_interval(view.snapshot_interval());
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
@@ -146,8 +145,7 @@ impl Studio {
             quality: QualityMonitor::new(waker.clone()),
             quality_plot: QualityPlot::default(),
             summary_closed: 0,
-            waker,
-            _wakes: wakes,
+            wakes,
             egui: context.egui_ctx.clone(),
             adapter,
             layout,

@@ -152,7 +152,7 @@ impl Studio {
     pub(super) fn retry_gpu(&mut self) {
         let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
         faults.take(); // what went wrong before is known
-        match GpuViewPainter::new(state, faults.clone(), self.waker.clone()) {
+        match GpuViewPainter::new(state, faults.clone(), self.wakes.waker().clone()) {
             Ok(painter) => {
                 self.view.draw_by(ViewPainter::Gpu(Box::new(painter)));
                 self.adapter = viewport::capabilities(state).to_string();
