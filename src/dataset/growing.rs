@@ -14,7 +14,7 @@ use super::folder::{Folder, Recorded};
 use super::formats::Layout;
 use super::opened::{no_usable_frame, read};
 use super::options::LoadOptions;
-use super::whole::FileMark;
+use super::whole::{FileMark, FrameMarks};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -37,7 +37,7 @@ pub struct GrowingRecording {
     /// When frames were first seen of which files are not whole, seconds.
     unfinished: HashMap<String, f64>,
     /// What files looked like that were whole and could not be read all the same.
-    failed: HashMap<String, Vec<FileMark>>,
+    failed: HashMap<String, FrameMarks>,
     /// What the last look read, as it was before.
     asked: Vec<(PathBuf, Option<FileMark>)>,
     /// Whether that had changed since the look before: it may have changed again within a tick of the
@@ -62,9 +62,24 @@ impl GrowingRecording {
         if path.is_file() {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
-        Ok(Self {
+        Ok(Self::begin(path, *options, split))
+    }
+
+    /// The recording that a dataset was opened from, all of whose frames in `split` are taken; `None`
+    /// for frames that come from no folder. The drive is asked nothing, which may have fallen silent since.
+    pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
+        let path = dataset.path.as_ref().filter(|_| dataset.is_folder)?;
+        let name = &dataset.splits.get(split)?.name;
+        // All looks have one origin: zero too, which options leave out, is settled.
+        let mut growing = Self::begin(path, dataset.options.settled(), Some(name));
+        growing.take(dataset);
+        Some(growing)
+    }
+
+    fn begin(path: &Path, options: LoadOptions, split: Option<&str>) -> Self {
+        Self {
             path: path.to_owned(),
-            options: *options,
+            options,
             split: split.map(str::to_owned),
             layout: None,
             taken: Arc::default(),
@@ -73,19 +88,7 @@ impl GrowingRecording {
             asked: Vec::new(),
             is_fresh: true,
             is_unresolved: true,
-        })
-    }
-
-    /// The recording that a dataset was opened from, all of whose frames in `split` are taken; `None`
-    /// for frames that come from no folder.
-    pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
-        let path = dataset.path.as_ref().filter(|path| path.is_dir())?;
-        let name = &dataset.splits.get(split)?.name;
-        // All looks have one origin: zero too, which options leave out, is settled.
-        let settled = dataset.options.settled();
-        let mut growing = Self::new(path, &settled, Some(name)).ok()?;
-        growing.take(dataset);
-        Some(growing)
+        }
     }
 
     /// The folder.
@@ -191,10 +194,10 @@ impl GrowingRecording {
         }
     }
 
-    /// Gives back a frame that could not be read: it is found again when its files change.
-    pub fn give_back(&mut self, frame: &FrameEntry) {
-        if Arc::make_mut(&mut self.taken).remove(&frame.name) {
-            self.failed.insert(frame.name.clone(), frame.marks());
+    /// Gives back a frame that could not be read: it is found again when its files no longer look so.
+    pub fn give_back(&mut self, frame: String, marks: FrameMarks) {
+        if Arc::make_mut(&mut self.taken).remove(&frame) {
+            self.failed.insert(frame, marks);
             self.is_unresolved = true;
         }
     }

@@ -74,3 +74,4 @@ pub use formats::Layout;
 pub use opened::{Dataset, is_archive, open};
 pub use options::LoadOptions;
 pub use pose_convention::PoseConvention;
+pub use whole::FrameMarks;

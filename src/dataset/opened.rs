@@ -23,8 +23,10 @@ use std::sync::Arc;
 pub struct Dataset {
     /// Last part of the path, or the name of the procedural scene.
     pub name: String,
-    /// The folder; `None` for the procedural scene.
+    /// The folder or archive; `None` for the procedural scene.
     pub path: Option<PathBuf>,
+    /// Whether it was read from a folder, to which frames may be added.
+    pub is_folder: bool,
     /// How it is stored.
     pub layout: Layout,
     /// Which content the layout was recognised by.
@@ -91,6 +93,7 @@ pub(super) fn read(
     let mut dataset = Dataset {
         name: name.unwrap_or_else(|| "dataset".to_owned()),
         path: Some(path.to_owned()),
+        is_folder: folder.only_file().is_none(),
         layout,
         recognised_by,
         // What chooses a split or its first frame need not ask whether there is one.

@@ -39,20 +39,26 @@ impl FrameEntry {
         }
     }
 
-    /// The last change and the length of each of its files that is there.
-    pub(super) fn marks(&self) -> Vec<FileMark> {
-        let FrameSource::Files(files) = &self.source else { return Vec::new() };
+    /// What its files look like now.
+    pub fn marks(&self) -> FrameMarks {
+        let FrameSource::Files(files) = &self.source else { return FrameMarks(Vec::new()) };
         let depth = files.depth.iter().flat_map(|depth| {
             std::iter::once(&depth.file).chain(depth.confidence.iter().map(|(map, _)| map))
         });
         let sources = std::iter::once(&files.color).chain(depth);
-        sources.filter_map(|source| FileMark::of(source.path())).collect()
+        FrameMarks(sources.filter_map(|source| FileMark::of(source.path())).collect())
     }
+}
 
-    /// When the last of its files was last changed, since the beginning of 1970 by the file system's
-    /// clock; `None` where that does not tell.
+/// What the files of a frame looked like: the last change and the length of each that was there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameMarks(Vec<FileMark>);
+
+impl FrameMarks {
+    /// When the last of them was last changed, since the beginning of 1970 by the file system's clock;
+    /// `None` where that did not tell.
     pub fn completed(&self) -> Option<Duration> {
-        self.marks().into_iter().filter_map(|mark| mark.changed).max()
+        self.0.iter().filter_map(|mark| mark.changed).max()
     }
 }
 

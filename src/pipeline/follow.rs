@@ -11,7 +11,7 @@ use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
 use crate::dataset::pace::LookPace;
 use crate::dataset::splits::HELD_OUT;
-use crate::dataset::{Dataset, FrameEntry, LoadOptions};
+use crate::dataset::{Dataset, FrameMarks, LoadOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -184,9 +184,9 @@ impl Follow {
         Ok(found)
     }
 
-    /// Lets a frame that could not be read be found again when its files change.
-    pub(super) fn give_back(&mut self, frame: &FrameEntry) {
-        self.looks.give_back(frame);
+    /// Lets a frame that could not be read be found again when its files no longer look so.
+    pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
+        self.looks.give_back(frame, marks);
     }
 }
 

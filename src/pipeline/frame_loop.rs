@@ -2,6 +2,7 @@
 
 use super::prefetch::{NextFrame, PlannedFrame, Prefetch, Prepared, PreparedFrame};
 use super::prepare::Prepare;
+use crate::dataset::FrameMarks;
 use crate::train::candidates::IndexError;
 use crate::train::learner::{Learner, Learns};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
@@ -38,6 +39,8 @@ pub(super) struct SteppedFrame {
     pub position: usize,
     /// Name within the split.
     pub name: String,
+    /// What its files looked like before they were read.
+    pub marks: FrameMarks,
     /// What became of it.
     pub status: FrameStatus,
 }
@@ -68,7 +71,7 @@ pub(super) struct PresetLoop<P: Prepare> {
 
 impl<P: Prepare> FrameLoop for PresetLoop<P> {
     fn step(&mut self, patience: Duration) -> Stepped {
-        let Prepared { position, is_repeat, name, result } =
+        let Prepared { position, is_repeat, name, marks, result } =
             match self.prefetch.next_within(patience) {
                 NextFrame::Ready(frame) => frame,
                 NextFrame::Unread => return Stepped::Unread,
@@ -94,7 +97,7 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                 }
             }
         };
-        Stepped::Frame(SteppedFrame { position, name, status })
+        Stepped::Frame(SteppedFrame { position, name, marks, status })
     }
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>) {

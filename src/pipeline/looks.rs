@@ -3,7 +3,7 @@
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
-use crate::dataset::{Dataset, FrameEntry};
+use crate::dataset::{Dataset, FrameMarks};
 use std::panic::resume_unwind;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -35,7 +35,7 @@ pub(super) struct Looks {
     recording: Arc<Mutex<GrowingRecording>>,
     under_way: Option<UnderWay>,
     /// Given back during a look.
-    returned: Vec<FrameEntry>,
+    returned: Vec<(String, FrameMarks)>,
 }
 
 struct UnderWay {
@@ -69,8 +69,8 @@ impl Looks {
     /// # Errors
     /// What the system says where it has no thread to spare.
     pub fn begin(&mut self, retries: bool, now_s: f64) -> std::io::Result<()> {
-        for frame in self.returned.drain(..) {
-            lock(&self.recording).give_back(&frame);
+        for (frame, marks) in self.returned.drain(..) {
+            lock(&self.recording).give_back(frame, marks);
         }
         let (tell, answer) = channel();
         let recording = Arc::clone(&self.recording);
@@ -105,11 +105,11 @@ impl Looks {
         }
     }
 
-    /// Lets a frame that could not be read be found again when its files change.
-    pub fn give_back(&mut self, frame: &FrameEntry) {
+    /// Lets a frame that could not be read be found again when its files no longer look so.
+    pub fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.under_way {
-            Some(_) => self.returned.push(frame.clone()),
-            None => lock(&self.recording).give_back(frame),
+            Some(_) => self.returned.push((frame, marks)),
+            None => lock(&self.recording).give_back(frame, marks),
         }
     }
 }

@@ -10,7 +10,7 @@ use super::panic_text::{NO_WORDS, panic_text};
 use super::plan::Plan;
 use super::prepare::Prepare;
 use crate::dataset::error::FrameError;
-use crate::dataset::{Dataset, FrameEntry};
+use crate::dataset::{Dataset, FrameEntry, FrameMarks};
 use crate::train::timing::Stopwatch;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -56,6 +56,8 @@ pub struct Prepared<O> {
     pub is_repeat: bool,
     /// Name within the split.
     pub name: String,
+    /// What its files looked like before they were read: whoever trains asks no drive.
+    pub marks: FrameMarks,
     /// What it holds, or why it is skipped.
     pub result: Result<PreparedFrame<O>, String>,
 }
@@ -292,7 +294,7 @@ impl<P: Prepare> Worker<P> {
         preparation: &P,
         PlannedFrame { position, is_repeat, entry }: &PlannedFrame,
     ) -> Prepared<P::Observation> {
-        let name = entry.name.clone();
+        let (name, marks) = (entry.name.clone(), entry.marks());
         // A defect costs this frame, by name: were the thread to end, the run would end with the frames so
         // far as if there were no more.
         let prepared = catch_unwind(AssertUnwindSafe(|| self.frame(preparation, entry)));
@@ -304,7 +306,7 @@ impl<P: Prepare> Worker<P> {
                 panic_text(&*panic).unwrap_or(NO_WORDS)
             ))
         });
-        Prepared { position: *position, is_repeat: *is_repeat, name, result }
+        Prepared { position: *position, is_repeat: *is_repeat, name, marks, result }
     }
 
     fn frame(

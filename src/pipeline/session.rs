@@ -11,8 +11,8 @@ use super::prefetch::PlannedFrame;
 use super::run::RunConfig;
 use super::settings::method::MethodRequest;
 use super::start::{Origin, frame_loop};
-use crate::dataset::Dataset;
 use crate::dataset::range;
+use crate::dataset::{Dataset, FrameMarks};
 use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
 use crate::math::normalization::Normalization;
 use crate::model::splat::appearance::SplatSet;
@@ -206,7 +206,7 @@ impl Session {
         if !self.catch_up()? {
             return Ok(Some(Step::Waiting));
         }
-        let SteppedFrame { position, name, status } = match self.frames.step(patience) {
+        let SteppedFrame { position, name, marks, status } = match self.frames.step(patience) {
             Stepped::Frame(frame) => frame,
             Stepped::Unread => return Ok(None),
             Stepped::Finished => return self.finish().map(Some),
@@ -216,12 +216,11 @@ impl Session {
         let step = match status {
             FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms } => {
                 let ms = FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms };
-                Step::Trained(Box::new(self.learnt(position, name, &outcome, dropped, ms)))
+                Step::Trained(Box::new(self.learnt(position, name, &marks, &outcome, dropped, ms)))
             }
             FrameStatus::Skipped(message) => {
                 if let Some(follow) = &mut self.follow {
-                    let frames = &self.dataset.splits[self.plan.split].frames;
-                    follow.give_back(&frames[self.plan.frames[position]]);
+                    follow.give_back(name.clone(), marks);
                 }
                 self.forgive(&name);
                 self.skipped_frame(name, message)
@@ -266,11 +265,12 @@ impl Session {
         &mut self,
         position: usize,
         frame: String,
+        marks: &FrameMarks,
         outcome: &FrameOutcome,
         points_dropped: usize,
         ms: FrameMs,
     ) -> FrameReport {
-        let behind_ms = self.is_followed.then(|| self.behind_ms(position)).flatten();
+        let behind_ms = self.is_followed.then(|| behind_ms(marks)).flatten();
         self.forgive(&frame);
         let learner = self.frames.learner();
         self.births.record(learner.changed(), learner.components(), position);
@@ -333,14 +333,6 @@ impl Session {
         if self.is_followed {
             self.past.skipped.retain(|skipped| skipped.frame != frame);
         }
-    }
-
-    /// Milliseconds since the last of a frame's files was changed.
-    fn behind_ms(&self, position: usize) -> Option<f64> {
-        let frames = &self.dataset.splits[self.plan.split].frames;
-        let completed = frames[self.plan.frames[position]].completed()?;
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
-        Some(1e3 * now.checked_sub(completed)?.as_secs_f64())
     }
 
     /// The dataset.
@@ -439,4 +431,10 @@ impl Session {
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         self.learner().splats_of(ids)
     }
+}
+
+/// Milliseconds since the last of a frame's files was changed.
+fn behind_ms(marks: &FrameMarks) -> Option<f64> {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
+    Some(1e3 * now.checked_sub(marks.completed()?)?.as_secs_f64())
 }

@@ -201,6 +201,30 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
 }
 
+/// To ask for a folder is to wait for its drive: whoever trains does not, so a folder that is gone is found
+/// to be so by a look, which somebody else waits for.
+#[test]
+fn a_folder_that_is_gone_is_followed_all_the_same_until_it_is_back() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    train(&mut window);
+    let elsewhere = folder.path().join("elsewhere");
+    std::fs::rename(&path, &elsewhere).unwrap();
+    click(&mut window, "Follow");
+    wait_for_label(&mut window, "Live: nothing can be read");
+    let is_gone = |s: &Studio| {
+        let snapshot = s.snapshot();
+        let problem = snapshot.followed.as_ref().and_then(|followed| followed.problem.as_deref());
+        problem.is_some_and(|problem| problem.contains("found nothing at this path"))
+    };
+    wait(&mut window, "the reason", is_gone);
+    std::fs::rename(&elsewhere, &path).unwrap();
+    wait_for_label(&mut window, "Live: waiting for the next frame");
+}
+
 #[test]
 fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
     let _turn = turn();

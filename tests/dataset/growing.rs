@@ -288,7 +288,7 @@ fn a_frame_that_cannot_be_read_comes_again_when_its_files_change() {
     assert_eq!(found.len(), ROOM.n_train);
     let last = &found[10];
     assert!(last.load().is_err());
-    recording.give_back(last);
+    recording.give_back(last.name.clone(), last.marks());
     assert_eq!(taken(&mut recording, true, LATER).len(), 0, "it is as it was");
     fs::write(&file, &whole[..9]).unwrap();
     assert_eq!(taken(&mut recording, true, LATER).len(), 0);
@@ -370,6 +370,25 @@ fn what_is_no_folder_is_refused_and_what_is_empty_is_waited_for() {
     fs::create_dir(folder.path().join("later")).unwrap();
     let error = recording.look(true, 0.0).err().unwrap().to_string();
     assert!(error.contains("an empty folder"), "{error}");
+}
+
+#[test]
+fn what_a_dataset_was_read_from_is_known_and_the_drive_is_not_asked() {
+    let recording = |layout, file: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        write(&ROOM, folder.path(), layout, &mut |_, _| ()).unwrap();
+        let dataset = open_plain(&folder.path().join(file)).unwrap();
+        // As good as a drive that is gone.
+        drop(folder);
+        GrowingRecording::of(&dataset, dataset.training_split().unwrap())
+    };
+    let mut gone = recording(SyntheticLayout::Tum, "").unwrap();
+    assert!(gone.has_begun());
+    let error = gone.look(true, 0.0).err().unwrap().to_string();
+    assert!(error.contains("found nothing at this path"), "{error}");
+    assert!(recording(SyntheticLayout::Record3dArchive, "recording.r3d").is_none());
+    let built_in = vbgs_studio::dataset::synthetic::dataset(&ROOM).unwrap();
+    assert!(GrowingRecording::of(&built_in, 0).is_none());
 }
 
 /// `cargo test --release --test dataset long_recording -- --ignored --nocapture`

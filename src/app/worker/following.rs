@@ -8,7 +8,7 @@ use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
     Followed, GivenCalibration, NoticeKind, Opened, RunState, Snapshot, Subject,
 };
-use crate::dataset::LoadOptions;
+use crate::dataset::{Dataset, LoadOptions};
 use crate::export::checkpoint::is_checkpoint;
 use crate::pipeline::follow::Follow;
 use crate::pipeline::plan::Selection;
@@ -44,7 +44,9 @@ impl WorkerThread {
         let is_untrained = self.snapshot.state == RunState::Ready;
         match (&mut self.content, self.subject.clone()) {
             // From the first frame on: the last ones may have been opened half written.
-            (Some(Content::Session(_)), Some(subject)) if is_untrained && is_folder(&subject) => {
+            (Some(Content::Session(session)), Some(subject))
+                if is_untrained && is_read_from(session.dataset(), &subject) =>
+            {
                 self.open_with(self.calibration.clone(), subject);
             }
             (Some(Content::Session(session)), _) => {
@@ -198,6 +200,12 @@ impl WorkerThread {
 pub(super) fn follow_of(path: &Path) -> Result<Follow, String> {
     let selection = Selection { follow: true, ..Selection::everything() };
     Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
+}
+
+/// Whether a dataset was read from the folder that a subject is: as it was when opened, since the drive may
+/// have fallen silent, and who asks it now would wait for it.
+fn is_read_from(dataset: &Dataset, subject: &Subject) -> bool {
+    matches!(subject, Subject::Path(path) if dataset.is_folder && dataset.path.as_ref() == Some(path))
 }
 
 /// Whether a subject is a folder, there already or not, and no file that is opened as it is.

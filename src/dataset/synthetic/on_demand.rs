@@ -38,6 +38,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
     Ok(Dataset {
         name: "synthetic room".to_owned(),
         path: None,
+        is_folder: false,
         layout: Layout::Synthetic,
         recognised_by: "generated, no files".to_owned(),
         splits: splits.into_iter().map(split).collect(),
