@@ -34,26 +34,21 @@ impl WorkerThread {
         // What the frame before told of them is over, whether or not this one touches them.
         self.dirty.mark(session.learner().component_elbo().components());
         self.changed |= !matches!(step, Ok(Step::Waiting));
-        let doubts = session.take_doubts();
-        if !doubts.is_empty() {
-            // A new list, since snapshots that were published share the old one.
-            self.snapshot.doubts = Arc::new([&self.snapshot.doubts[..], &doubts].concat());
-        }
         match step {
             Ok(Step::Trained(_)) => {
                 let learner = session.learner();
                 match learner.changed() {
                     Changed::Listed(ids) => self.dirty.mark(ids),
                     Changed::All => self.dirty.mark_all(learner.components()),
-                if was_settled && !session.is_settled() {
-                    // A frame that could not be placed: what waits to be learnt is drawn no more.
-                    self.dirty.mark_all(session.learner().components());
-                }
                 }
                 self.snapshot.trained_s += started.elapsed().as_secs_f64();
                 self.learned();
             }
             Ok(Step::Skipped(skipped)) => {
+                if was_settled && !session.is_settled() {
+                    // A frame that could not be placed: what waits to be learnt is drawn no more.
+                    self.dirty.mark_all(session.learner().components());
+                }
                 // No notice: a dataset may lack many frames. The status line counts them, the panel
                 // of the scene lists them.
                 tracing::warn!("{}", skipped.message);
@@ -65,8 +60,19 @@ impl WorkerThread {
             Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
             Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
         }
+        self.tell_of_doubts();
         self.tell_of_recording();
         true
+    }
+
+    /// Adds what is new of frames that contradict the scene.
+    fn tell_of_doubts(&mut self) {
+        let Some(Content::Session(session)) = &mut self.content else { return };
+        let doubts = session.take_doubts();
+        if !doubts.is_empty() {
+            // A new list, since snapshots that were published share the old one.
+            self.snapshot.doubts = Arc::new([&self.snapshot.doubts[..], &doubts].concat());
+        }
     }
 
     fn learned(&mut self) {
@@ -113,6 +119,7 @@ impl WorkerThread {
             && session.settle()
         {
             self.dirty.mark_all(session.learner().components());
+            self.tell_of_doubts();
         }
     }
 
