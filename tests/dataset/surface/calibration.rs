@@ -121,6 +121,23 @@ fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
     }
 }
 
+/// Whoever walks over its pixels by its camera's size finds all of them, and no others.
+#[test]
+fn a_photograph_has_the_size_of_its_image_whatever_a_calibration_says() {
+    let wall = frame(DepthKind::Z, |_, _| 1.5);
+    for size in [None, Some([2 * WIDTH as u32, 3 * HEIGHT as u32])] {
+        let camera = ColorCamera { size, ..ColorCamera::KINECT };
+        let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
+        let (_, out, _) =
+            prepare(&wall, &SurfaceSettings { photograph: true, ..with(calibration) });
+        let photograph = out.photograph.unwrap();
+        let k = photograph.intrinsics;
+        assert_eq!([k.width, k.height].map(|n| n as usize), [WIDTH, HEIGHT]);
+        assert_eq!((photograph.pixels.width, photograph.pixels.height), (WIDTH, HEIGHT));
+        assert_eq!([k.fx, k.cy], [camera.focal[0], camera.principal[1]]);
+    }
+}
+
 /// The near wall is on the left.
 #[test]
 fn points_hidden_from_the_colour_camera_are_dropped() {
