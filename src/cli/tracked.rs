@@ -25,6 +25,11 @@ pub fn place(
     let tell = |done| bar.set_position(done as u64);
     let placed = PlacedViews::find(dataset, (run, splats.view()), trajectory, views, tell);
     bar.finish_and_clear();
+    if placed.is_straightened {
+        eprintln!(
+            "note: views are compared with photographs whose rows and times the recorded poses put right, as without --poses track"
+        );
+    }
     placed.lost.iter().for_each(|lost| eprintln!("warning: {}", lost.message));
     match placed.lost.first() {
         Some(first) if placed.frames.is_empty() => Err(Failure::failed(anyhow::anyhow!(

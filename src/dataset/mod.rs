@@ -62,6 +62,7 @@ mod rolling_shutter;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod sharpness;
 mod source;
+mod straightened;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod tile_points;
 mod video;

@@ -2,12 +2,13 @@
 //! need of it.
 //!
 //! Frames that were learnt have the poses they were learnt at. Others, such as those held out for
-//! evaluation, are placed by the finished scene as it placed the ones it learnt, and teach nothing.
+//! evaluation, are placed by the finished scene as it placed the ones it learnt, and teach nothing. Where the
+//! recording has poses, what views are compared with is straightened by them, as that of any other run.
 
 use super::settings::scene::SceneRun;
 use crate::dataset::error::FrameError;
 use crate::dataset::surface::Preparer;
-use crate::dataset::{Dataset, FrameEntry, LoadOptions, open};
+use crate::dataset::{Dataset, FrameEntry};
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::eval::trajectory_error::TrajectoryError;
 use crate::math::pose::Pose;
@@ -35,6 +36,8 @@ pub struct PlacedViews {
     pub frames: Vec<usize>,
     /// Views that could not be placed, and why.
     pub lost: Vec<SkippedFrame>,
+    /// Whether recorded poses straightened the images of the views (`eval.md`, Views of tracked runs).
+    pub is_straightened: bool,
 }
 
 impl Trajectory {
@@ -76,8 +79,7 @@ impl Trajectory {
 
     /// How far it is from the poses of the recording, where that has any.
     pub fn error(&self, dataset: &Dataset) -> Option<TrajectoryError> {
-        let recorded = LoadOptions { track: false, ..dataset.options };
-        let recorded = open(dataset.path.as_ref()?, &recorded).ok()?;
+        let recorded = dataset.recorded()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
         let poses: BTreeMap<&str, Pose> =
             entries.map(|entry| (entry.name.as_str(), entry.camera.pose)).collect();
@@ -113,14 +115,16 @@ impl PlacedViews {
         (split, views): (usize, &[usize]),
         mut tell: impl FnMut(usize),
     ) -> Self {
-        let mut placed = dataset.clone();
+        let straightened = dataset.straightened();
+        let is_straightened = straightened.is_some();
+        let mut placed = straightened.unwrap_or_else(|| dataset.clone());
         for entry in placed.splits.iter_mut().flat_map(|split| &mut split.frames) {
             entry.camera.pose = trajectory.pose(&entry.name).unwrap_or(entry.camera.pose);
         }
         let mut placer = Placer { run, splats, trajectory, preparer: Preparer::new() };
         let (mut frames, mut lost) = (Vec::new(), Vec::new());
         for (done, &view) in views.iter().enumerate() {
-            let entry = &dataset.splits[split].frames[view];
+            let entry = &placed.splits[split].frames[view];
             let found = match trajectory.pose(&entry.name) {
                 Some(pose) => Ok(pose),
                 None => placer.place(entry, &trajectory.around(dataset, entry)),
@@ -134,7 +138,7 @@ impl PlacedViews {
             }
             tell(done + 1);
         }
-        Self { dataset: placed, frames, lost }
+        Self { dataset: placed, frames, lost, is_straightened }
     }
 }
 

@@ -6,6 +6,7 @@ use glam::DMat4;
 use std::path::Path;
 use strum::IntoEnumIterator;
 use tempfile::TempDir;
+use vbgs_studio::dataset::frame::Frame;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams, SyntheticScene, SyntheticView};
 use vbgs_studio::dataset::{
@@ -295,6 +296,28 @@ fn the_rig_is_found_whoever_says_what_poses_mean() {
             "{known:?} {said:?}"
         );
     }
+}
+
+/// What a tracked view is compared with has its rows and times put right, and no pose of the recording.
+#[test]
+fn images_of_tracked_frames_are_straightened_by_recorded_poses() {
+    let Some(path) = shared("data/tum_rpy") else { return };
+    let tracked = open(&path, &LoadOptions { track: true, ..LoadOptions::default() }).unwrap();
+    let straightened = tracked.straightened().unwrap();
+    let recorded = open_plain(&path).unwrap();
+    assert_eq!(recorded.straightened().map(|_| ()), None, "they are already");
+    let [raw, straight, expected] =
+        [&tracked, &straightened, &recorded].map(|dataset| dataset.load(0, 3).unwrap());
+    assert_ne!(raw.color, straight.color);
+    assert_eq!((&straight.color, &straight.depth), (&expected.color, &expected.depth));
+    let offset = |frame: &Frame| frame.photographed_by(None).map(|camera| camera.offset);
+    assert_eq!(offset(&straight), offset(&expected));
+    assert_eq!(straight.camera.pose, Pose::IDENTITY, "poses are found by tracking alone");
+    let folder = tempfile::tempdir().unwrap();
+    write(&ROOM, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    let track = LoadOptions { track: true, ..LoadOptions::default() };
+    let exact = open(folder.path(), &track).unwrap();
+    assert!(exact.straightened().is_none(), "no Kinect took them");
 }
 
 /// Every layout says which poses it means, and they are the right ones.
