@@ -60,6 +60,7 @@ pub struct FrameOutcomes {
     positions: HashMap<usize, usize>,
     outcomes: HashMap<usize, TrainedFrame>,
     recent: Arc<Vec<FrameReport>>,
+    late: Arc<Vec<FrameReport>>,
     /// Frames before this position are trained or skipped.
     n_reached: usize,
     skipped: Arc<Vec<SkippedFrame>>,
@@ -75,12 +76,16 @@ impl FrameOutcomes {
             *self = Self { serial: opened.serial, ..Self::default() };
         }
         self.take_plan(opened);
+        let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
         if !Arc::ptr_eq(&self.recent, &snapshot.recent) {
             self.recent = snapshot.recent.clone();
             // Known ones too: a photograph that waits is learnt some frames later.
-            let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
             self.outcomes.extend(self.recent.iter().map(outcome));
             self.n_reached = self.recent.last().map_or(self.n_reached, |newest| newest.index + 1);
+        }
+        if !Arc::ptr_eq(&self.late, &snapshot.late) {
+            self.late = snapshot.late.clone();
+            self.outcomes.extend(self.late.iter().map(outcome));
         }
         if !Arc::ptr_eq(&self.skipped, &snapshot.skipped) {
             self.skipped = snapshot.skipped.clone();

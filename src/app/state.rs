@@ -210,6 +210,8 @@ pub struct Snapshot {
     pub opened: Option<Arc<Opened>>,
     /// The latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
+    /// Older frames whose photographs, which had waited, were compared meanwhile: the latest of them.
+    pub late: Arc<Vec<FrameReport>>,
     /// Frames trained.
     pub frames_done: usize,
     /// Frames of the run.
@@ -290,7 +292,7 @@ pub struct WriteOutcome {
     pub is_written: bool,
 }
 
-/// Frames whose timings are kept for the latency panel.
+/// Frames whose reports the window is shown, for their timings above all.
 pub const HISTORY: usize = 300;
 
 /// Something the user should read.

@@ -35,12 +35,21 @@ impl Past {
 
     /// Notes with its frame how a photograph compared, after so many frames learnt; what is to be told of it.
     pub fn compared(&mut self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<String> {
-        // Reports of the first frames of a long run that went on may not be known.
-        let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
-        let at = usize::try_from(compared.frame.checked_sub(n_before)?).ok()?;
+        let at = self.place_of(n_learnt, compared)?;
         let report = self.frames.get_mut(at)?;
         let is_told = report.doubt().is_some();
         report.photograph = Some(compared.outcome);
         report.doubt().filter(|_| !is_told)
+    }
+
+    /// The report of the frame whose photograph was compared, after so many frames learnt.
+    pub fn report_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<&FrameReport> {
+        self.frames.get(self.place_of(n_learnt, compared)?)
+    }
+
+    fn place_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<usize> {
+        // Reports of the first frames of a long run that went on may not be known.
+        let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
+        usize::try_from(compared.frame.checked_sub(n_before)?).ok()
     }
 }

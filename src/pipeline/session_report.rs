@@ -3,9 +3,17 @@
 use super::run::RunConfig;
 use super::session::Session;
 use crate::eval::machine;
-use crate::eval::report::{DatasetReport, EvalReport, REPORT_FORMAT, Report, Summary};
+use crate::eval::report::{DatasetReport, EvalReport, FrameReport, REPORT_FORMAT, Report, Summary};
 
 impl Session {
+    /// Reports of the frames whose photographs were compared with the scene last, as far as they are
+    /// known: the newest, and those that had waited.
+    pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
+        let (past, n_learnt) = (self.past(), self.learner().frames());
+        let compared = self.learner().compared().iter();
+        compared.filter_map(move |compared| past.report_of(n_learnt, compared))
+    }
+
     /// Components that are drawn.
     fn drawn(&self) -> usize {
         self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()

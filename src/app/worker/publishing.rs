@@ -60,6 +60,25 @@ impl WorkerThread {
         }
     }
 
+    /// Adds older frames than [`Self::recent_frames`] whose photographs were just compared. Which of those
+    /// that wait is learnt next is drawn at random, so that a few wait for longer than any number of frames.
+    pub(super) fn note_late_photographs(&mut self) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        // Half of them: the others are still among the latest frames when these are published.
+        let Some(newer) = self.recent_frames().iter().nth_back(HISTORY / 2) else { return };
+        let late = session.compared_frames().filter(|report| report.index <= newer.index);
+        let late: Vec<FrameReport> = late.cloned().collect();
+        if late.is_empty() {
+            return;
+        }
+        // At a rest all that wait are compared at once, and none of these may be left out.
+        let most = HISTORY.max(late.len());
+        // A new list, since snapshots that were published share the old one.
+        let mut all = [&self.snapshot.late[..], &late].concat();
+        all.drain(..all.len().saturating_sub(most));
+        self.snapshot.late = Arc::new(all);
+    }
+
     fn is_settled(&self) -> bool {
         matches!(&self.content, Some(Content::Session(session)) if session.is_settled())
     }
@@ -119,5 +138,54 @@ impl WorkerThread {
             },
         };
         Some(Arc::new(inspected))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
+    use crate::app::state::{RunState, Subject};
+    use crate::app::training::TrainSettings;
+    use crate::app::worker::{Worker, WorkerOrder};
+    use crate::dataset::synthetic::SyntheticParams;
+    use crate::dataset::synthetic::write::{SyntheticLayout, write};
+    use std::time::Duration;
+
+    /// Longest wait for all frames.
+    const PATIENCE: Duration = Duration::from_secs(120);
+
+    #[test]
+    fn photographs_that_wait_longer_than_frames_are_shown_still_tell_how_they_compared() {
+        let folder = tempfile::tempdir().unwrap();
+        let params = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: HISTORY + 100,
+            n_eval: 0,
+            ..SyntheticParams::demo()
+        };
+        write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
+        let worker = Worker::start_with(Arc::new(|| {}), Vec::new()).unwrap();
+        let mut settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
+        settings.scene.shuffle_buffer = Some(150);
+        worker.send(WorkerOrder::TrainBy(Box::new(settings)));
+        worker.send(WorkerOrder::Open(Subject::Path(folder.path().to_owned())));
+        worker.send(WorkerOrder::Train);
+        let (started, mut outcomes) = (Instant::now(), FrameOutcomes::default());
+        while worker.snapshot().state != RunState::Finished {
+            assert!(started.elapsed() < PATIENCE, "{:?}", worker.snapshot().notices);
+            outcomes.take(&worker.snapshot());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let snapshot = worker.snapshot();
+        outcomes.take(&snapshot);
+        let plan = snapshot.opened.as_ref().unwrap().plan.clone().unwrap();
+        assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
+        let untold = plan.frames.iter().filter(|&&frame| {
+            let state = outcomes.of((plan.split, frame), "");
+            !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
+        });
+        assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);
     }
 }

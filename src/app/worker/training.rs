@@ -42,6 +42,7 @@ impl WorkerThread {
                     Changed::All => self.dirty.mark_all(learner.components()),
                 }
                 self.snapshot.trained_s += started.elapsed().as_secs_f64();
+                self.note_late_photographs();
                 self.learned();
             }
             Ok(Step::Skipped(skipped)) => {
@@ -100,6 +101,7 @@ impl WorkerThread {
         self.snapshot.state = RunState::Finished;
         self.snapshot.frames_per_s = 0.0;
         self.mark_visibility();
+        self.note_late_photographs();
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
             // The tests of what the window costs the trainer read this line
@@ -119,6 +121,7 @@ impl WorkerThread {
             && session.settle()
         {
             self.dirty.mark_all(session.learner().components());
+            self.note_late_photographs();
             self.tell_of_doubts();
         }
     }
