@@ -164,9 +164,7 @@ impl Follow {
             }
         }
         let Some(looked) = self.looks.wait(MOMENT) else {
-            if self.looks.under_way().is_some_and(|since| since > SILENT) {
-                self.silence = Some(silence(&self.path));
-            }
+            self.silence = self.looks.under_way().and_then(|elapsed| silence(&self.path, elapsed));
             return Ok(Found::Nothing);
         };
         self.silence = None;
@@ -194,9 +192,10 @@ fn not_followed(setting: &'static str, expected: &'static str, found: &str) -> D
     DatasetError::Option { setting, expected, found: found.to_owned() }
 }
 
-fn silence(path: &Path) -> String {
+/// What is said of a folder that was asked so long ago and has not answered; `None` while it may yet.
+pub fn silence(path: &Path, elapsed: Duration) -> Option<String> {
     let (path, s) = (path.display(), SILENT.as_secs());
-    format!(
+    (elapsed > SILENT).then(|| format!(
         "{path}: expected its drive to answer, found it silent for {s} seconds; check the connection: what was learnt can be saved meanwhile"
-    )
+    ))
 }

@@ -7,6 +7,7 @@ pub mod autosave;
 pub mod checkpoint;
 pub mod demo;
 mod devices;
+pub mod drive_work;
 pub mod error;
 pub mod follow;
 mod frame_loop;

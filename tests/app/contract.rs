@@ -256,6 +256,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "silent_drive.rs: a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive",
             "silent_drive.rs: a_frame_that_is_never_read_is_named_and_holds_up_nothing",
             "silent_drive.rs: a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved",
+            "silent_drive.rs: a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing",
         ],
     ),
     (

@@ -1,5 +1,4 @@
-//! Folders on a drive that does not answer: whoever opens a file there waits, by the system's own
-//! (`silent_file.c`).
+//! Folders on a drive that does not answer.
 #![cfg(target_os = "linux")]
 
 use super::harness::{
@@ -8,17 +7,17 @@ use super::harness::{
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
-use crate::common::skip::skip;
+use crate::common::silent::{SilentFile, image_of_holes};
 use eframe::egui::{Key, PointerButton};
 use egui_kittest::kittest::Queryable;
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 
 /// Longest that one pass of the window may take here: far less than anybody waits for a drive.
 const PASS: Duration = Duration::from_secs(2);
@@ -26,7 +25,7 @@ const PASS: Duration = Duration::from_secs(2);
 /// A dataset, one file of which does not answer until the end of the test.
 struct Silent {
     folder: PathBuf,
-    holder: Child,
+    _file: SilentFile,
 }
 
 impl Silent {
@@ -39,31 +38,8 @@ impl Silent {
 
     /// A dataset whose file of this name does not answer from now on.
     fn of(scratch: &Path, folder: PathBuf, file: &str) -> Option<Self> {
-        let program = scratch.join("silent_file");
-        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/app/silent_file.c");
-        let compiled = Command::new("cc").arg(source).arg("-o").arg(&program).status();
-        assert!(compiled.unwrap().success());
-        let mut holder = Command::new(program)
-            .arg(folder.join(file))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut said = String::new();
-        BufReader::new(holder.stdout.as_mut().unwrap()).read_line(&mut said).unwrap();
-        let silent = Self { folder, holder };
-        match said.trim() {
-            "held" => Some(silent),
-            _ => skip("this file system knows no leases", "use another folder for temporary files"),
-        }
-    }
-}
-
-impl Drop for Silent {
-    /// It answers, so that no thread is left behind.
-    fn drop(&mut self) {
-        drop(self.holder.stdin.take());
-        let _ = self.holder.wait();
+        let file = SilentFile::hold(scratch, &folder.join(file))?;
+        Some(Self { folder, _file: file })
     }
 }
 
@@ -250,6 +226,53 @@ fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let ended = Instant::now();
+    drop(window);
+    assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
+}
+
+/// A session looks at some of its frames before it begins, those that were found long before among them.
+#[test]
+fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (path, later) = (folder.path().join("room"), folder.path().join("later"));
+    let params =
+        SyntheticParams { width: 64, height: 48, n_train: 3, n_eval: 0, ..SyntheticParams::demo() };
+    write(&params, &path, SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
+    // The first is held out. The second shows nothing, so that nothing can begin with it alone.
+    let hole = "train/frame-000001.depth.png";
+    std::fs::write(path.join(hole), image_of_holes(64, 48)).unwrap();
+    std::fs::create_dir(&later).unwrap();
+    let third = ["color.png", "depth.png", "pose.txt"].map(|end| format!("frame-000002.{end}"));
+    let frames = path.join("train");
+    third.iter().for_each(|name| std::fs::rename(frames.join(name), later.join(name)).unwrap());
+
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    click(&mut window, "Follow");
+    wait(&mut window, "the switch", |studio| studio.snapshot().follows);
+    let says = |part: &'static str| {
+        move |studio: &Studio| {
+            let snapshot = studio.snapshot();
+            let problem = snapshot.followed.as_ref().and_then(|f| f.problem.as_deref());
+            problem.is_some_and(|problem| problem.contains(part))
+        }
+    };
+    drop_on(&mut window, &path);
+    wait(&mut window, "a frame that shows nothing", says("points"));
+    let Some(_silent) = Silent::of(folder.path(), path.clone(), hole) else { return };
+    third.iter().for_each(|name| std::fs::rename(later.join(name), frames.join(name)).unwrap());
+    wait(&mut window, "the silence", says("silent for 3 seconds; check"));
+    assert_eq!(window.state().snapshot().state, RunState::Waiting);
+
+    let asked = Instant::now();
+    click(&mut window, "Follow");
+    wait(&mut window, "nothing", is(RunState::Empty));
+    assert!(asked.elapsed() < PASS, "{:?}", asked.elapsed());
+    click(&mut window, "Follow");
+    drop_on(&mut window, &path);
+    wait(&mut window, "waiting", is(RunState::Waiting));
+    wait(&mut window, "the silence again", says("silent for 3 seconds; check"));
     let ended = Instant::now();
     drop(window);
     assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());

@@ -13,6 +13,7 @@ pub mod ray;
 pub mod render_cases;
 pub mod scenes;
 pub mod scratch;
+pub mod silent;
 pub mod skip;
 
 use std::path::PathBuf;

@@ -1,8 +1,9 @@
 //! Frames that are taken while they are recorded.
 
+use super::awaited::AwaitedRecording;
 use super::dirty::Dirty;
 use super::thread::WorkerThread;
-use crate::app::opening::{self, Content};
+use crate::app::opening::Content;
 use crate::app::session_info::session_info;
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
@@ -25,15 +26,15 @@ const CAMERAS: Duration = Duration::from_secs(2);
 impl WorkerThread {
     /// Time until the next look for frames, while there is none to train.
     pub(super) fn rest_between_looks(&self) -> Option<Duration> {
-        let follow = match (self.snapshot.state, &self.content) {
-            (RunState::Waiting, _) => self.awaited.as_ref(),
+        let rest = match (self.snapshot.state, &self.content) {
+            (RunState::Waiting, _) => self.awaited.as_ref()?.rest(),
             (RunState::Training, Some(Content::Session(session))) if session.is_caught_up() => {
-                session.followed()
+                session.followed()?.rest()
             }
-            _ => None,
+            _ => return None,
         };
         // Never without a rest, however late it is.
-        Some(follow?.rest().max(Duration::from_millis(1)))
+        Some(rest.max(Duration::from_millis(1)))
     }
 
     pub(super) fn set_follows(&mut self, follows: bool) {
@@ -77,7 +78,7 @@ impl WorkerThread {
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) {
-        self.awaited = Some(follow);
+        self.awaited = Some(AwaitedRecording::new(follow));
         (self.subject, self.calibration) = (Some(subject), calibration);
         (self.content, self.dirty) = (None, Dirty::default());
         self.forget_autosave();
@@ -96,29 +97,15 @@ impl WorkerThread {
 
     /// Begins a session on the first frames of what is awaited, if they are there.
     pub(super) fn look_for_the_first(&mut self) {
-        let Some(follow) = &mut self.awaited else { return };
+        let Some(mut awaited) = self.awaited.take() else { return };
         let mut training = self.training.clone();
         training.scene.calibration = self.calibration.as_ref().map(|c| c.calibration.clone());
-        let begun = match (follow.more(), training.request()) {
-            (Ok(None), _) => Ok(None),
-            (Ok(Some(dataset)), Ok(request)) => {
-                match Session::new(dataset, request, follow.selection().clone()) {
-                    Ok(session) => Ok(Some(session)),
-                    Err(error) if follow.forgives(&error) => Ok(None),
-                    Err(error) => Err(error.to_string()),
-                }
-            }
-            (Ok(Some(_)), Err(refused)) => Err(refused.to_string()),
-            (Err(error), _) => Err(error.to_string()),
-        };
-        match begun {
-            Ok(None) => {}
-            Ok(Some(mut session)) => {
-                let path = follow.path().to_owned();
-                session.follow(self.awaited.take());
-                let opened = opening::session(session, self.next_serial, Some(&path));
+        match awaited.look(&training, self.next_serial) {
+            Ok(None) => self.awaited = Some(awaited),
+            Ok(Some(mut begun)) => {
+                awaited.hand_over(&mut begun);
                 self.next_serial += 1;
-                self.begin(opened);
+                self.begin(begun);
                 // A recording does not wait for anybody.
                 self.snapshot.state = RunState::Training;
                 self.changed = true;
@@ -139,12 +126,17 @@ impl WorkerThread {
             _ => None,
         };
         let is_waiting = session.is_none_or(Session::is_caught_up);
-        let follow = self.awaited.as_ref().or_else(|| session.and_then(Session::followed));
-        let followed = follow.map(|follow| Followed {
+        let of = |follow: &Follow, problem| Followed {
             path: follow.path().to_owned(),
             is_waiting,
-            problem: follow.problem().map(str::to_owned),
-        });
+            problem,
+        };
+        let followed = match (&self.awaited, session.and_then(Session::followed)) {
+            (Some(awaited), _) => Some(of(awaited.follow(), awaited.problem())),
+            (None, followed) => {
+                followed.map(|follow| of(follow, follow.problem().map(str::to_owned)))
+            }
+        };
         let has_ended = followed.is_none() && self.snapshot.followed.is_some();
         self.changed |= self.snapshot.followed != followed;
         self.snapshot.followed = followed;

@@ -2,6 +2,7 @@
 //! changed splats, and never waits for the window.
 
 mod autosave;
+mod awaited;
 mod calibrate;
 mod crash;
 mod dirty;
@@ -10,6 +11,7 @@ mod files;
 mod first_look;
 mod following;
 mod opening_wish;
+mod opening_work;
 mod order;
 mod publishing;
 mod reading;

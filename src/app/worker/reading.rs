@@ -2,15 +2,13 @@
 //!
 //! A network drive that is gone blocks whoever asks it for a file, for minutes or for ever, and nothing can
 //! end that. So a thread of its own asks, and the training thread waits for it only as long as the user
-//! does: a thread that is given up stays behind with what it waits for and is heard no more.
+//! does.
 
+use super::opening_work::{opened, start_opening};
 use super::thread::WorkerThread;
-use crate::app::panic_report::PanicReport;
 use crate::app::state::{NoticeKind, NoticeTopic};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::mpsc::{RecvTimeoutError, sync_channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How often it is looked whether the user still waits.
 const LOOK: Duration = Duration::from_millis(50);
@@ -41,42 +39,19 @@ impl WorkerThread {
     ) -> Result<T, Refusal> {
         let name = path.map_or_else(|| "the demo".to_owned(), |path| path.display().to_string());
         self.shared.opening.begin();
-        let (answer, answers) = sync_channel(1);
-        let n_threads = rayon::current_num_threads();
-        let reads = move || {
-            // A pool of its own: one thread of the common one that never came back would be missing for
-            // training and drawing ever after.
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build();
-            let done = catch_unwind(AssertUnwindSafe(|| match pool {
-                Ok(pool) => pool.install(work),
-                Err(_) => work(),
-            }));
-            // Nobody listens any more where it was given up.
-            let _ = answer.send(done.map_err(|panic| PanicReport::of(&*panic)));
-        };
-        std::thread::Builder::new().name("opening".into()).spawn(reads).map_err(|error| {
-            format!("{name}: no thread to open it on could be started: {error}")
-        })?;
-        let asked = Instant::now();
+        let work = start_opening(&name, work)?;
         let mut is_told = false;
         loop {
-            match answers.recv_timeout(LOOK) {
-                Ok(Ok(found)) => return Ok(found),
-                Ok(Err(panic)) => {
-                    return Err(format!("{name}: {}", panic.ended("opening it")).into());
-                }
-                Err(RecvTimeoutError::Disconnected) => {
-                    return Err(format!("{name}: the thread that opened it has ended").into());
-                }
-                Err(RecvTimeoutError::Timeout) => {}
+            if let Some(ended) = work.wait(LOOK) {
+                return Ok(opened(&name, ended)?);
             }
             if self.shared.opening.is_given_up() {
                 let text = format!("{name}: given up before it was open, as asked");
                 return Err(Refusal { kind: NoticeKind::Info, text });
             }
-            if !is_told && asked.elapsed() > SLOW {
+            if !is_told && work.elapsed() > SLOW {
                 is_told = true;
-                self.tell_of_silence(&name, asked.elapsed());
+                self.tell_of_silence(&name, work.elapsed());
             }
         }
     }

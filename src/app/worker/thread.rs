@@ -2,6 +2,7 @@
 //!
 //! The loop outlives panics: what is open stays open and can be saved, whatever went wrong with it.
 
+use super::awaited::AwaitedRecording;
 use super::dirty::Dirty;
 use super::order::WorkerOrder;
 use super::run_autosave::RunAutosave;
@@ -15,7 +16,6 @@ use crate::app::state::{
 use crate::app::training::TrainSettings;
 use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
-use crate::pipeline::follow::Follow;
 use crate::render::attributes::Attribute;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -66,7 +66,7 @@ pub struct WorkerThread {
     /// How what is open is saved on its way.
     pub(super) saver: RunAutosave,
     /// A recording that no session was begun on yet.
-    pub(super) awaited: Option<Follow>,
+    pub(super) awaited: Option<AwaitedRecording>,
     /// When the trainer ran out of frames of a recording, until it is at rest.
     pub(super) waiting_since: Option<Instant>,
     /// Whether one frame is wanted that is not read yet.
