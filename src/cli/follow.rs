@@ -13,18 +13,21 @@ use vbgs_studio::pipeline::session::Session;
 /// A problem that is still there after so long is told: most are over with the next write.
 const LASTING: Duration = Duration::from_secs(2);
 
-/// A session on the first frames that are whole, however long they take to come.
+/// A session on the first frames that are whole, however long they take to come. It looks at some of them,
+/// which a drive that has fallen silent does not give.
 pub fn begin(
     mut follow: Follow,
     interrupt: &Interrupt,
-    mut session: impl FnMut(Arc<Dataset>) -> Result<Session, RunError>,
+    session: impl Fn(Arc<Dataset>) -> Result<Session, RunError> + Send + Sync + 'static,
 ) -> Result<Session, Failure> {
     let path = follow.path().display();
     eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
     let mut told = ToldProblem::default();
+    let session = Arc::new(session);
     while !interrupt.is_asked() {
         if let Some(dataset) = follow.more()? {
-            match session(dataset) {
+            let session = session.clone();
+            match interrupt.unless_asked(move || session(dataset))? {
                 Ok(mut session) => {
                     session.follow(Some(follow));
                     return Ok(session);

@@ -9,16 +9,20 @@ use super::failure::{Failure, INTERRUPTED};
 use std::io::{Read, Write};
 #[cfg(unix)]
 use std::os::unix::net::UnixStream;
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+use vbgs_studio::pipeline::drive_work::DriveWork;
 
 /// What the process listens with: handlers are installed once.
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();
 
 /// How often it is looked where signals wake nobody.
-#[cfg(not(unix))]
 const LOOK: Duration = Duration::from_millis(100);
+
+/// For how long work that is asked to stop is waited for: what only takes a while removes its own files.
+const GRACE: Duration = Duration::from_millis(500);
 
 /// Whether the user asked to stop.
 #[derive(Clone)]
@@ -68,6 +72,23 @@ impl Interrupt {
             self.sleep(longest);
         }
         self.is_asked()
+    }
+
+    /// What comes of work before which there is nothing to save, unless the user asks to stop meanwhile: the
+    /// drive that it asks may never answer.
+    pub fn unless_asked<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Failure> {
+        let work = DriveWork::start("opening", work)?;
+        let mut asked: Option<Instant> = None;
+        while asked.is_none_or(|since| since.elapsed() < GRACE) {
+            if let Some(ended) = work.wait(LOOK) {
+                return Ok(ended.unwrap_or_else(|panic| resume_unwind(panic)));
+            }
+            asked = asked.or_else(|| self.is_asked().then(Instant::now));
+        }
+        Err(Failure::Interrupted)
     }
 
     #[cfg(unix)]

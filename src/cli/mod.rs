@@ -61,7 +61,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     match arguments.command {
         None => open_window(arguments, started),
-        Some(Command::Train(args)) => train::run(&args),
+        Some(Command::Train(args)) => train::run(&args.into()),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
         Some(Command::Export(args)) => export::run(&args),

@@ -37,14 +37,11 @@ use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::{Lens, RenderMethod};
 
 /// Trains as asked; after Ctrl-C and the like the files are written all the same.
-pub fn run(args: &TrainArgs) -> Result<(), Failure> {
+pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
-    let mut session = match args.follow {
-        true => followed(args, &start, &interrupt)?,
-        false => opened(args, start)?,
-    };
+    let mut session = begun(args, start, &interrupt)?;
     devices::attach(&mut session, args)?;
     prepare_folder(args)?;
     note(&session, args)?;
@@ -125,6 +122,15 @@ fn interval(args: &TrainArgs) -> AutosaveInterval {
     AutosaveInterval { frames: args.autosave_frames, time: args.autosave_seconds }
 }
 
+/// A session that nothing was learnt in yet. It asks drives, so that Ctrl-C is heard beside it.
+fn begun(args: &Arc<TrainArgs>, start: Start, interrupt: &Interrupt) -> Result<Session, Failure> {
+    if args.follow {
+        return followed(args, start, interrupt);
+    }
+    let args = args.clone();
+    interrupt.unless_asked(move || opened(&args, start))?
+}
+
 /// A session on what the folder holds.
 fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
@@ -140,16 +146,21 @@ fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
 }
 
 /// A session on the first frames of a recording that is under way.
-fn followed(args: &TrainArgs, start: &Start, interrupt: &Interrupt) -> Result<Session, Failure> {
-    let load = start.load_options(args);
-    let selection = match start {
+fn followed(
+    args: &Arc<TrainArgs>,
+    start: Start,
+    interrupt: &Interrupt,
+) -> Result<Session, Failure> {
+    let selection = match &start {
         Start::New(_) => selection(args),
         Start::Saved(run, _) => run.config.selection.clone(),
     };
-    let follow = Follow::new(&args.dataset, &load, &selection)?;
-    let session = follow::begin(follow, interrupt, |dataset| match start {
+    let (path, load, taken) = (args.dataset.clone(), start.load_options(args), selection.clone());
+    let follow = interrupt.unless_asked(move || Follow::new(&path, &load, &taken))??;
+    let is_forced = args.force;
+    let session = follow::begin(follow, interrupt, move |dataset| match &start {
         Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
-        Start::Saved(run, asked) => run.clone().resume(dataset, asked, args.force),
+        Start::Saved(run, asked) => run.clone().resume(dataset, asked, is_forced),
     })?;
     announce(session.dataset());
     if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {

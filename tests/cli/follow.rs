@@ -1,11 +1,16 @@
 //! `train --follow` beside a recorder, and `synth --live`, which is one.
 
 use super::runner::{Run, Scratch};
+use crate::common::silent::{SilentFile, image_of_holes};
 use serde_json::Value;
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+
+/// Longest that the end of a program may take here: far less than anybody waits for a drive.
+const AT_ONCE: Duration = Duration::from_secs(10);
 
 /// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -118,6 +123,36 @@ fn ctrl_c_ends_it_and_a_later_run_goes_on() {
     scratch.run(other).fails(1, &["expected the dataset it was trained on"]);
 }
 
+/// Before the first frame is learnt there is nothing to save, so nothing to wait for.
+#[test]
+#[cfg(target_os = "linux")]
+fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
+    let scratch = Scratch::empty();
+    let size = "--size 48x36 --frames 6 --eval-frames 0";
+    scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
+    let (frames, later) = (scratch.path("room/train"), scratch.path("later"));
+    // The first is held out. The second shows nothing, so that nothing can begin with it alone.
+    move_frames(&frames, &later, 2);
+    let hole = frames.join("frame-000001.depth.png");
+    fs::write(&hole, image_of_holes(48, 36)).unwrap();
+    let mut followed = start(&scratch, "train room --out out --follow");
+    let mut said = BufReader::new(followed.stderr.take().unwrap()).lines();
+    let is_waiting = said.any(|line| line.unwrap().starts_with("note: waiting: "));
+    assert!(is_waiting, "nothing is said of a frame that shows nothing");
+    let Some(_silent) = SilentFile::hold(&scratch.path("."), &hole) else { return };
+    move_frames(&later, &frames, 0);
+    let opened = start(&scratch, "train room --out out");
+    std::thread::sleep(Duration::from_secs(2));
+    for mut child in [followed, opened] {
+        assert!(child.try_wait().unwrap().is_none(), "it waits for the drive");
+        interrupt(&child);
+        let asked = Instant::now();
+        let run = end(child);
+        assert!(asked.elapsed() < AT_ONCE, "{:?}: {}", asked.elapsed(), run.stderr);
+        assert_eq!(run.code, 130, "{}", run.stderr);
+    }
+}
+
 #[test]
 fn a_limit_of_frames_ends_it() {
     let scratch = Scratch::empty();
@@ -150,13 +185,6 @@ fn frames_without_a_surface_are_waited_over() {
     let report = scratch.json("out/report.json");
     assert_eq!(names(&report).len(), 7, "all but those of holes and the ninth");
     assert_eq!(report["skipped"].as_array().unwrap().len(), 3);
-}
-
-fn image_of_holes(width: u32, height: u32) -> Vec<u8> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    let image = image::ImageBuffer::<image::Luma<u16>, _>::new(width, height);
-    image::DynamicImage::ImageLuma16(image).write_to(&mut bytes, image::ImageFormat::Png).unwrap();
-    bytes.into_inner()
 }
 
 #[test]
