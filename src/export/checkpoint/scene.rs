@@ -197,7 +197,7 @@ fn waiting(sections: &Sections) -> Result<Vec<WaitingPhotograph>, Defect> {
     let views = sections.rows::<f64, N_VIEW>(tag::PHOTO_WAITING, None)?;
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);
     // Before pixels are counted by them.
-    check::waiting(&views)?;
+    check::waiting(views.iter())?;
     let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
     let words: Vec<u32> = sections.elements(tag::PHOTO_PIXELS, Some(n))?;
     let mut pixels = words.into_iter().map(u32::to_le_bytes);

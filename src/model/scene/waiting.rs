@@ -7,7 +7,7 @@ use glam::DMat4;
 use std::fmt::{self, Display, Formatter};
 use std::sync::Arc;
 
-/// Rows of which at most one is kept, and columns and rows of an image at most.
+/// Rows of which at most one is kept, in powers of two, and columns and rows of an image at most.
 const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
 /// Frames at most: all whole numbers up to here are told apart.
@@ -73,14 +73,14 @@ impl PhotographView {
 
     /// The first of its numbers that is none of a photograph's, by name, with what was expected.
     pub fn defect(&self) -> Option<(&'static str, String, f64)> {
-        use NumberRange::{Finite, NotNegative, Positive, Whole};
+        use NumberRange::{Finite, NotNegative, Positive, PowerOfTwo, Whole};
         let ([every, first], [width, height]) = (self.rows, self.size);
         let ([red, green, blue], [fx, fy, cx, cy]) = (self.gain, self.pinhole);
-        let most_every = f64::from(MOST_EVERY);
         let side = Whole { low: 1.0, high: f64::from(MOST_SIDE) };
         let numbers = [
             ("frame", self.frame, Whole { low: 0.0, high: MOST_FRAMES }),
-            ("rows", every, Whole { low: 1.0, high: most_every }),
+            // Any other would be learnt as the power below it, which are other rows than are kept.
+            ("rows", every, PowerOfTwo { high: MOST_EVERY }),
             ("first row", first, Whole { low: 0.0, high: every - 1.0 }),
             ("near", self.near, NotNegative),
             ("size", width, side),
@@ -106,6 +106,7 @@ impl PhotographView {
 #[derive(Clone, Copy)]
 enum NumberRange {
     Whole { low: f64, high: f64 },
+    PowerOfTwo { high: u32 },
     NotNegative,
     Positive,
     Finite,
@@ -115,6 +116,9 @@ impl NumberRange {
     fn holds(self, x: f64) -> bool {
         match self {
             Self::Whole { low, high } => x.fract() == 0.0 && (low..=high).contains(&x),
+            Self::PowerOfTwo { high } => {
+                (0..=high.ilog2()).any(|power| x == f64::from(1u32 << power))
+            }
             Self::NotNegative => x >= 0.0 && x.is_finite(),
             Self::Positive => x > 0.0 && x.is_finite(),
             Self::Finite => x.is_finite(),
@@ -126,6 +130,7 @@ impl Display for NumberRange {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::Whole { high, .. } => write!(f, "a whole number up to {high}"),
+            Self::PowerOfTwo { high } => write!(f, "a power of two up to {high}"),
             Self::NotNegative => f.write_str("0 or more"),
             Self::Positive => f.write_str("a positive number"),
             Self::Finite => f.write_str("a finite number"),
@@ -172,11 +177,13 @@ mod tests {
             change(&mut view);
             view.defect().map(|(name, ..)| name)
         };
-        let changes: [(&str, Change); 10] = [
+        let changes: [(&str, Change); 12] = [
             ("frame", |view| view.frame = 0.5),
             ("size", |view| view.size[1] = 0.0),
             ("size", |view| view.size[0] = 1e9),
-            ("rows", |view| view.rows[0] = 17.0),
+            ("rows", |view| view.rows = [17.0, 0.0]),
+            ("rows", |view| view.rows = [32.0, 0.0]),
+            ("rows", |view| view.rows = [3.0, 0.0]),
             ("first row", |view| view.rows[1] = 4.0),
             ("near", |view| view.near = f64::NAN),
             ("gain", |view| view.gain[2] = 0.0),

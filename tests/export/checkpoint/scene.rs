@@ -2,7 +2,7 @@
 
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
-use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, VERSION, parse, to_bytes};
+use vbgs_studio::export::checkpoint::{self, Checkpoint, StoredModel, VERSION, parse, to_bytes};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
@@ -133,6 +133,12 @@ fn photographs_that_wait_come_back_or_are_refused() {
         });
         assert_refused(&damaged, &["PHWA[component 1", name, "NaN"]);
     }
+    // Rows that no scene keeps: of as many pixels, so that nothing else is wrong with them.
+    let odd = edited(&bytes, b"PHWA", |s| {
+        let at = 8 * (numbers + 27);
+        s.content[at..at + 8].copy_from_slice(&3f64.to_le_bytes());
+    });
+    assert_refused(&odd, &["PHWA[component 1, rows]", "a power of two up to 16", "found 3"]);
     // Numbers that call for more pixels than there are, before memory is taken for them.
     let larger = edited(&bytes, b"PHWA", |s| {
         let at = 8 * (numbers + 1);
@@ -143,6 +149,25 @@ fn photographs_that_wait_come_back_or_are_refused() {
     assert_refused(&short, &["PHPX", "24 elements", "23"]);
     let part = edited(&bytes, b"PHWA", |s| s.content.truncate(8 * numbers - 8));
     assert_refused(&part, &["PHWA", "whole rows"]);
+}
+
+/// A file that nothing opens must not take the place of one that is whole.
+#[test]
+fn photographs_that_no_file_may_have_are_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.vbgs");
+    let refused = |change: fn(&mut WaitingPhotograph)| {
+        let mut photographed = parse(&photographed()).unwrap().checkpoint;
+        let StoredModel::Scene(state) = &mut photographed.model else { unreachable!() };
+        change(&mut state.photometric.as_mut().unwrap().waiting[1]);
+        let error = checkpoint::write(&path, &photographed).unwrap_err().to_string();
+        assert!(!path.exists());
+        error
+    };
+    let gain = refused(|waiting| waiting.view.gain[1] = 0.0);
+    assert!(gain.contains("PHWA[component 1, gain]"), "{gain}");
+    let pixels = refused(|waiting| waiting.pixels = vec![[0; 4]; 11].into());
+    assert!(pixels.contains("PHWA[component 1, size]: expected 12 pixels, found 11"), "{pixels}");
 }
 
 /// A scene before its first frame.

@@ -81,8 +81,10 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
 }
 
 /// Photographs that wait: cameras that can be, and what is kept of an image.
-pub(in super::super) fn waiting(views: &[PhotographView]) -> Result<(), Defect> {
-    for (at, view) in views.iter().enumerate() {
+pub(in super::super) fn waiting<'a>(
+    views: impl Iterator<Item = &'a PhotographView>,
+) -> Result<(), Defect> {
+    for (at, view) in views.enumerate() {
         if let Some((name, expected, found)) = view.defect() {
             return Err(value(tag::PHOTO_WAITING, at, name, &expected, found));
         }
@@ -90,8 +92,14 @@ pub(in super::super) fn waiting(views: &[PhotographView]) -> Result<(), Defect> 
     Ok(())
 }
 
-/// Splats that a renderer can draw, and precisions that are some.
+/// Splats that a renderer can draw, precisions that are some, and photographs that can wait.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
+    waiting(state.waiting.iter().map(|waiting| &waiting.view))?;
+    let mut all = state.waiting.iter().enumerate();
+    if let Some((at, odd)) = all.find(|(_, w)| w.pixels.len() != w.view.n_pixels()) {
+        let expected = format!("{} pixels", odd.view.n_pixels());
+        return Err(value(tag::PHOTO_WAITING, at, "size", &expected, odd.pixels.len() as f64));
+    }
     let looks = state.splats.iter().zip(&state.appearance);
     let precisions = state.form.iter().zip(&state.color);
     let all = looks.zip(precisions).enumerate();
