@@ -70,6 +70,11 @@ impl<'a> Section<'a> {
         Self { tag, element: T::ELEMENT, parts: vec![Cow::Owned(bytes)] }
     }
 
+    /// From elements in several runs, each given as its bytes.
+    pub fn of_runs<T: Stored>(tag: [u8; 4], runs: impl Iterator<Item = &'a [u8]>) -> Self {
+        Self { tag, element: T::ELEMENT, parts: runs.map(Cow::Borrowed).collect() }
+    }
+
     /// Appends more elements of the section's type.
     pub fn and<T: Stored>(mut self, elements: &'a [T]) -> Self {
         debug_assert!(T::ELEMENT == self.element);

@@ -91,11 +91,11 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
     // Where none waits, files keep the bytes that they had before any could.
     if !photometric.waiting.is_empty() {
         let views: Vec<PhotographView> = photometric.waiting.iter().map(|w| w.view).collect();
-        let pixels = photometric.waiting.iter().flat_map(|waiting| &*waiting.pixels);
-        let pixels = pixels.map(|&pixel| u32::from_le_bytes(pixel)).collect();
+        // A word a pixel; as they lie, since there may be 64 MB of them.
+        let pixels = photometric.waiting.iter().map(|waiting| waiting.pixels.as_flattened());
         sections
             .push(Section::owned::<f64>(tag::PHOTO_WAITING, bytemuck::cast_slice(&views).to_vec()));
-        sections.push(Section::owned::<u32>(tag::PHOTO_PIXELS, pixels));
+        sections.push(Section::of_runs::<u32>(tag::PHOTO_PIXELS, pixels));
     }
     sections
 }

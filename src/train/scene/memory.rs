@@ -28,8 +28,8 @@ impl SceneConfig {
     /// as the settings allow.
     pub fn memory(&self, pixels: usize, frames_at_once: usize) -> MemoryEstimate {
         // A checkpoint holds a copy of what photographs taught, too, and so does what is drawn at the end
-        // where some of them wait.
-        let waiting = self.photometric.map_or(0, |rule| 2 * rule.waiting_bytes(pixels));
+        // where some of them wait, whose pixels all of these share.
+        let waiting = self.photometric.map_or(0, |rule| rule.waiting_bytes(pixels));
         let [of_splat, of_pixel] = match self.photometric {
             Some(rule) => {
                 let copies = if rule.shuffle_buffer > 0 { 3 } else { 2 };

@@ -2,6 +2,7 @@
 
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
+use crate::allocations::largest_during;
 use vbgs_studio::export::checkpoint::{self, Checkpoint, StoredModel, VERSION, parse, to_bytes};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
@@ -149,6 +150,23 @@ fn photographs_that_wait_come_back_or_are_refused() {
     assert_refused(&short, &["PHPX", "24 elements", "23"]);
     let part = edited(&bytes, b"PHWA", |s| s.content.truncate(8 * numbers - 8));
     assert_refused(&part, &["PHWA", "whole rows"]);
+}
+
+/// There may be 64 MB of them, which a scene holds already.
+#[test]
+fn photographs_that_wait_are_written_without_a_copy() {
+    let mut photographed = parse(&photographed()).unwrap().checkpoint;
+    let StoredModel::Scene(state) = &mut photographed.model else { unreachable!() };
+    let waiting = &mut state.photometric.as_mut().unwrap().waiting[0];
+    waiting.view.size = [4096.0, 512.0];
+    waiting.pixels = vec![[1, 2, 3, 4]; waiting.view.n_pixels()].into();
+    let pixels = size_of_val(&waiting.pixels[..]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.vbgs");
+    let (written, largest) = largest_during(|| checkpoint::write(&path, &photographed));
+    written.unwrap();
+    assert!(largest < pixels / 2, "{largest} bytes at once, beside {pixels} of pixels");
+    assert_eq!(checkpoint::read(&path).unwrap().checkpoint, photographed);
 }
 
 /// A file that nothing opens must not take the place of one that is whole.
