@@ -102,7 +102,11 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
         NoticeKind::Info,
         "colour is looked up by the published Kinect's camera; another is described in a calibration file, which can be dropped here".to_owned(),
     ));
-    let notices = notes.chain(warnings).chain(assumed).collect();
+    let split = &dataset.splits[session.plan().split];
+    let color_camera = session.config().method.any().color_camera();
+    let scaled = color_camera.and_then(|camera| split.scaling(&camera).ok().flatten());
+    let scaled = scaled.map(|scaled| (NoticeKind::Info, scaled.to_string()));
+    let notices = notes.chain(warnings).chain(assumed).chain(scaled).collect();
     let opened = Opened {
         name: path.map_or_else(|| "Demo: synthetic room".to_owned(), |_| dataset.name.clone()),
         path: path.map(Path::to_path_buf),

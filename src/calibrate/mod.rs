@@ -251,11 +251,18 @@ fn survey(
     let run = SceneRun::new(dataset, all, &overrides)?;
     // Few large frames are thinned out, many small ones are not: time is what is held.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();
+    let size = [frames[0].color.width, frames[0].color.height].map(|n| n as u32);
     let along_z = frames[0].depth.as_ref().is_some_and(|depth| depth.kind == DepthKind::Z);
     let input = CalibrationInput {
         along_z,
         surface: run.surface,
-        calibration: plan.start.clone(),
+        calibration: Calibration {
+            color_camera: plan.start.color_camera.map(|camera| match camera.size {
+                Some(_) => camera.at_size(size),
+                None => camera,
+            }),
+            ..plan.start.clone()
+        },
         h: run.engine.h,
         step: (pixels as f64 / PIXELS).sqrt().ceil() as usize,
         frames,

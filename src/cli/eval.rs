@@ -39,6 +39,13 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     };
     let views = (split, &frames[..]);
     let color_camera = color_camera(args, &model, &dataset)?;
+    if let Some(camera) = color_camera {
+        let scaling = dataset.splits[split].scaling(&camera).map_err(|error| {
+            let file = args.calibration.as_deref().unwrap_or(&args.model);
+            Failure::failed(error).of_calibration(Some(file))
+        })?;
+        scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
+    }
     let learnt = model.learnt.as_ref().and_then(|learnt| learnt.of(&dataset));
     let learnt = learnt.as_ref().map(|(split, frames)| (*split, &frames[..]));
     if learnt.is_none() {

@@ -1,7 +1,9 @@
 //! How a command ends when it does not end well.
 
 use super::wording;
+use std::path::Path;
 use std::process::ExitCode;
+use vbgs_studio::dataset::calibrated_size::OtherShape;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
@@ -24,6 +26,18 @@ impl Failure {
     /// The work failed.
     pub fn failed(error: impl Into<anyhow::Error>) -> Self {
         Self::Failed(error.into())
+    }
+
+    /// With the file that says a calibration, where that is to blame.
+    pub fn of_calibration(self, file: Option<&Path>) -> Self {
+        match (self, file) {
+            (Self::Failed(error), Some(file))
+                if error.chain().any(|cause| cause.is::<OtherShape>()) =>
+            {
+                Self::Failed(error.context(file.display().to_string()))
+            }
+            (failure, _) => failure,
+        }
     }
 
     /// Prints the one message, returns the exit status.

@@ -55,6 +55,12 @@ pub fn method(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     }
 }
 
+/// The file that says what corrects the cameras, if one does.
+pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
+    let given = args.settings.given("--calibration").map(Path::new);
+    given.or(args.resume.as_deref()).or(args.config.as_deref())
+}
+
 /// What the command line says of one preset's settings, over what a file says of the one meant.
 fn layer<L: SettingLayer + DeserializeOwned>(
     args: &TrainArgs,

@@ -10,7 +10,7 @@ use super::failure::Failure;
 use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
-use super::settings::{asked, method, selection};
+use super::settings::{asked, calibration_file, method, selection};
 use super::{crash, devices, output, pose_check, progress, quality, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
@@ -41,7 +41,8 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
-    let mut session = begun(args, start, &interrupt)?;
+    let session = begun(args, start, &interrupt);
+    let mut session = session.map_err(|failure| failure.of_calibration(calibration_file(args)))?;
     devices::attach(&mut session, args)?;
     prepare_folder(args)?;
     note(&session, args)?;
@@ -189,6 +190,11 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     }
     if session.config().method.assumes_calibration(session.dataset()) {
         eprintln!("note: {KNOWN_CALIBRATION}");
+    }
+    let split = &session.dataset().splits[session.plan().split];
+    let color_camera = session.config().method.any().color_camera();
+    if let Some(Ok(Some(scaled))) = color_camera.map(|camera| split.scaling(&camera)) {
+        eprintln!("note: {scaled}");
     }
     let preset = session.config().method.any();
     let limit = preset.component_limit();

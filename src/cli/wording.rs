@@ -115,7 +115,7 @@ fn scene_error(error: &SceneError) -> Option<String> {
             ))
         }
         SceneError::NoPoints(none) => Some(none.saying(&depth_advice(&none.advice))),
-        SceneError::Config(_) => None,
+        SceneError::Config(_) | SceneError::Photographs(_) => None,
     }
 }
 

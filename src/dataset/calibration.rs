@@ -157,6 +157,9 @@ impl Calibration {
             all("principal", &camera.principal, "finite numbers of pixels", f64::is_finite)?;
             all("offset", &camera.offset, "finite lengths", f64::is_finite)?;
             all("rotation", &camera.rotation, "finite angles in radians", f64::is_finite)?;
+            let size = camera.size.map(|size| size.map(f64::from));
+            let size = size.as_ref().map_or(&[] as &[f64], |size| size);
+            all("size", size, "positive numbers of pixels", is_positive)?;
         }
         for FrameGain { frame, gain } in &self.exposure {
             all(&format!("gain of {frame}"), gain, "positive numbers", is_positive)?;
@@ -193,16 +196,25 @@ impl ColorCamera {
     };
 
     /// The depth camera's own lens, sampled by an image of another size: what phones record.
-    pub(super) fn resampled(depth: &Intrinsics, [width, height]: [u32; 2]) -> Self {
-        let sx = f64::from(width) / f64::from(depth.width);
-        let sy = f64::from(height) / f64::from(depth.height);
-        Self {
-            focal: [depth.fx * sx, depth.fy * sy],
-            principal: [depth.cx * sx, depth.cy * sy],
+    pub(super) fn resampled(depth: &Intrinsics, size: [u32; 2]) -> Self {
+        let camera = Self {
+            focal: [depth.fx, depth.fy],
+            principal: [depth.cx, depth.cy],
             offset: [0.0; 3],
             rotation: [0.0; 3],
-            size: Some([width, height]),
-        }
+            size: Some([depth.width, depth.height]),
+        };
+        camera.at_size(size)
+    }
+
+    /// The same camera where its images are made larger or smaller; of a size that is not told, the numbers
+    /// are of this one.
+    pub fn at_size(self, size: [u32; 2]) -> Self {
+        let [own_width, own_height] = self.size.unwrap_or(size).map(f64::from);
+        let [width, height] = size.map(f64::from);
+        let ([sx, sy], [fx, fy], [cx, cy]) =
+            ([width / own_width, height / own_height], self.focal, self.principal);
+        Self { focal: [fx * sx, fy * sy], principal: [cx * sx, cy * sy], size: Some(size), ..self }
     }
 
     /// The same lens where the depth camera stood at `depth` and this one at `color`, as of a camera that

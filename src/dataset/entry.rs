@@ -12,7 +12,7 @@ use super::frame::{Frame, photographed_by};
 use super::source::ByteSource;
 use super::surface::sensor::Sensor;
 use super::synthetic::scene::SyntheticScene;
-use crate::math::camera::Camera;
+use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::pose::Pose;
 use std::path::Path;
@@ -134,7 +134,10 @@ impl FrameEntry {
     /// The same where the camera that measures depth stood at `pose`.
     pub fn photo_camera_at(&self, pose: Pose, calibrated: Option<&ColorCamera>) -> Camera {
         let camera = Camera { pose, ..self.camera };
-        let color = photographed_by(self.color_camera, calibrated);
+        let Intrinsics { width, height, .. } = camera.intrinsics;
+        // That of its image, which decoding is held to.
+        let size = self.color_camera.and_then(|color| color.size).unwrap_or([width, height]);
+        let color = photographed_by(self.color_camera, calibrated, size);
         color.map_or(camera, |color| color.beside(&camera))
     }
 

@@ -123,7 +123,8 @@ impl Frame {
     /// The camera that took the colours: what a calibration says, else what the files say; `None`
     /// where colours are registered to depth.
     pub fn photographed_by(&self, calibrated: Option<&ColorCamera>) -> Option<ColorCamera> {
-        photographed_by(self.color_camera, calibrated)
+        let size = [self.color.width, self.color.height].map(|n| n as u32);
+        photographed_by(self.color_camera, calibrated, size)
     }
 
     /// World pose and intrinsics of the camera that took the colours, for the photograph's size.
@@ -247,17 +248,13 @@ fn check_length(
     }
 }
 
-/// The camera that took colours: what a calibration says is preferred to what files say, and gets
-/// the size that files say where it has none.
+/// The camera that took a photograph of this size: what a calibration says is preferred to what files say.
 pub(super) fn photographed_by(
     recorded: Option<ColorCamera>,
     calibrated: Option<&ColorCamera>,
+    size: [u32; 2],
 ) -> Option<ColorCamera> {
-    let size = recorded.and_then(|camera| camera.size);
-    match calibrated {
-        Some(camera) => Some(ColorCamera { size: camera.size.or(size), ..*camera }),
-        None => recorded,
-    }
+    calibrated.copied().or(recorded).map(|camera| camera.at_size(size))
 }
 
 /// How much longer a length of `kind` is than the depth z at a pixel (1 for z itself).

@@ -22,6 +22,7 @@
 // pixels works on images whose size was checked when they were decoded.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]
 
+pub mod calibrated_size;
 pub mod calibration;
 pub mod capture_check;
 pub mod depth;

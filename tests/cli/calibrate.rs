@@ -121,6 +121,49 @@ fn a_colour_camera_is_found() {
 }
 
 /// Focal length, both offsets, depth scale and exposure wrong at once, in six rooms.
+/// Photographs are made smaller and keep the calibration of the large ones.
+#[test]
+fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
+    let scratch = with_recording();
+    let k = intrinsics(&scratch);
+    let camera = |name: &str, scale: f64, [width, height]: [u32; 2]| {
+        let text = format!(
+            "(color_camera: (focal: ({}, {}), principal: ({}, {}), offset: (0.0, 0.0, 0.0), size: ({width}, {height})))",
+            scale * k.fx,
+            scale * k.fy,
+            scale * k.cx,
+            scale * k.cy
+        );
+        fs::write(scratch.path(name), text).unwrap();
+    };
+    camera("same.ron", 1.0, [160, 120]);
+    camera("twice.ron", 2.0, [320, 240]);
+    camera("cropped.ron", 2.0, [320, 180]);
+    let scaled = "images of 320×240 and is scaled to photographs of 160×120";
+    let measured = ["same", "twice"].map(|name| {
+        let run = format!("train room --out {name} --calibration {name}.ron --max-frames 3");
+        let run = scratch.run(&format!("{run} --eval held-out")).succeeds();
+        assert_eq!(run.stderr.contains(scaled), name == "twice", "{}", run.stderr);
+        let report = scratch.json(&format!("{name}/report.json"));
+        let frame = &report["frames"][2];
+        let learnt = [&frame["points"], &frame["elbo_mean"], &frame["photograph"]["difference"]];
+        assert!(learnt.iter().all(|number| number.is_number()), "{frame}");
+        (learnt.map(Value::clone), report["eval"][0]["psnr_mean"].clone())
+    });
+    assert_eq!(measured[0], measured[1]);
+    let eval = "eval same/scene.ply room --max-frames 1 --calibration";
+    let run = scratch.run(&format!("{eval} twice.ron")).succeeds();
+    assert!(run.stderr.contains(scaled), "{}", run.stderr);
+
+    let parts =
+        ["cropped.ron: calibration: `size`", "160×120", "train/frame-0000", "found 320×180"];
+    scratch.run("train room --out no --calibration cropped.ron").fails(1, &parts);
+    scratch.run("train room --out no --follow --calibration cropped.ron").fails(1, &parts);
+    scratch.run(&format!("{eval} cropped.ron")).fails(1, &parts);
+    let calibrate = "calibrate room --calibration cropped.ron -o no.ron";
+    scratch.run(calibrate).fails(1, &parts[1..]);
+}
+
 #[test]
 #[ignore = "six calibrations: two minutes"]
 fn all_that_is_wrong_comes_back_within_its_standard_errors() {

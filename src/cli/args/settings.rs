@@ -35,12 +35,14 @@ impl SettingsArgs {
         Ok(layer)
     }
 
+    /// What the command line says of an option, by its name with dashes.
+    pub fn given(&self, option: &str) -> Option<&OsStr> {
+        self.given.iter().find(|(given, _)| *given == option).map(|(_, text)| text.as_os_str())
+    }
+
     fn text(&self, about: &About) -> Option<&OsStr> {
         match about.spelling {
-            Spelling::Option(option, _) => {
-                let (_, text) = self.given.iter().find(|(given, _)| *given == option)?;
-                Some(text)
-            }
+            Spelling::Option(option, _) => self.given(option),
             Spelling::Part(part) => {
                 let is_in = |parts: &[String]| parts.iter().any(|given| given == part);
                 let with = is_in(&self.with).then_some("true");

@@ -10,7 +10,6 @@ use super::status::{PixelStatus, SurfaceCounts};
 use crate::dataset::calibration::Calibration;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
 use crate::observation::photograph::Photograph;
@@ -138,9 +137,6 @@ fn photograph(frame: &Frame, calibration: &Calibration, ranges: &Image<f32>) -> 
         None => (depth, DVec3::ZERO, DQuat::IDENTITY),
         Some(camera) => (camera.intrinsics(depth), DVec3::from_array(camera.offset), camera.turn()),
     };
-    // A calibration may be of another size of images than these, which no file says.
-    let [width, height] = [*width, *height].map(|n| n as u32);
-    let intrinsics = Intrinsics { width, height, ..intrinsics };
     Photograph { intrinsics, offset, turn, pixels }
 }
 

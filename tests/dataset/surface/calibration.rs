@@ -52,6 +52,10 @@ fn files_that_make_no_sense_are_refused_by_name() {
             "(color_camera: (focal: (0, 1), principal: (0, 0), offset: (0, 0, 0)))",
             ["`focal`", "0;"],
         ),
+        (
+            "(color_camera: (focal: (1, 1), principal: (0, 0), offset: (0, 0, 0), size: (640, 0)))",
+            ["`size`", "0;"],
+        ),
         ("(exposure: [(frame: \"a\", gain: (1, -1, 1))])", ["`gain of a`", "-1;"]),
         ("depth", ["calibration.ron", "correct this place"]),
     ] {
@@ -125,7 +129,8 @@ fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
 #[test]
 fn a_photograph_has_the_size_of_its_image_whatever_a_calibration_says() {
     let wall = frame(DepthKind::Z, |_, _| 1.5);
-    for size in [None, Some([2 * WIDTH as u32, 3 * HEIGHT as u32])] {
+    let larger = Some([2 * WIDTH as u32, 4 * HEIGHT as u32]);
+    for (size, [sx, sy]) in [(None, [1.0, 1.0]), (larger, [0.5, 0.25])] {
         let camera = ColorCamera { size, ..ColorCamera::KINECT };
         let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
         let (_, out, _) =
@@ -134,7 +139,7 @@ fn a_photograph_has_the_size_of_its_image_whatever_a_calibration_says() {
         let k = photograph.intrinsics;
         assert_eq!([k.width, k.height].map(|n| n as usize), [WIDTH, HEIGHT]);
         assert_eq!((photograph.pixels.width, photograph.pixels.height), (WIDTH, HEIGHT));
-        assert_eq!([k.fx, k.cy], [camera.focal[0], camera.principal[1]]);
+        assert_eq!([k.fx, k.cy], [sx * camera.focal[0], sy * camera.principal[1]]);
     }
 }
 

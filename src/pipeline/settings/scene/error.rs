@@ -1,5 +1,6 @@
 //! Why a scene cannot begin.
 
+use crate::dataset::calibrated_size::OtherShape;
 use crate::dataset::surface::sample::NoUsableDepth;
 use crate::train::setting::ConfigError;
 
@@ -12,6 +13,9 @@ pub enum SceneError {
     /// No pixel of the sampled frames is a point.
     #[error(transparent)]
     NoPoints(#[from] NoUsableDepth),
+    /// The calibration is of other photographs.
+    #[error("{0}")]
+    Photographs(#[from] OtherShape),
     /// The structural scale is below what the data can tell apart.
     #[error(
         "structural scale: expected at least {least:.2e} world units, the distance that depth noise makes of one surface here, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"

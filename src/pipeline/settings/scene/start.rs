@@ -40,6 +40,10 @@ impl SceneRun {
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
         no_photographs_wait_unlearnt(overrides, &run.engine)?;
+        if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
+        {
+            dataset.splits[plan.split].scaling(&camera)?;
+        }
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
         run.engine.h = in_world_units(run.scale, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })

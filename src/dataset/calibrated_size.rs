@@ -1,0 +1,86 @@
+//! Whether a calibration's colour camera is of photographs like those that a dataset has.
+//!
+//! People make photographs smaller and keep the calibration of the large ones: a camera of another size is
+//! scaled to them ([`ColorCamera::at_size`]). Where their shape differs they were cropped, or another camera took
+//! them, and no scale is right.
+
+use super::calibration::ColorCamera;
+use super::entry::DatasetSplit;
+use std::fmt;
+
+/// A colour camera of photographs of another size, scaled to those there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ScaledCamera {
+    /// Columns and rows of the images that the calibration is of.
+    pub calibrated: [u32; 2],
+    /// Columns and rows of the photographs.
+    pub found: [u32; 2],
+}
+
+impl fmt::Display for ScaledCamera {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([w, h], [width, height]) = (self.calibrated, self.found);
+        write!(
+            f,
+            "the calibration's colour camera is of images of {w}×{h} and is scaled to photographs of {width}×{height}"
+        )
+    }
+}
+
+/// A colour camera of images of another shape than the photographs.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or another size of its shape, found {}×{}; give a calibration of these photographs",
+    found[0], found[1], calibrated[0], calibrated[1]
+)]
+pub struct OtherShape {
+    /// Name of a frame with such a photograph.
+    pub frame: String,
+    /// Columns and rows of its photograph.
+    pub found: [u32; 2],
+    /// Columns and rows of the images that the calibration is of.
+    pub calibrated: [u32; 2],
+}
+
+impl DatasetSplit {
+    /// How a calibration's colour camera is scaled to its photographs, if it has to be.
+    ///
+    /// # Errors
+    /// [`OtherShape`] of the first photograph that the camera cannot have taken.
+    pub fn scaling(&self, camera: &ColorCamera) -> Result<Option<ScaledCamera>, OtherShape> {
+        let Some(calibrated) = camera.size else { return Ok(None) };
+        let mut scaled = None;
+        for frame in &self.frames {
+            let k = frame.photo_camera(None).intrinsics;
+            let found = [k.width, k.height];
+            if !have_one_shape(calibrated, found) {
+                return Err(OtherShape { frame: frame.name.clone(), found, calibrated });
+            }
+            if found != calibrated {
+                scaled = scaled.or(Some(ScaledCamera { calibrated, found }));
+            }
+        }
+        Ok(scaled)
+    }
+}
+
+/// Whether one is the other scaled: their sides are rounded to pixels.
+fn have_one_shape(one: [u32; 2], other: [u32; 2]) -> bool {
+    let ([w, h], [width, height]) = (one.map(i64::from), other.map(i64::from));
+    (w * height - h * width).abs() < w.max(h).max(width).max(height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_of_one_shape_differ_by_less_than_a_pixel() {
+        for scaled in [[960, 720], [1920, 1440], [641, 481], [3, 2], [5760, 4321]] {
+            assert!(have_one_shape([1920, 1440], scaled), "{scaled:?}");
+        }
+        for other in [[1920, 1080], [1440, 1920], [640, 478], [1920, 1442]] {
+            assert!(!have_one_shape([1920, 1440], other), "{other:?}");
+        }
+    }
+}
