@@ -32,6 +32,8 @@ pub struct Follow {
     started: Instant,
     pace: LookPace,
     problem: Option<String>,
+    /// Why a session could not begin on the frames so far.
+    unfit: Option<String>,
     /// What is said while a look takes too long.
     silence: Option<String>,
     is_over: bool,
@@ -76,6 +78,7 @@ impl Follow {
             started: Instant::now(),
             pace: LookPace::default(),
             problem: None,
+            unfit: None,
             silence: None,
             is_over: false,
         }
@@ -90,6 +93,7 @@ impl Follow {
         let (Found::Frames(found) | Found::End(Some(found))) = self.look()? else {
             return Ok(None);
         };
+        self.unfit = None;
         let Some(recording) = self.looks.recording() else { return Ok(None) };
         let dataset = match self.dataset.take() {
             None if found.splits.is_empty() => return Err(recording.why_empty(found)),
@@ -111,7 +115,8 @@ impl Follow {
         let is_of_frames =
             matches!(error, SessionError::Range(_) | SessionError::Scene(SceneError::NoPoints(_)));
         if is_of_frames {
-            self.problem = Some(error.to_string());
+            // Kept until there are more frames: the next look finds nothing wrong with the recording.
+            self.unfit = Some(error.to_string());
         }
         is_of_frames && !self.is_over
     }
@@ -129,9 +134,10 @@ impl Follow {
         }
     }
 
-    /// Why the last look found nothing, where that is not for lack of new files.
+    /// Why the last look found nothing, or nothing began with what was found, where that is not for lack of new
+    /// files.
     pub fn problem(&self) -> Option<&str> {
-        self.silence.as_deref().or(self.problem.as_deref())
+        self.silence.as_deref().or(self.problem.as_deref()).or(self.unfit.as_deref())
     }
 
     /// The folder.

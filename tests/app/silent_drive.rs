@@ -259,7 +259,7 @@ fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
         }
     };
     drop_on(&mut window, &path);
-    wait(&mut window, "a frame that shows nothing", says("points"));
+    wait(&mut window, "a frame that shows nothing", says("only holes"));
     let Some(_silent) = Silent::of(folder.path(), path.clone(), hole) else { return };
     third.iter().for_each(|name| std::fs::rename(later.join(name), frames.join(name)).unwrap());
     wait(&mut window, "the silence", says("silent for 3 seconds; check"));

@@ -120,7 +120,6 @@ fn a_colour_camera_is_found() {
     assert!(variance("after") < 0.7 * variance("before"), "{found}");
 }
 
-/// Focal length, both offsets, depth scale and exposure wrong at once, in six rooms.
 /// Photographs are made smaller and keep the calibration of the large ones.
 #[test]
 fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
@@ -142,7 +141,7 @@ fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
     let scaled = "images of 320×240 and is scaled to photographs of 160×120";
     let measured = ["same", "twice"].map(|name| {
         let run = format!("train room --out {name} --calibration {name}.ron --max-frames 3");
-        let run = scratch.run(&format!("{run} --eval held-out")).succeeds();
+        let run = scratch.run(&format!("{run} --eval eval")).succeeds();
         assert_eq!(run.stderr.contains(scaled), name == "twice", "{}", run.stderr);
         let report = scratch.json(&format!("{name}/report.json"));
         let frame = &report["frames"][2];
@@ -164,6 +163,7 @@ fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
     scratch.run(calibrate).fails(1, &parts[1..]);
 }
 
+/// Focal length, both offsets, depth scale and exposure wrong at once, in six rooms.
 #[test]
 #[ignore = "six calibrations: two minutes"]
 fn all_that_is_wrong_comes_back_within_its_standard_errors() {
