@@ -154,8 +154,7 @@ fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
     let run = scratch.run(&format!("{eval} twice.ron")).succeeds();
     assert!(run.stderr.contains(scaled), "{}", run.stderr);
 
-    let parts =
-        ["cropped.ron: calibration: `size`", "160×120", "train/frame-0000", "found 320×180"];
+    let parts = ["cropped.ron: calibration: `size`", "160×120", "/frame-0000", "found 320×180"];
     scratch.run("train room --out no --calibration cropped.ron").fails(1, &parts);
     scratch.run("train room --out no --follow --calibration cropped.ron").fails(1, &parts);
     scratch.run(&format!("{eval} cropped.ron")).fails(1, &parts);

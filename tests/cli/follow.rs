@@ -139,7 +139,11 @@ fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
     let mut said = BufReader::new(followed.stderr.take().unwrap()).lines();
     let is_waiting = said.any(|line| line.unwrap().starts_with("note: waiting: "));
     assert!(is_waiting, "nothing is said of a frame that shows nothing");
-    let Some(_silent) = SilentFile::hold(&scratch.path("."), &hole) else { return };
+    let Some(_silent) = SilentFile::hold(&scratch.path("."), &hole) else {
+        interrupt(&followed);
+        end(followed);
+        return;
+    };
     move_frames(&later, &frames, 0);
     let opened = start(&scratch, "train room --out out");
     std::thread::sleep(Duration::from_secs(2));
