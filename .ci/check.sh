@@ -28,7 +28,8 @@ gate env RUSTDOCFLAGS="-D warnings" \
 gate cargo test --release
 # A robot's program feeds the engine from memory; the tests have built it.
 gate cargo run --locked --release --example robot
-gate cargo test --release -- --ignored
+# Figures of time are of a quiet machine, and pictures are looked at: those run by name.
+gate cargo test --release -- --ignored --skip figures --skip pictures
 # What machines without AVX2 run passes the same tests.
 gate env VBGS_SIMD=portable cargo test --release --lib --test render
 gate env VBGS_SIMD=portable cargo test --release --test engine -- inference variants

@@ -144,7 +144,7 @@ fn room() -> (tempfile::TempDir, PathBuf, usize) {
 
 #[test]
 #[ignore = "trains some minutes; ratios are of a quiet machine"]
-fn beside_training_a_window_takes_little() {
+fn figures_beside_training() {
     let _turn = turn();
     let (_folder, room, n_pairs) = room();
     let cases = [

@@ -200,10 +200,10 @@ const PROMISES: &[(&str, &[&str])] = &[
         "Training time per frame is the same with the window visible, hidden, minimised, resized, vsync on or off",
         &[
             "waiting.rs: frames_are_trained_while_the_window_does_nothing",
-            "window.rs: start_up_and_cost_of_the_window",
+            "window.rs: figures_of_start_up_and_cost",
             "window.rs: a_window_at_rest_costs_nothing_shown_or_hidden",
-            "window.rs: orbiting_costs_training_little",
-            "beside_training.rs: beside_training_a_window_takes_little",
+            "window.rs: figures_of_orbiting",
+            "beside_training.rs: figures_beside_training",
         ],
     ),
     (

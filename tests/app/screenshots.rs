@@ -1,7 +1,7 @@
 //! Pictures of the window: those of README, and every panel in both themes and several sizes, to be looked at.
 //!
-//! `VBGS_SCREENSHOTS=screenshots cargo test --release --test app -- --ignored readme_pictures` renews README's;
-//! `VBGS_SCREENSHOTS=/tmp/panels … -- --ignored every_panel` writes the panels. Without the variable nothing is
+//! `VBGS_SCREENSHOTS=screenshots cargo test --release --test app -- --ignored pictures_of_readme` renews README's;
+//! `VBGS_SCREENSHOTS=/tmp/panels … -- --ignored pictures_of_every_panel` writes the panels. Without the variable nothing is
 //! kept, and little is trained and drawn: it is seen then that every picture can be made and shows something.
 
 use super::harness::{
@@ -158,7 +158,7 @@ fn select(window: &mut Window, at: Pos2) {
 
 #[test]
 #[ignore = "trains the demo, and Lego and a Kinect's room for pictures that are kept"]
-fn readme_pictures() {
+fn pictures_of_readme() {
     let _turn = turn();
     let album = Album::new();
     let recordings = ["data/lego400", "data/kinect_office"].map(|name| album.recording(name));
@@ -218,7 +218,7 @@ fn demo(window: &mut Window, album: &Album) {
 
 #[test]
 #[ignore = "draws a window of every panel, some eighty that are kept"]
-fn every_panel() {
+fn pictures_of_every_panel() {
     let _turn = turn();
     let album = Album::new();
     let Some(kinect) = album.recording("data/kinect_office") else { return };

@@ -113,7 +113,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 #[test]
 #[ignore = "trains the demo six times: about a minute"]
-fn start_up_and_cost_of_the_window() {
+fn figures_of_start_up_and_cost() {
     let Some(_) = display() else { return };
     let folder = tempfile::tempdir().unwrap();
     let (mut shows, mut starts, mut windowed, mut headless) = (vec![], vec![], vec![], vec![]);
@@ -223,7 +223,7 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
 /// orbiting`.
 #[test]
 #[ignore = "trains the demo six times: about a minute"]
-fn orbiting_costs_training_little() {
+fn figures_of_orbiting() {
     let Some(_) = display() else { return };
     let Some(_) = xdotool(&["version"]) else { return };
     // A display server without any client begins anew, and refuses who comes just then.
@@ -341,7 +341,7 @@ fn a_window_at_rest_costs_nothing_shown_or_hidden() {
 #[cfg(target_os = "linux")]
 #[test]
 #[ignore = "watches a window for a minute or more"]
-fn minutes_at_rest() {
+fn figures_of_minutes_at_rest() {
     let asked = std::env::var("VBGS_REST_SECONDS").ok();
     let seconds = asked.and_then(|text| text.parse().ok()).unwrap_or(6);
     let folder = tempfile::tempdir().unwrap();

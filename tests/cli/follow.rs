@@ -211,10 +211,10 @@ fn what_cannot_be_followed_is_refused() {
 
 /// However far behind the recorder the learner falls, it learns every frame. How far is for a machine
 /// with nothing else to do, and is printed:
-/// `cargo test --release --test cli of_thirty_frames -- --ignored --nocapture`
+/// `cargo test --release --test cli thirty_frames -- --ignored --nocapture`
 #[test]
 #[ignore = "records and learns 450 frames: half a minute"]
-fn of_thirty_frames_a_second_none_is_lost() {
+fn figures_of_thirty_frames_a_second() {
     let n = 150_usize;
     for layout in ["tum", "seven-scenes", "scannet"] {
         let scratch = Scratch::empty();
@@ -245,7 +245,7 @@ fn of_thirty_frames_a_second_none_is_lost() {
 /// `cargo test --release --test cli ten_thousand -- --ignored --nocapture`
 #[test]
 #[ignore = "makes 10,000 frames of each layout, in links"]
-fn ten_thousand_frames_are_opened_at_once() {
+fn figures_of_ten_thousand_frames() {
     let n = 10_000;
     for layout in ["tum", "scannet", "seven-scenes", "replica", "arkit", "nerfstudio", "blender"] {
         let scratch = Scratch::empty();

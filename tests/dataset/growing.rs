@@ -394,7 +394,7 @@ fn what_a_dataset_was_read_from_is_known_and_the_drive_is_not_asked() {
 /// `cargo test --release --test dataset long_recording -- --ignored --nocapture`
 #[test]
 #[ignore = "times looks at 3,000 frames of each layout"]
-fn a_look_at_a_long_recording_is_quick() {
+fn figures_of_a_look_at_a_long_recording() {
     let n = 3000;
     for layout in LIVE {
         let folder = tempfile::tempdir().unwrap();

@@ -176,7 +176,7 @@ fn distances_to_depth(points: &[DVec3], dataset: &Dataset, scene: &Finishing) ->
 /// The mesh of a recorded room lies where its camera measured: within half the structural scale.
 #[test]
 #[ignore = "trains on 100 Kinect frames: half a minute"]
-fn figures_of_a_recorded_room() {
+fn a_recorded_room_lies_where_it_was_measured() {
     let Some(path) = shared("data/kinect_office") else { return };
     let dataset = Arc::new(dataset::open(&path, &LoadOptions::default()).unwrap());
     let everything = Selection::everything();

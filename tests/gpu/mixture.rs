@@ -193,7 +193,7 @@ fn what_the_device_has_no_room_for_is_said() {
 /// Milliseconds of a frame of the paper's size on this device and on the processor.
 #[test]
 #[ignore = "a measurement: run it alone, on the machine and the card in question"]
-fn a_frame_of_the_papers_size_is_timed() {
+fn figures_of_a_frame_of_the_papers_size() {
     let Some(gpu) = Fixture::shared() else { return };
     // On the cores every frame takes seconds, and times say nothing of a card: few enough to see it run.
     let (n_frames, side) = if caps(&gpu).is_software() { (2, 16) } else { (16, 58) };

@@ -70,7 +70,7 @@ fn a_failed_save_is_said_and_tried_again() {
 /// for it.
 #[test]
 #[ignore = "measures; needs an optimised build and some minutes"]
-fn training_stands_still_for_less_than_a_frame() {
+fn figures_of_a_save_beside_training() {
     for components in [25_000, 200_000] {
         let (mut session, frame) = large(components);
         let used = session.learner().used();

@@ -197,12 +197,14 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
     /// order of frames, their order does not either.
     fn stored_order(&self) -> Vec<u32> {
-        let mut order: Vec<u32> = (0..self.component_sums.len() as u32).collect();
-        if self.config.births.is_order_invariant() {
-            let seed = |id: &u32| self.grid.position(*id as usize);
-            order.sort_unstable_by(|a, b| seed_order(&seed(a), &seed(b)));
+        let ids = 0..self.component_sums.len() as u32;
+        if !self.config.births.is_order_invariant() {
+            return ids.collect();
         }
-        order
+        let mut seeds: Vec<_> = ids.map(|id| (self.grid.position(id as usize), id)).collect();
+        // On all threads: training waits while it is saved.
+        seeds.par_sort_unstable_by(|(a, _), (b, _)| seed_order(a, b));
+        seeds.into_iter().map(|(_, id)| id).collect()
     }
 
     /// Learns from one frame, whole: nothing in it can fail.
