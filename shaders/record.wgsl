@@ -20,6 +20,8 @@ const FAR_AWAY: f32 = 1e15;
 const SLACK: f32 = 0.05;
 const SLACK_SHARE: f32 = 2e-4;
 const PI: f32 = 3.14159265;
+// −½ log₂e: what GPUs have is powers of two.
+const HALF_IN_TWOS: f32 = -0.72134752;
 
 struct Conic {
     // Pinhole: the projected centre, px, and 0. Fisheye: unit direction to the mean, camera axes.
@@ -444,6 +446,13 @@ fn sight_of(pixel: vec2<f32>) -> vec4<f32> {
 
 fn response(conic: Conic, sight: vec3<f32>) -> Response {
     var out: Response;
+    if view.renderer == RENDERER_PROJECTED {
+        // half_l = 1/|p|² = 0: nothing is left to divide by.
+        out.offset = sight.xy - conic.anchor.xy;
+        out.d2 = num_at(conic.factor, out.offset);
+        out.tau = 1.0;
+        return out;
+    }
     var ahead = 1.0;
     if view.lens == LENS_FISHEYE {
         let across = across_of(conic.anchor);
@@ -452,10 +461,8 @@ fn response(conic: Conic, sight: vec3<f32>) -> Response {
     } else {
         out.offset = sight.xy - conic.anchor.xy;
     }
-    let p = conic.factor.x * out.offset.x + conic.factor.y * out.offset.y;
-    let q = conic.factor.z * out.offset.y;
     // Neither 0/0 where the ray points away from the mean nor ∞/∞.
-    let num = clamp(p * p + q * q, 1e-20, 1e30);
+    let num = clamp(num_at(conic.factor, out.offset), 1e-20, 1e30);
     let turn = dot(conic.half_l, out.offset);
     let h = max(ahead + turn, 0.0);
     let rest = num * conic.inverse_p2;
@@ -466,9 +473,15 @@ fn response(conic: Conic, sight: vec3<f32>) -> Response {
     return out;
 }
 
+fn num_at(factor: vec3<f32>, offset: vec2<f32>) -> f32 {
+    let p = factor.x * offset.x + factor.y * offset.y;
+    let q = factor.z * offset.y;
+    return p * p + q * q;
+}
+
 // Not yet compared with ALPHA_CUT.
 fn alpha_of(response: Response, opacity: f32) -> f32 {
-    return min(ALPHA_CAP, opacity * exp(-0.5 * response.d2));
+    return min(ALPHA_CAP, opacity * exp2(HALF_IN_TWOS * response.d2));
 }
 
 fn color_of(response: Response, color: vec3<f32>, gradient: Gradient) -> vec3<f32> {

@@ -4,21 +4,23 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read_write> counts: array<u32>;
-@group(0) @binding(2) var<storage, read> order: array<u32>;
+// By depth: key and splat.
+@group(0) @binding(2) var<storage, read> order: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> footprints: array<Footprint>;
 // By 256 splats: their entries; after `offsets` the entries before them.
 @group(0) @binding(4) var<storage, read_write> blocks: array<u32>;
-@group(0) @binding(5) var<storage, read_write> entry_tiles: array<u32>;
-@group(0) @binding(6) var<storage, read_write> entry_splats: array<u32>;
-@group(0) @binding(7) var<storage, read> sorted_tiles: array<u32>;
-// First entry of each tile, and at the end their number.
-@group(0) @binding(8) var<storage, read_write> starts: array<u32>;
+// Tile and splat.
+@group(0) @binding(5) var<storage, read_write> entries: array<vec2<u32>>;
+@group(0) @binding(6) var<storage, read> fews: array<u32>;
+@group(0) @binding(7) var<storage, read> sorted: array<vec2<u32>>;
+// First entry of each tile and the one after its last; zeros before `ranges`.
+@group(0) @binding(8) var<storage, read_write> ends_of_tiles: array<vec2<u32>>;
 
-const BLOCKS_PER_LANE: u32 = 4u;
+const BLOCKS_PER_LANE: u32 = 16u;
 
 // Entries of this workgroup's splats up to and including each.
 var<workgroup> ends: array<u32, GROUP>;
-var<workgroup> prints: array<Footprint, GROUP>;
+var<workgroup> words: array<u32, GROUP>;
 var<workgroup> splats: array<u32, GROUP>;
 
 @compute @workgroup_size(GROUP)
@@ -31,7 +33,7 @@ fn count(
     let rank = block * GROUP + lane;
     var n_tiles = 0u;
     if rank < counts[N_VISIBLE] {
-        n_tiles = n_tiles_of(footprints[order[rank]]);
+        n_tiles = n_tiles_at(order[rank].y);
     }
     let sum = inclusive_scan(lane, n_tiles);
     if lane == GROUP - 1u && block < arrayLength(&blocks) {
@@ -66,7 +68,7 @@ fn offsets(@builtin(local_invocation_index) lane: u32) {
     }
     if lane == 0u {
         counts[N_NEEDED] = carried;
-        counts[N_ENTRIES] = min(carried, arrayLength(&entry_tiles));
+        counts[N_ENTRIES] = min(carried, arrayLength(&entries));
     }
 }
 
@@ -80,9 +82,10 @@ fn emit(
     let rank = block * GROUP + lane;
     var n_tiles = 0u;
     if rank < counts[N_VISIBLE] {
-        splats[lane] = order[rank];
-        prints[lane] = footprints[splats[lane]];
-        n_tiles = n_tiles_of(prints[lane]);
+        let splat = order[rank].y;
+        splats[lane] = splat;
+        words[lane] = fews[splat];
+        n_tiles = n_tiles_at(splat);
     }
     ends[lane] = inclusive_scan(lane, n_tiles);
     workgroupBarrier();
@@ -91,7 +94,7 @@ fn emit(
         return;
     }
     let base = blocks[block];
-    let capacity = arrayLength(&entry_tiles);
+    let capacity = arrayLength(&entries);
     let room = capacity - min(base, capacity);
     let columns = (u32(view.viewport.x) + TILE - 1u) / TILE;
     // Neighbouring lanes write neighbouring entries, whatever the sizes of the splats.
@@ -101,10 +104,23 @@ fn emit(
         if source > 0u {
             first = ends[source - 1u];
         }
-        let tile = tile_of(prints[source], i - first);
-        entry_tiles[base + i] = tile.y * columns + tile.x;
-        entry_splats[base + i] = splats[source];
+        let splat = splats[source];
+        var tile: vec2<u32>;
+        if words[source] != 0u {
+            tile = few_tile_of(words[source], i - first);
+        } else {
+            tile = tile_of(footprints[splat], i - first);
+        }
+        entries[base + i] = vec2<u32>(tile.y * columns + tile.x, splat);
     }
+}
+
+fn n_tiles_at(splat: u32) -> u32 {
+    let few = fews[splat];
+    if few != 0u {
+        return countOneBits(few >> FEW_SHIFT);
+    }
+    return n_tiles_of(footprints[splat]);
 }
 
 // The first lane whose entries end after entry `i`.
@@ -125,19 +141,13 @@ fn ranges(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let n_entries = counts[N_ENTRIES];
-    let n_tiles = arrayLength(&starts) - 1u;
-    // One lane more than there are entries, for the tiles after the last.
-    for (var i = group.x * GROUP + lane; i <= n_entries; i += n_groups.x * GROUP) {
-        var low = 0u;
-        if i > 0u {
-            low = sorted_tiles[i - 1u] + 1u;
+    for (var i = group.x * GROUP + lane; i < n_entries; i += n_groups.x * GROUP) {
+        let tile = sorted[i].x;
+        if i == 0u || sorted[i - 1u].x != tile {
+            ends_of_tiles[tile].x = i;
         }
-        var high = n_tiles;
-        if i < n_entries {
-            high = sorted_tiles[i];
-        }
-        for (var tile = low; tile <= high; tile++) {
-            starts[tile] = i;
+        if i + 1u == n_entries || sorted[i + 1u].x != tile {
+            ends_of_tiles[tile].y = i + 1u;
         }
     }
 }

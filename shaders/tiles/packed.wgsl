@@ -45,38 +45,50 @@ fn gradient_from(packed: PackedGradient) -> Gradient {
     return Gradient(packed.along.xyz, packed.across_x.xyz, across_y);
 }
 
+// The pixels that a splat reaches, made ready for many boxes: nothing is divided for each of them.
+struct Reach {
+    centre: vec2<f32>,
+    half_l: vec2<f32>,
+    factor: vec3<f32>,
+    k2: f32,                    // the reach squared
+    rest: f32,                  // 1 − k²/|p|²
+    slopes: vec2<f32>,          // of num at fixed y or x: its minimum at x = slopes.x·y or y = slopes.y·x
+}
+
+fn reach_from(conic: Conic, reach: f32) -> Reach {
+    let factor = conic.factor;
+    let square = factor.y * factor.y + factor.z * factor.z;
+    let slopes = vec2<f32>(-factor.y / factor.x, -factor.x * factor.y / square);
+    let k2 = reach * reach;
+    let rest = 1.0 - k2 * conic.inverse_p2;
+    return Reach(conic.anchor.xy, conic.half_l, factor, k2, rest, slopes);
+}
+
 // Whether alpha can reach the cut somewhere in a box of pixel centres: never wrongly false.
 // D² ≤ k² is num·(1 − k²/|p|²) ≤ k²·h², and h is linear, so its maximum is at a corner.
-fn touches(conic: Conic, reach: f32, low: vec2<f32>, high: vec2<f32>) -> bool {
+fn touches(reach: Reach, low: vec2<f32>, high: vec2<f32>) -> bool {
     if view.lens == LENS_FISHEYE {
         // Pixels are not linear in the conic's frame; the box of the cone has to do.
         return true;
     }
-    let a = low - conic.anchor.xy;
-    let b = high - conic.anchor.xy;
-    let k2 = reach * reach;
-    let turn = max(conic.half_l * a, conic.half_l * b);
+    let a = low - reach.centre;
+    let b = high - reach.centre;
+    let turn = max(reach.half_l * a, reach.half_l * b);
     let h = max(1.0 + turn.x + turn.y, 0.0);
-    let least = least_num(conic.factor, a, b) * (1.0 - k2 * conic.inverse_p2);
     // A NaN touches.
-    return !(least > (1.0 + REACH_SLACK) * k2 * h * h);
+    return !(least_num(reach, a, b) * reach.rest > (1.0 + REACH_SLACK) * reach.k2 * h * h);
 }
 
 // Smallest num in a box. It is convex and 0 at the origin, so outside the box its minimum lies on a
 // side that faces the origin.
-fn least_num(factor: vec3<f32>, a: vec2<f32>, b: vec2<f32>) -> f32 {
+fn least_num(reach: Reach, a: vec2<f32>, b: vec2<f32>) -> f32 {
     let nearest = clamp(vec2<f32>(0.0), a, b);
     if all(nearest == vec2<f32>(0.0)) {
         return 0.0;
     }
-    let square = factor.y * factor.y + factor.z * factor.z;
-    let y = clamp(-factor.x * factor.y * nearest.x / square, a.y, b.y);
-    let x = clamp(-factor.y * nearest.y / factor.x, a.x, b.x);
-    return min(num_at(factor, nearest.x, y), num_at(factor, x, nearest.y));
-}
-
-fn num_at(factor: vec3<f32>, x: f32, y: f32) -> f32 {
-    let p = factor.x * x + factor.y * y;
-    let q = factor.z * y;
-    return p * p + q * q;
+    let other = clamp(reach.slopes * nearest.yx, a, b);
+    return min(
+        num_at(reach.factor, vec2<f32>(nearest.x, other.y)),
+        num_at(reach.factor, vec2<f32>(other.x, nearest.y)),
+    );
 }

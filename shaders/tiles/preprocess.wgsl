@@ -1,6 +1,6 @@
 // One lane a splat: its record, its key of depth, and the tiles it reaches.
 
-@group(0) @binding(1) var<storage, read> counts: array<u32>;
+@group(0) @binding(1) var<storage, read_write> counts: array<atomic<u32>>;
 @group(0) @binding(2) var<storage, read> splats: array<Splat>;
 // All ones where nothing is drawn.
 @group(0) @binding(3) var<storage, read_write> keys: array<u32>;
@@ -8,9 +8,17 @@
 @group(0) @binding(5) var<storage, read_write> footprints: array<Footprint>;
 @group(0) @binding(6) var<storage, read> appearances: array<Appearance>;
 @group(0) @binding(7) var<storage, read_write> gradients: array<PackedGradient>;
+@group(0) @binding(8) var<storage, read_write> fews: array<u32>;
 
 // Whether there is one appearance a splat, and not a single one that nobody reads.
 override has_appearance: bool;
+
+// Lanes that look through the keys of a workgroup, and keys of each.
+const SEEKERS: u32 = 16u;
+const SOUGHT: u32 = GROUP / SEEKERS;
+
+var<workgroup> group_keys: array<u32, GROUP>;
+var<workgroup> ranges: array<vec2<u32>, SEEKERS>;
 
 @compute @workgroup_size(GROUP)
 fn preprocess(
@@ -19,13 +27,20 @@ fn preprocess(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = (group.y * n_groups.x + group.x) * GROUP + lane;
-    if i >= counts[N_SPLATS] {
-        return;
+    var key = LARGEST;
+    if i < atomicLoad(&counts[N_SPLATS]) {
+        key = prepare(i);
     }
+    note(lane, key);
+}
+
+// Writes all that the image needs of a splat; its key.
+fn prepare(i: u32) -> u32 {
     let splat = splats[i];
     var drawn = draw(splat);
-    if !keep(i, drawn) {
-        return;
+    let key = keep(i, drawn);
+    if key == LARGEST {
+        return key;
     }
     if has_appearance {
         let appearance = appearances[i];
@@ -33,21 +48,57 @@ fn preprocess(
         gradients[i] = pack_gradient(gradient_of(appearance, drawn));
     }
     records[i] = pack(drawn.record);
+    return key;
 }
 
-// Writes key and footprint; whether there is anything to draw.
-fn keep(i: u32, drawn: Drawn) -> bool {
+// Widens the range of keys by those of a workgroup. Every lane must call it.
+fn note(lane: u32, key: u32) {
+    group_keys[lane] = key;
+    workgroupBarrier();
+    // By few lanes, then by one: all of them at one word would wait for each other.
+    if lane < SEEKERS {
+        var range = vec2<u32>(LARGEST, 0u);
+        for (var k = 0u; k < SOUGHT; k++) {
+            let other = group_keys[k * SEEKERS + lane];
+            if other != LARGEST {
+                range = vec2<u32>(min(range.x, other), max(range.y, other));
+            }
+        }
+        ranges[lane] = range;
+    }
+    workgroupBarrier();
+    if lane > 0u {
+        return;
+    }
+    var range = ranges[0];
+    for (var k = 1u; k < SEEKERS; k++) {
+        range = vec2<u32>(min(range.x, ranges[k].x), max(range.y, ranges[k].y));
+    }
+    if range.x < atomicLoad(&counts[NEAREST]) {
+        atomicMin(&counts[NEAREST], range.x);
+    }
+    if range.y > atomicLoad(&counts[FARTHEST]) {
+        atomicMax(&counts[FARTHEST], range.y);
+    }
+}
+
+// Writes key and tiles; the key, all ones where there is nothing to draw.
+fn keep(i: u32, drawn: Drawn) -> u32 {
     var key = LARGEST;
     if drawn.visible {
         let footprint = footprint_of(drawn);
         if n_tiles_of(footprint) > 0u {
-            footprints[i] = footprint;
+            let few = few_of(footprint);
+            fews[i] = few;
+            if few == 0u {
+                footprints[i] = footprint;
+            }
             // Bits of positive floats compare as integers.
             key = bitcast<u32>(drawn.record.depth);
         }
     }
     keys[i] = key;
-    return key != LARGEST;
+    return key;
 }
 
 fn footprint_of(drawn: Drawn) -> Footprint {
@@ -68,11 +119,12 @@ fn footprint_of(drawn: Drawn) -> Footprint {
     if n_tiles > MASKED_TILES {
         return out;
     }
+    let reach = reach_from(drawn.record.conic, drawn.record.reach);
     for (var j = 0u; j < n_tiles; j++) {
         let tile = low + vec2<u32>(j % size.x, j / size.x);
         let first = vec2<f32>(tile * TILE) + 0.5;
         let last = min(first + f32(TILE - 1u), view.viewport - 0.5);
-        if touches(drawn.record.conic, drawn.record.reach, first, last) {
+        if touches(reach, first, last) {
             if j < 32u {
                 out.mask_low |= 1u << j;
             } else {

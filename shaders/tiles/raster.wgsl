@@ -1,9 +1,11 @@
 // One workgroup a tile, one lane a pixel: blends the tile's splats front to back. Of every 256 splats
-// each block of 8×4 pixels goes through those only that reach it, by lists of bits that the lanes
-// make together while they load.
+// each block of 4×4 pixels that is not full goes through those only that reach it, by lists of bits that
+// the lanes make together while they load.
 
-@group(0) @binding(1) var<storage, read> starts: array<u32>;
-@group(0) @binding(2) var<storage, read> entries: array<u32>;
+// First entry of each tile and the one after its last.
+@group(0) @binding(1) var<storage, read> ends_of_tiles: array<vec2<u32>>;
+// Tile and splat.
+@group(0) @binding(2) var<storage, read> entries: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> records: array<Packed>;
 @group(0) @binding(4) var target_image: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(5) var<storage, read> gradients: array<PackedGradient>;
@@ -11,9 +13,12 @@
 // Whether there is one gradient a splat, and not a single one that nobody reads.
 override has_appearance: bool;
 
-const BLOCK: vec2<u32> = vec2<u32>(8u, 4u);
-const BLOCK_COLUMNS: u32 = TILE / 8u;
-const N_BLOCKS: u32 = GROUP / 32u;
+// Half of the lanes that a GPU runs together: they wait for the longer of two lists, and still for less than
+// for one of twice the pixels.
+const BLOCK: vec2<u32> = vec2<u32>(4u, 4u);
+const BLOCK_LANES: u32 = 16u;
+const BLOCK_COLUMNS: u32 = TILE / 4u;
+const N_BLOCKS: u32 = GROUP / BLOCK_LANES;
 const N_WORDS: u32 = GROUP / 32u;
 
 var<workgroup> anchors: array<vec4<f32>, GROUP>;
@@ -23,8 +28,9 @@ var<workgroup> blues: array<f32, GROUP>;
 var<workgroup> sources: array<u32, GROUP>;
 // By block, then by word of 32 splats. One is read while the other is cleared.
 var<workgroup> lists: array<array<atomic<u32>, N_BLOCKS * N_WORDS>, 2>;
-// The last batch at whose end some pixel was unfinished.
+// The last batch at whose end some pixel was unfinished, of the tile and of each block.
 var<workgroup> last_live: atomic<u32>;
+var<workgroup> block_live: array<atomic<u32>, N_BLOCKS>;
 
 struct Pixel {
     at: vec2<u32>,
@@ -43,13 +49,14 @@ fn raster(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_inde
         if workgroupUniformLoad(&last_live) < batch {
             break;
         }
-        load(tile.xy, lane, start, range.y, batch & 1u);
+        load(tile.xy, lane, vec2<u32>(start, range.y), batch);
         if pixel.is_live {
-            blend(&pixel, lane / 32u, batch & 1u);
+            blend(&pixel, lane / BLOCK_LANES, batch & 1u);
         }
         batch++;
         if pixel.is_live {
             atomicStore(&last_live, batch);
+            atomicStore(&block_live[lane / BLOCK_LANES], batch);
         }
     }
     finish(pixel);
@@ -59,12 +66,15 @@ fn begin(tile: vec2<u32>, lane: u32) -> Pixel {
     if lane < N_BLOCKS * N_WORDS {
         atomicStore(&lists[0][lane], 0u);
     }
+    if lane < N_BLOCKS {
+        atomicStore(&block_live[lane], 0u);
+    }
     if lane == 0u {
         atomicStore(&last_live, 0u);
     }
-    let in_block = lane % 32u;
+    let in_block = lane % BLOCK_LANES;
     var out: Pixel;
-    out.at = tile * TILE + corner_of(lane / 32u) + vec2<u32>(in_block % BLOCK.x, in_block / BLOCK.x);
+    out.at = tile * TILE + corner_of(lane / BLOCK_LANES) + vec2<u32>(in_block % BLOCK.x, in_block / BLOCK.x);
     let sight = sight_of(vec2<f32>(out.at) + 0.5);
     out.sight = sight.xyz;
     out.transmittance = 1.0;
@@ -80,27 +90,29 @@ fn finish(pixel: Pixel) {
 
 fn range_of(tile: vec2<u32>) -> vec2<u32> {
     let i = tile.y * ((u32(view.viewport.x) + TILE - 1u) / TILE) + tile.x;
-    return vec2<u32>(starts[i], starts[i + 1u]);
+    return ends_of_tiles[i];
 }
 
 fn corner_of(block: u32) -> vec2<u32> {
     return vec2<u32>(block % BLOCK_COLUMNS, block / BLOCK_COLUMNS) * BLOCK;
 }
 
-// Brings 256 splats to the workgroup and lists them by block. Every lane must call it.
-fn load(tile: vec2<u32>, lane: u32, start: u32, end: u32, side: u32) {
-    if start + lane < end {
-        let source = entries[start + lane];
+// Brings the first 256 splats of a range to the workgroup and lists them by block. Every lane must call it.
+fn load(tile: vec2<u32>, lane: u32, range: vec2<u32>, batch: u32) {
+    let side = batch & 1u;
+    if range.x + lane < range.y {
+        let source = entries[range.x + lane].y;
         let packed = records[source];
         anchors[lane] = packed.anchor;
         factors[lane] = packed.factor;
         half_l_colors[lane] = packed.half_l_color;
         blues[lane] = packed.blue_reach.x;
         sources[lane] = source;
-        let conic = conic_from(packed);
+        let reach = reach_from(conic_from(packed), packed.blue_reach.y);
         for (var block = 0u; block < N_BLOCKS; block++) {
             let low = vec2<f32>(tile * TILE + corner_of(block)) + 0.5;
-            if touches(conic, packed.blue_reach.y, low, low + vec2<f32>(BLOCK - 1u)) {
+            let is_live = atomicLoad(&block_live[block]) == batch;
+            if is_live && touches(reach, low, low + vec2<f32>(BLOCK - 1u)) {
                 atomicOr(&lists[side][block * N_WORDS + lane / 32u], 1u << (lane % 32u));
             }
         }

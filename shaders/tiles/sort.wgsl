@@ -1,7 +1,8 @@
-// Stable radix sort of u32 keys with u32 values, one digit of up to 8 bits a pass: `histogram`, then
-// `spine`, then `scatter`. The grid is fixed and every workgroup takes one strip of neighbouring
-// keys, as long as the count (known to the GPU only) makes it, so no size comes from the CPU.
-// No subgroups: a lane finds the equal digits before it in bit masks that all lanes set together.
+// Stable radix sort of pairs of a u32 key and a u32 value, one digit of up to 8 bits a pass:
+// `histogram`, then `spine`, then `scatter`. The grid is fixed and every workgroup takes one strip of
+// neighbouring keys, as long as the count (known to the GPU only) makes it, so no size comes from the CPU.
+// Key and value lie side by side: what a pass scatters costs by the place that is written, not by the
+// word. No subgroups: a lane finds the equal digits before it in bit masks that all lanes set together.
 
 struct Digit {
     shift: u32,
@@ -11,22 +12,32 @@ struct Digit {
     // all ones are dropped, and `counts[sink]` gets how many are left.
     is_first: u32,
     sink: u32,
+    // In that pass: slots of the least and the largest key that is not dropped, and the bits that what
+    // lies between is brought to.
+    least: u32,
+    largest: u32,
+    n_bits: u32,
 }
 
 @group(0) @binding(0) var<uniform> digit: Digit;
 @group(0) @binding(1) var<storage, read_write> counts: array<u32>;
+// In the first pass over keys without values these, later pairs.
 @group(0) @binding(2) var<storage, read> keys_in: array<u32>;
-@group(0) @binding(3) var<storage, read> values_in: array<u32>;
-@group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
-@group(0) @binding(5) var<storage, read_write> values_out: array<u32>;
+@group(0) @binding(3) var<storage, read_write> pairs_out: array<vec2<u32>>;
 // By digit, then by strip: how many keys; after `spine` how many in the strips before.
-@group(0) @binding(6) var<storage, read_write> strips: array<u32>;
-@group(0) @binding(7) var<storage, read_write> totals: array<u32>;
+@group(0) @binding(4) var<storage, read_write> strips: array<u32>;
+@group(0) @binding(5) var<storage, read_write> totals: array<u32>;
 
 // N_STRIPS are the workgroups of `histogram` and `scatter`.
 const STRIPS_PER_LANE: u32 = N_STRIPS / GROUP;
 // Words of one bit a lane.
 const N_WORDS: u32 = GROUP / 32u;
+
+// Where keys without values start, and by how much they are cut to fit their bits.
+struct Cut {
+    least: u32,
+    shift: u32,
+}
 
 var<workgroup> tally: array<atomic<u32>, GROUP>;
 // By word, then by digit, so that lanes with different digits meet different banks.
@@ -45,10 +56,11 @@ fn histogram(
     if strip.x >= strip.y {
         return;
     }
+    let cut = load_cut();
     for (var i = strip.x + lane; i < strip.y; i += GROUP) {
-        let key = keys_in[i];
+        let key = keys_in[i * select(2u, 1u, digit.is_first != 0u)];
         if is_kept(key) {
-            atomicAdd(&tally[digit_of(key)], 1u);
+            atomicAdd(&tally[digit_of(narrowed(key, cut))], 1u);
         }
     }
     workgroupBarrier();
@@ -109,12 +121,14 @@ fn scatter(
     }
     workgroupBarrier();
 
+    let cut = load_cut();
     // The next key is on its way while this one is placed.
     var coming = fetch(strip.x + lane, strip.y);
     for (var start = strip.x; start < strip.y; start += GROUP) {
         let pair = coming;
         coming = fetch(start + GROUP + lane, strip.y);
-        place(lane, pair, start + lane < strip.y && is_kept(pair.x));
+        let is_there = start + lane < strip.y && is_kept(pair.x);
+        place(lane, vec2<u32>(narrowed(pair.x, cut), pair.y), is_there);
     }
 }
 
@@ -136,18 +150,16 @@ fn place(lane: u32, pair: vec2<u32>, is_there: bool) {
             let earlier = select(select(0u, LARGEST, word < own_word), own_bit - 1u, word == own_word);
             n_before += countOneBits(mask & earlier);
         }
-        let to = places[value] + n_before;
-        keys_out[to] = pair.x;
-        values_out[to] = pair.y;
+        pairs_out[places[value] + n_before] = pair;
     }
     workgroupBarrier();
     if is_there {
-        atomicStore(&masks[own_word * GROUP + value], 0u);
+        // Its own bit only, so that no lane has to wait for others before it sets the next one.
+        atomicAnd(&masks[own_word * GROUP + value], ~own_bit);
         if n_before + 1u == n_equal {
             places[value] += n_equal;
         }
     }
-    workgroupBarrier();
 }
 
 fn fetch(i: u32, end: u32) -> vec2<u32> {
@@ -157,7 +169,7 @@ fn fetch(i: u32, end: u32) -> vec2<u32> {
     if digit.is_first != 0u {
         return vec2<u32>(keys_in[i], i);
     }
-    return vec2<u32>(keys_in[i], values_in[i]);
+    return vec2<u32>(keys_in[2u * i], keys_in[2u * i + 1u]);
 }
 
 fn load_count(lane: u32) -> u32 {
@@ -165,6 +177,20 @@ fn load_count(lane: u32) -> u32 {
         n_keys = counts[digit.source];
     }
     return workgroupUniformLoad(&n_keys);
+}
+
+fn load_cut() -> Cut {
+    if digit.is_first == 0u {
+        return Cut(0u, 0u);
+    }
+    let least = counts[digit.least];
+    let n_used = 32u - countLeadingZeros(max(counts[digit.largest], least) - least);
+    return Cut(least, max(n_used, digit.n_bits) - digit.n_bits);
+}
+
+// Equal keys stay equal and no two change places; those that differ in bits that are cut off become equal.
+fn narrowed(key: u32, cut: Cut) -> u32 {
+    return (key - cut.least) >> cut.shift;
 }
 
 // First key of a strip and the one after its last; no keys where the first is not before the other.

@@ -3,7 +3,8 @@
 
 const LARGEST: u32 = 0xffffffffu;
 
-var<workgroup> partial_sums: array<u32, GROUP>;
+// Two halves, of which one is read while the other is written: one barrier a step.
+var<workgroup> partial_sums: array<u32, 2u * GROUP>;
 
 // 10⁷ splats on 10³ tiles each are more than a u32 counts.
 fn saturating_sum(a: u32, b: u32) -> u32 {
@@ -15,21 +16,23 @@ fn saturating_sum(a: u32, b: u32) -> u32 {
 fn inclusive_scan(lane: u32, value: u32) -> u32 {
     // A lane may still read the sums of the call before.
     workgroupBarrier();
-    partial_sums[lane] = value;
-    workgroupBarrier();
+    var sum = value;
+    var half = 0u;
+    partial_sums[lane] = sum;
     for (var step = 1u; step < GROUP; step <<= 1u) {
-        var before = 0u;
+        workgroupBarrier();
         if lane >= step {
-            before = partial_sums[lane - step];
+            sum = saturating_sum(sum, partial_sums[half + lane - step]);
         }
-        workgroupBarrier();
-        partial_sums[lane] = saturating_sum(partial_sums[lane], before);
-        workgroupBarrier();
+        half = GROUP - half;
+        partial_sums[half + lane] = sum;
     }
-    return partial_sums[lane];
+    workgroupBarrier();
+    return sum;
 }
 
 // After `inclusive_scan`: the sum of all lanes.
 fn scanned_total() -> u32 {
+    // An even number of steps ends in the half where it began.
     return partial_sums[GROUP - 1u];
 }

@@ -221,7 +221,7 @@ fn every_file_of_the_tile_path_is_valid_and_used() {
 
     // What `tiles/buffers.rs` and `tiles/sort.rs` allot.
     for (module, name, size) in [
-        (&modules[0], "Digit", 20),
+        (&modules[0], "Digit", 32),
         (&modules[1], "Packed", 64),
         (&modules[1], "PackedGradient", 48),
         (&modules[1], "Footprint", 16),

@@ -38,6 +38,8 @@ pub const COMPARE_DIFFERENCE: u32 = 2;
 
 /// Lanes of a workgroup of [`super::tiles`]: a lane for each pixel of a tile and each value of a digit.
 pub(super) const GROUP: u32 = 256;
+// The running sum of a workgroup takes a step for each bit, and ends in the half where it began.
+const _: () = assert!(GROUP.is_power_of_two() && GROUP.ilog2().is_multiple_of(2));
 /// Lanes of a workgroup of sparse uploads.
 pub(super) const SCATTER_GROUP: u32 = 64;
 /// Cells of means that a workgroup counts up; the lanes of one share them.
@@ -58,10 +60,16 @@ pub(super) mod slot {
     pub(in super::super) const N_ENTRIES: u32 = 2;
     /// Pairs there are; the largest u32 stands for more.
     pub(in super::super) const N_NEEDED: u32 = 3;
+    /// Key of the nearest splat with an entry, all ones without any.
+    pub(in super::super) const NEAREST: u32 = 4;
+    /// Key of the farthest one.
+    pub(in super::super) const FARTHEST: u32 = 5;
+    /// Slots there are.
+    pub(in super::super) const N_SLOTS: usize = 6;
 }
 
 /// Whole numbers by their names in WGSL.
-const WORDS: [(&str, u32); 27] = [
+const WORDS: [(&str, u32); 29] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -85,6 +93,8 @@ const WORDS: [(&str, u32); 27] = [
     ("N_VISIBLE", slot::N_VISIBLE),
     ("N_ENTRIES", slot::N_ENTRIES),
     ("N_NEEDED", slot::N_NEEDED),
+    ("NEAREST", slot::NEAREST),
+    ("FARTHEST", slot::FARTHEST),
     ("N_IMAGE_SUMS", N_IMAGE_SUMS as u32),
     ("N_QUARTERS", N_QUARTERS),
     ("TILE_POINTS", MAX_TILE_POINTS as u32),

@@ -62,8 +62,8 @@ fn room_for_entries_grows_after_the_image_that_needed_more() {
 
 #[test]
 fn what_no_buffer_holds_is_said_and_the_nearest_are_drawn() {
-    // 2 MiB hold 524,288 entries, 900 splats want 1,080,000.
-    let Some(gpu) = Gpu::with_buffers_up_to(2 << 20) else { return };
+    // 4 MiB hold 524,288 entries, 900 splats want 1,080,000.
+    let Some(gpu) = Gpu::with_buffers_up_to(4 << 20) else { return };
     let view = camera(640, 480, DVec3::new(0.0, -5.0, 0.0), 0.8);
     let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let splats = curtains(900, 0.05);

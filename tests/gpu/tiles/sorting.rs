@@ -4,22 +4,37 @@ use super::device::Gpu;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::render::gpu::tiles::sort::{Keys, RadixSort, SortBuffers};
 
-/// Sorts on the GPU; the values of `Keys::Valued` are the places.
-fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Keys) -> Vec<[u32; 2]> {
-    let places: Vec<u32> = (0..keys.len() as u32).collect();
-    let nothing = vec![7; keys.len()];
-    let values = match kind {
-        Keys::Valued { .. } => &places,
-        Keys::Indexed { .. } => &nothing,
+/// What the keys are before the first pass.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// Keys alone, to which places are found; those of all ones are dropped.
+    Indexed,
+    /// Keys beside values, which are their places.
+    Valued,
+}
+use Kind::{Indexed, Valued};
+
+/// Sorts on the GPU.
+fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Kind) -> Vec<[u32; 2]> {
+    // A binding holds one pair at least.
+    let nothing = vec![7; 2 * keys.len().max(1)];
+    let mut beside = nothing.clone();
+    for ((pair, &key), place) in beside.as_chunks_mut::<2>().0.iter_mut().zip(keys).zip(0..) {
+        *pair = [key, place];
+    }
+    let first = match kind {
+        Indexed => &nothing,
+        Valued => &beside,
     };
-    let key_buffers = [gpu.words(keys), gpu.words(&nothing)];
-    let value_buffers = [gpu.words(values), gpu.words(&nothing)];
-    let counts = gpu.words(&[keys.len() as u32, u32::MAX]);
-    let buffers = SortBuffers {
-        keys: key_buffers.each_ref(),
-        values: value_buffers.each_ref(),
-        counts: &counts,
+    let pairs = [gpu.words(first), gpu.words(&nothing)];
+    let alone = gpu.words(keys);
+    let [least, largest] = range(keys);
+    let counts = gpu.words(&[keys.len() as u32, u32::MAX, least, largest]);
+    let kind = match kind {
+        Indexed => Keys::Indexed { keys: &alone, source: 0, sink: 1, range: [2, 3] },
+        Valued => Keys::Valued { source: 0 },
     };
+    let buffers = SortBuffers { pairs: pairs.each_ref(), counts: &counts };
     let plan = sort.plan(&gpu.device, &gpu.queue, buffers, bits, kind);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     plan.record(&mut encoder.begin_compute_pass(&Default::default()));
@@ -28,22 +43,32 @@ fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Keys) -> V
         Keys::Valued { .. } => keys.len(),
         Keys::Indexed { .. } => gpu.read(&counts, 2)[1] as usize,
     };
-    let result = plan.result();
-    let keys = gpu.read(&key_buffers[result], n_left);
-    let values = gpu.read(&value_buffers[result], n_left);
-    keys.into_iter().zip(values).map(<[u32; 2]>::from).collect()
+    let words = gpu.read(&pairs[plan.result()], 2 * n_left);
+    words.as_chunks::<2>().0.to_vec()
 }
 
-/// What a stable sort makes of keys that are not dropped.
-fn expected(keys: &[u32], mask: u32, dropped: Option<u32>) -> Vec<[u32; 2]> {
+/// The least and the largest key that is not dropped.
+fn range(keys: &[u32]) -> [u32; 2] {
+    let kept = || keys.iter().copied().filter(|&key| key != u32::MAX);
+    [kept().min().unwrap_or(u32::MAX), kept().max().unwrap_or(0)]
+}
+
+/// Pairs of keys and their places in the order of a stable sort by what `of` makes of keys.
+fn stably(keys: &[u32], of: impl Fn(u32) -> u32) -> Vec<[u32; 2]> {
     let mut pairs: Vec<[u32; 2]> = keys.iter().copied().zip(0..).map(<[u32; 2]>::from).collect();
-    pairs.retain(|pair| Some(pair[0]) != dropped);
-    pairs.sort_by_key(|pair| pair[0] & mask);
+    pairs.sort_by_key(|pair| of(pair[0]));
     pairs
 }
 
-const VALUED: Keys = Keys::Valued { source: 0 };
-const INDEXED: Keys = Keys::Indexed { source: 0, sink: 1 };
+/// What a sort makes of keys alone: cut to what lies between the least and the largest, in so many bits.
+fn indexed(keys: &[u32], bits: u32) -> Vec<[u32; 2]> {
+    let [least, largest] = range(keys);
+    let n_used = u32::BITS - largest.saturating_sub(least).leading_zeros();
+    let cut = |key: u32| (key - least) >> n_used.saturating_sub(bits);
+    let kept = |pair: &[u32; 2]| pair[0] != u32::MAX;
+    let pairs = stably(keys, |key| if key == u32::MAX { key } else { cut(key) });
+    pairs.into_iter().filter(kept).map(|[key, place]| [cut(key), place]).collect()
+}
 
 #[test]
 fn every_size_is_sorted_stably() {
@@ -59,10 +84,12 @@ fn every_size_is_sorted_stably() {
                 _ => (rng.below(40) as u32) << (rng.below(4) * 8),
             })
             .collect();
-        let found = sorted(&gpu, &sort, &coarse, 32, VALUED);
-        assert!(found == expected(&coarse, u32::MAX, None), "{n} keys");
-        let found = sorted(&gpu, &sort, &coarse, 32, INDEXED);
-        assert!(found == expected(&coarse, u32::MAX, Some(u32::MAX)), "{n} indexed keys");
+        let found = sorted(&gpu, &sort, &coarse, 32, Valued);
+        assert!(found == stably(&coarse, |key| key), "{n} keys");
+        for bits in [32, 24] {
+            let found = sorted(&gpu, &sort, &coarse, bits, Indexed);
+            assert!(found == indexed(&coarse, bits), "{n} indexed keys, {bits} bits");
+        }
     }
     gpu.assert_no_faults();
 }
@@ -74,8 +101,8 @@ fn only_the_bits_asked_for_count() {
     let mut rng = Rng::new(3, Purpose::Synthetic, 0);
     let keys: Vec<u32> = (0..5000).map(|_| (rng.below(1 << 32)) as u32).collect();
     for bits in [0, 1, 7, 8, 9, 12, 17, 31] {
-        let found = sorted(&gpu, &sort, &keys, bits, VALUED);
-        assert!(found == expected(&keys, (1 << bits) - 1, None), "{bits} bits");
+        let found = sorted(&gpu, &sort, &keys, bits, Valued);
+        assert!(found == stably(&keys, |key| key & ((1 << bits) - 1)), "{bits} bits");
     }
     gpu.assert_no_faults();
 }
@@ -86,11 +113,25 @@ fn a_million_keys_and_equal_ones() {
     let sort = RadixSort::new(&gpu.device);
     let mut rng = Rng::new(4, Purpose::Synthetic, 0);
     let keys: Vec<u32> = (0..1_000_000).map(|_| rng.below(1 << 32) as u32).collect();
-    assert!(sorted(&gpu, &sort, &keys, 32, INDEXED) == expected(&keys, u32::MAX, Some(u32::MAX)));
+    assert!(sorted(&gpu, &sort, &keys, 32, Indexed) == indexed(&keys, 32));
     for equal in [0, 0x0102_0304, u32::MAX] {
         let keys = vec![equal; 100_000];
-        let found = sorted(&gpu, &sort, &keys, 32, INDEXED);
-        assert!(found == expected(&keys, u32::MAX, Some(u32::MAX)), "all {equal:#x}");
+        let found = sorted(&gpu, &sort, &keys, 32, Indexed);
+        assert!(found == indexed(&keys, 32), "all {equal:#x}");
     }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn near_keys_far_from_zero_lose_nothing_to_few_bits() {
+    let Some(gpu) = Gpu::new() else { return };
+    let sort = RadixSort::new(&gpu.device);
+    let mut rng = Rng::new(6, Purpose::Synthetic, 0);
+    // Depths of 3 to 11: not two doublings, so 24 bits hold all that f32 tells apart.
+    let depths: Vec<f32> = (0..50_000).map(|_| rng.range(3.0, 11.0) as f32).collect();
+    let keys: Vec<u32> = depths.iter().map(|depth| depth.to_bits()).collect();
+    let places = sorted(&gpu, &sort, &keys, 24, Indexed).into_iter().map(|[_, place]| place);
+    let by_depth = stably(&keys, |key| key).into_iter().map(|[_, place]| place);
+    assert!(places.eq(by_depth));
     gpu.assert_no_faults();
 }

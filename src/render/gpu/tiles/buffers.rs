@@ -2,12 +2,13 @@
 
 use super::constants::TILE_PIXELS;
 use crate::render::gpu::allocation::Allocation;
-use crate::render::gpu::constants::GROUP;
+use crate::render::gpu::constants::{GROUP, slot};
 use crate::render::gpu::context::max_buffer_bytes;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::kernel::storage;
 
 const WORD: u64 = size_of::<u32>() as u64;
+const PAIR: u64 = 2 * WORD;
 /// Sizes of the structs of `packed.wgsl` and `footprint.wgsl`.
 const RECORD_BYTES: u64 = 64;
 const GRADIENT_BYTES: u64 = 48;
@@ -17,14 +18,17 @@ const APPEARANCE_BYTES: u64 = 80;
 const MIB: u64 = 1 << 20;
 
 /// Bytes of the buffer of counts.
-pub(super) const COUNTS_BYTES: u64 = 4 * WORD;
+pub(super) const COUNTS_BYTES: u64 = slot::N_SLOTS as u64 * WORD;
 
-/// Buffers with one entry per splat: keys and order of the sort, records, footprints.
+/// Buffers with one entry per splat: keys and order of the sort, records, tiles.
 #[derive(Debug)]
 pub(super) struct SplatBuffers {
-    pub(super) keys: [wgpu::Buffer; 2],
+    pub(super) keys: wgpu::Buffer,
+    /// Pairs of key and splat.
     pub(super) order: [wgpu::Buffer; 2],
     pub(super) records: wgpu::Buffer,
+    /// The tiles of those that reach few, a word each.
+    pub(super) fews: wgpu::Buffer,
     pub(super) footprints: wgpu::Buffer,
     pub(super) blocks: wgpu::Buffer,
     /// By splat where the scene has appearance, else a single one that nobody reads.
@@ -47,26 +51,28 @@ impl SplatBuffers {
         let n = capacity.max(1) as u64;
         // A binding cannot be empty, so plain scenes bind one that nobody reads.
         let n_gradients = if has_appearance { n } else { 1 };
-        let n_bytes =
-            n * (4 * WORD + RECORD_BYTES + FOOTPRINT_BYTES) + n_gradients * GRADIENT_BYTES;
+        let n_bytes = n * (2 * WORD + 2 * PAIR + RECORD_BYTES + FOOTPRINT_BYTES)
+            + n_gradients * GRADIENT_BYTES;
         let refused = GpuError::OutOfMemory { n_splats: capacity, mib: n_bytes.div_ceil(MIB) };
-        let words = |label| storage(device, label, n * WORD);
+        let pairs = |label| storage(device, label, n * PAIR);
         let (buffers, allocation) = Allocation::new(device, refused, || {
             (
-                [words("depths"), words("depths, other side")],
-                [words("depth order"), words("depth order, other side")],
+                storage(device, "depths", n * WORD),
+                [pairs("depth order"), pairs("depth order, other side")],
                 storage(device, "records", n * RECORD_BYTES),
+                storage(device, "few tiles", n * WORD),
                 storage(device, "footprints", n * FOOTPRINT_BYTES),
                 storage(device, "entries by 256 splats", n.div_ceil(u64::from(GROUP)) * WORD),
                 storage(device, "gradients", n_gradients * GRADIENT_BYTES),
             )
         })?;
-        let (keys, order, records, footprints, blocks, gradients) = buffers;
+        let (keys, order, records, fews, footprints, blocks, gradients) = buffers;
         let no_appearance = storage(device, "no appearance", APPEARANCE_BYTES);
         Ok(Self {
             keys,
             order,
             records,
+            fews,
             footprints,
             blocks,
             gradients,
@@ -83,11 +89,10 @@ impl SplatBuffers {
     }
 }
 
-/// By entry, which is a pair of tile and splat: 16 bytes each.
+/// Entries, pairs of tile and splat.
 #[derive(Debug)]
 pub(super) struct EntryBuffers {
-    pub(super) tiles: [wgpu::Buffer; 2],
-    pub(super) splats: [wgpu::Buffer; 2],
+    pub(super) pairs: [wgpu::Buffer; 2],
     pub(super) capacity: u64,
     allocation: Allocation,
 }
@@ -99,16 +104,12 @@ impl EntryBuffers {
         capacity: u64,
         n_splats: usize,
     ) -> Result<Self, GpuError> {
-        let mib = (4 * capacity * WORD).div_ceil(MIB);
-        let words = |label| storage(device, label, capacity * WORD);
-        let ((tiles, splats), allocation) =
-            Allocation::new(device, GpuError::OutOfMemory { n_splats, mib }, || {
-                (
-                    [words("tiles of entries"), words("tiles of entries, other side")],
-                    [words("splats of entries"), words("splats of entries, other side")],
-                )
-            })?;
-        Ok(Self { tiles, splats, capacity, allocation })
+        let mib = (2 * capacity * PAIR).div_ceil(MIB);
+        let refused = GpuError::OutOfMemory { n_splats, mib };
+        let (pairs, allocation) = Allocation::new(device, refused, || {
+            ["entries", "entries, other side"].map(|label| storage(device, label, capacity * PAIR))
+        })?;
+        Ok(Self { pairs, capacity, allocation })
     }
 
     /// A backend's late answer to the allocation.
@@ -119,7 +120,7 @@ impl EntryBuffers {
 
 /// Entries that the adapter's buffers hold.
 pub(super) fn max_entries(limits: &wgpu::Limits) -> u64 {
-    max_buffer_bytes(limits) / WORD
+    max_buffer_bytes(limits) / PAIR
 }
 
 /// Columns and rows of tiles of an image.
@@ -127,7 +128,13 @@ pub(super) fn tile_grid((width, height): (u32, u32)) -> (u32, u32) {
     (width.div_ceil(TILE_PIXELS), height.div_ceil(TILE_PIXELS))
 }
 
-/// First entry of each tile, and of the one past the last.
-pub(super) fn starts(device: &wgpu::Device, (columns, rows): (u32, u32)) -> wgpu::Buffer {
-    storage(device, "first entries of tiles", (u64::from(columns) * u64::from(rows) + 1) * WORD)
+/// First entry of each tile, and the one after its last.
+pub(super) fn ends_of_tiles(device: &wgpu::Device, (columns, rows): (u32, u32)) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("ends of tiles"),
+        size: u64::from(columns) * u64::from(rows) * PAIR,
+        // Cleared before every image.
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
 }

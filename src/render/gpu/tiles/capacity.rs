@@ -55,7 +55,7 @@ impl EntryDemand {
     pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
         let needed = &mut self.needed;
         let free = self.ring.turn(|_, bytes| {
-            let counts: [u32; 4] = bytemuck::pod_read_unaligned(bytes);
+            let counts: [u32; slot::N_SLOTS] = bytemuck::pod_read_unaligned(bytes);
             *needed = (*needed).max(u64::from(counts[slot::N_NEEDED as usize]));
         });
         if let Some(slot) = free {

@@ -4,7 +4,7 @@
 //! only records passes. Buffers of a sort alternate, so which of two holds the result follows from
 //! the number of passes and is bound here.
 
-use super::buffers::{EntryBuffers, SplatBuffers, starts, tile_grid};
+use super::buffers::{EntryBuffers, SplatBuffers, ends_of_tiles, tile_grid};
 use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
@@ -15,8 +15,10 @@ use crate::render::gpu::timer::GpuStage;
 
 /// Workgroups of the pass over all entries that finds where tiles begin.
 const RANGE_GROUPS: u32 = 1024;
-/// Keys are the bits of positive floats.
-const DEPTH_BITS: u32 = 32;
+/// Of what lies between the nearest and the farthest splat. Keys are the bits of positive floats, 2²³ to a
+/// doubling: none is lost where the farthest is up to four times as far, the lowest one up to 16 times,
+/// two up to 256. A pass less, for splats nearer to each other than f32 can place them.
+const DEPTH_BITS: u32 = 24;
 
 #[derive(Debug)]
 pub(super) struct Kernels {
@@ -91,6 +93,7 @@ pub(super) struct TilePlan {
     by_tile: SortPlan,
     ranges: Bound,
     raster: Bound,
+    ends_of_tiles: wgpu::Buffer,
 }
 
 /// Memory of the tile path that its kernels share.
@@ -111,9 +114,14 @@ impl TileMemory<'_> {
         sort: &RadixSort,
     ) -> SortPlan {
         let Self { counts, splats, .. } = *self;
-        let (keys, values) = (splats.keys.each_ref(), splats.order.each_ref());
-        let counted = Keys::Indexed { source: slot::N_SPLATS, sink: slot::N_VISIBLE };
-        sort.plan(device, queue, SortBuffers { keys, values, counts }, DEPTH_BITS, counted)
+        let keys = Keys::Indexed {
+            keys: &splats.keys,
+            source: slot::N_SPLATS,
+            sink: slot::N_VISIBLE,
+            range: [slot::NEAREST, slot::FARTHEST],
+        };
+        let buffers = SortBuffers { pairs: splats.order.each_ref(), counts };
+        sort.plan(device, queue, buffers, DEPTH_BITS, keys)
     }
 
     /// Entries by tile. The sort is stable, so each tile's entries keep the order of depth.
@@ -125,10 +133,9 @@ impl TileMemory<'_> {
         (columns, rows): (u32, u32),
     ) -> SortPlan {
         let Self { counts, entries, .. } = *self;
-        let (keys, values) = (entries.tiles.each_ref(), entries.splats.each_ref());
-        let counted = Keys::Valued { source: slot::N_ENTRIES };
-        let bits = bits_of(columns * rows);
-        sort.plan(device, queue, SortBuffers { keys, values, counts }, bits, counted)
+        let buffers = SortBuffers { pairs: entries.pairs.each_ref(), counts };
+        let keys = Keys::Valued { source: slot::N_ENTRIES };
+        sort.plan(device, queue, buffers, bits_of(columns * rows), keys)
     }
 }
 
@@ -150,11 +157,12 @@ impl Kernels {
             (0, &inputs.view),
             (1, counts),
             (2, &inputs.splats),
-            (3, &splats.keys[0]),
+            (3, &splats.keys),
             (4, &splats.records),
             (5, &splats.footprints),
             (6, inputs.appearance.as_ref().unwrap_or(&splats.no_appearance)),
             (7, &splats.gradients),
+            (8, &splats.fews),
         ];
         bind(device, &self.preprocess[inputs.variant()], &buffers)
     }
@@ -168,15 +176,14 @@ impl Kernels {
         TileMemory { counts, splats, entries }: TileMemory<'_>,
         order: &wgpu::Buffer,
     ) -> [Bound; 3] {
-        let (tiles, blocks) = (&entries.tiles[0], &splats.blocks);
-        let all =
-            [&inputs.view, counts, order, &splats.footprints, blocks, tiles, &entries.splats[0]];
+        let SplatBuffers { footprints, blocks, fews, .. } = splats;
+        let all = [&inputs.view, counts, order, footprints, blocks, &entries.pairs[0], fews];
         let bind = |kernel: &ComputeKernel, used: &[u32]| {
             let buffers: Vec<_> = used.iter().map(|&i| (i, all[i as usize])).collect();
             bind(device, kernel, &buffers)
         };
         [
-            bind(&self.count, &[1, 2, 3, 4]),
+            bind(&self.count, &[1, 2, 3, 4, 6]),
             bind(&self.offsets, &[1, 4, 5]),
             bind(&self.emit, &[0, 1, 2, 3, 4, 5, 6]),
         ]
@@ -187,13 +194,13 @@ impl Kernels {
         device: &wgpu::Device,
         inputs: &Inputs,
         splats: &SplatBuffers,
-        [starts, sorted]: [&wgpu::Buffer; 2],
+        [ends_of_tiles, sorted]: [&wgpu::Buffer; 2],
     ) -> Bound {
         self.raster[inputs.variant()].bind(
             device,
             &[
                 (0, inputs.view.as_entire_binding()),
-                (1, starts.as_entire_binding()),
+                (1, ends_of_tiles.as_entire_binding()),
                 (2, sorted.as_entire_binding()),
                 (3, splats.records.as_entire_binding()),
                 (4, wgpu::BindingResource::TextureView(&inputs.image)),
@@ -217,10 +224,10 @@ impl TilePlan {
         let by_tile = memory.sort_by_tile(device, queue, &kernels.sort, grid);
         let order = &splats.order[by_depth.result()];
         let sorted = by_tile.result();
-        let starts = starts(device, grid);
+        let ends_of_tiles = ends_of_tiles(device, grid);
         let [count, offsets, emit] = kernels.bind_bin(device, &inputs, memory, order);
-        let ranges = [(1, counts), (7, &entries.tiles[sorted]), (8, &starts)];
-        let of_entries = [&starts, &entries.splats[sorted]];
+        let ranges = [(1, counts), (7, &entries.pairs[sorted]), (8, &ends_of_tiles)];
+        let of_entries = [&ends_of_tiles, &entries.pairs[sorted]];
         Self {
             preprocess: kernels.bind_preprocess(device, &inputs, memory),
             count,
@@ -230,8 +237,14 @@ impl TilePlan {
             raster: kernels.bind_raster(device, &inputs, splats, of_entries),
             by_depth,
             by_tile,
+            ends_of_tiles,
             inputs,
         }
+    }
+
+    /// Before the first stage of an image: what it finds of tiles is of those only that have entries.
+    pub(super) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
+        encoder.clear_buffer(&self.ends_of_tiles, 0, None);
     }
 
     pub(super) fn inputs(&self) -> &Inputs {

@@ -73,11 +73,13 @@ impl TilePath {
             TilePlan::new(device, queue, kernels, inputs, memory)
         });
 
-        let mut zeroed = [0; 4];
-        zeroed[slot::N_SPLATS as usize] = scene.n_splats() as u32;
-        // Zeroed from here: kernels add to these counts, and only the number of splats is known
+        let mut first = [0; slot::N_SLOTS];
+        first[slot::N_SPLATS as usize] = scene.n_splats() as u32;
+        first[slot::NEAREST as usize] = u32::MAX;
+        // Set from here: kernels change these counts, and only the number of splats is known
         // beforehand.
-        queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&zeroed));
+        queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&first));
+        plan.clear(encoder);
         for stage in [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw] {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("splats by tiles"),

@@ -1,4 +1,4 @@
-//! Stable radix sort of u32 keys with u32 values on the GPU; `sort.wgsl` says how.
+//! Stable radix sort of pairs of a u32 key and a u32 value on the GPU; `sort.wgsl` says how.
 //!
 //! Per digit three kernels: count the digits of each strip of keys, sum the counts into places,
 //! scatter. Strips are a fixed number, so grids need no count from the GPU. No subgroups: they are
@@ -23,30 +23,33 @@ pub struct RadixSort {
 }
 
 /// What the keys are before the first pass. Slots are of the buffer of counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Keys {
-    /// The value of a key is its place. Keys of all ones are dropped.
+#[derive(Clone, Copy, Debug)]
+pub enum Keys<'a> {
+    /// Keys by themselves, whose values are their places. Keys of all ones are dropped; the others are
+    /// counted from the least of them, and where that does not fit the bits of the sort, lose as many
+    /// of their low ones as it takes.
     Indexed {
+        /// u32 each.
+        keys: &'a wgpu::Buffer,
         /// Slot of the number of keys.
         source: u32,
         /// Slot that gets the number of keys not dropped.
         sink: u32,
+        /// Slots of the least and the largest key not dropped.
+        range: [u32; 2],
     },
-    /// Values lie beside the keys.
+    /// The first of the two places holds pairs.
     Valued {
-        /// Slot of the number of keys.
+        /// Slot of the number of pairs.
         source: u32,
     },
 }
 
-/// Two places for keys and values each, between which the passes go back and forth; the first ones
-/// are where the keys start.
+/// Two places for pairs, between which the passes go back and forth.
 #[derive(Clone, Copy, Debug)]
 pub struct SortBuffers<'a> {
-    /// Keys before and after a pass, u32 each.
-    pub keys: [&'a wgpu::Buffer; 2],
-    /// u32 each, as many.
-    pub values: [&'a wgpu::Buffer; 2],
+    /// Pairs before and after a pass, u32 key and u32 value each.
+    pub pairs: [&'a wgpu::Buffer; 2],
     /// Numbers of keys, u32 each.
     pub counts: &'a wgpu::Buffer,
 }
@@ -66,7 +69,9 @@ struct Digit {
     source: u32,
     is_first: u32,
     sink: u32,
-    padding: [u32; 3],
+    least: u32,
+    largest: u32,
+    n_bits: u32,
 }
 
 impl RadixSort {
@@ -90,12 +95,19 @@ impl RadixSort {
         queue: &wgpu::Queue,
         buffers: SortBuffers<'_>,
         bits: u32,
-        keys: Keys,
+        keys: Keys<'_>,
     ) -> SortPlan {
         let passes = digits(bits, keys)
             .into_iter()
             .enumerate()
-            .map(|(i, digit)| self.bind(device, queue, buffers, i % 2, digit))
+            .map(|(i, digit)| {
+                let from = match keys {
+                    Keys::Indexed { keys, .. } if i == 0 => keys,
+                    _ => buffers.pairs[i % 2],
+                };
+                let to = buffers.pairs[(i + 1) % 2];
+                self.bind(device, queue, buffers.counts, [from, to], digit)
+            })
             .collect();
         SortPlan { passes }
     }
@@ -104,8 +116,8 @@ impl RadixSort {
         &self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        buffers: SortBuffers<'_>,
-        from: usize,
+        counts: &wgpu::Buffer,
+        [from, to]: [&wgpu::Buffer; 2],
         digit: Digit,
     ) -> [(Bound, Grid); 3] {
         let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
@@ -115,17 +127,7 @@ impl RadixSort {
             mapped_at_creation: false,
         });
         queue.write_buffer(&uniforms, 0, bytemuck::bytes_of(&digit));
-        let to = 1 - from;
-        let all = [
-            &uniforms,
-            buffers.counts,
-            buffers.keys[from],
-            buffers.values[from],
-            buffers.keys[to],
-            buffers.values[to],
-            &self.strips,
-            &self.totals,
-        ];
+        let all = [&uniforms, counts, from, to, &self.strips, &self.totals];
         let bind = |kernel: &ComputeKernel, used: &[u32]| {
             let resources: Vec<_> = used
                 .iter()
@@ -134,9 +136,9 @@ impl RadixSort {
             kernel.bind(device, &resources)
         };
         [
-            (bind(&self.histogram, &[0, 1, 2, 6]), Grid::row(N_STRIPS)),
-            (bind(&self.spine, &[0, 1, 6, 7]), Grid::row(digit.n_values)),
-            (bind(&self.scatter, &[0, 1, 2, 3, 4, 5, 6, 7]), Grid::row(N_STRIPS)),
+            (bind(&self.histogram, &[0, 1, 2, 4]), Grid::row(N_STRIPS)),
+            (bind(&self.spine, &[0, 1, 4, 5]), Grid::row(digit.n_values)),
+            (bind(&self.scatter, &[0, 1, 2, 3, 4, 5]), Grid::row(N_STRIPS)),
         ]
     }
 }
@@ -149,27 +151,27 @@ impl SortPlan {
         }
     }
 
-    /// Which of the two keys and values are sorted afterwards.
+    /// Which of the two places holds the sorted pairs afterwards.
     pub fn result(&self) -> usize {
         self.passes.len() % 2
     }
 }
 
 /// The fewest passes, their digits as narrow as that allows.
-fn digits(bits: u32, keys: Keys) -> Vec<Digit> {
+fn digits(bits: u32, keys: Keys<'_>) -> Vec<Digit> {
     let n_passes = bits.div_ceil(DIGIT_BITS);
     // Even digits rather than 8 and a rest: fewer values a digit are less to count.
     let width = bits.div_ceil(n_passes.max(1));
     (0..n_passes)
         .map(|i| {
             let shift = i * width;
-            let (source, is_first, sink) = match keys {
-                Keys::Indexed { source, sink } if i == 0 => (source, 1, sink),
-                Keys::Indexed { sink, .. } => (sink, 0, 0),
-                Keys::Valued { source } => (source, 0, 0),
+            let (source, is_first, sink, [least, largest]) = match keys {
+                Keys::Indexed { source, sink, range, .. } if i == 0 => (source, 1, sink, range),
+                Keys::Indexed { sink, .. } => (sink, 0, 0, [0; 2]),
+                Keys::Valued { source } => (source, 0, 0, [0; 2]),
             };
             let n_values = 1 << width.min(bits - shift);
-            Digit { shift, n_values, source, is_first, sink, padding: [0; 3] }
+            Digit { shift, n_values, source, is_first, sink, least, largest, n_bits: bits }
         })
         .collect()
 }
