@@ -1,10 +1,9 @@
 //! Moving unused components onto badly explained points (`train.md`, Reassignment).
 //!
-//! The worst points are found by histograms over the leading bits of their scores and one selection
-//! within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
-//! the reference does, has the law of an exponential race: every point gets a time from its own
-//! random number, and the first ones win. The race has no rounds, runs on all threads and gives
-//! equal points for any number of them.
+//! The worst points are found by a sample's bound and one selection among what it lets through, not by
+//! sorting a frame. Drawing without replacement in rounds, as the reference does, has the law of an
+//! exponential race: every point gets a time from its own random number, and the first ones win. The race
+//! has no rounds, runs on all threads and gives equal points for any number of them.
 
 use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
@@ -16,13 +15,13 @@ const PART: usize = 1 << 10;
 /// Parts of a frame that are looked through at once.
 // A fixed number, not one a thread: joined, they are the same list for any number of threads.
 const PARTS: usize = 16;
-/// Bits of a score's order that tell bins of a histogram apart.
-// Few: the parts' histograms are read by one thread.
-const BIN_BITS: u32 = 12;
-const N_BINS: usize = 1 << BIN_BITS;
-/// Low bits that a bin spans, of the first histogram and of the second, which looks into one bin of the
-/// first: sign and exponent are often the same for half of a frame.
-const BIN_SHIFTS: [u32; 2] = [52, 40];
+/// Marks in a word.
+const BITS: usize = u64::BITS as usize;
+/// Points by which the bound of the lowest is guessed, about.
+const SAMPLED: usize = 1 << 12;
+/// Deviations of a sample's count by which the bound is farther than it tells: then one frame of 30,000 or
+/// so is looked through twice.
+const SURE: f64 = 4.0;
 
 /// How many components may move and among how many points destinations are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,24 +50,37 @@ impl Quota {
     }
 }
 
+/// A point and what it is ordered by, which takes the upper bits: one number compares faster than two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Ranked(u128);
+
+impl Ranked {
+    fn new(order: u64, point: u32) -> Self {
+        Self(u128::from(order) << 32 | u128::from(point))
+    }
+
+    fn order(self) -> u64 {
+        (self.0 >> 32) as u64
+    }
+
+    fn point(self) -> u32 {
+        self.0 as u32
+    }
+}
+
 /// Chooses destinations, in memory kept from frame to frame.
 #[derive(Default)]
 pub struct DestinationChooser {
-    parts: [Part; PARTS],
-    /// Points by bin, of all parts.
-    bins: Vec<u32>,
-    /// Order of the score, reversed so that the lowest ELBO comes first, and the point.
-    lowest: Vec<(u64, u32)>,
-    /// Order of the draw, and the point.
-    draws: Vec<(u64, u32)>,
+    /// Points of each part of a frame.
+    parts: [Vec<Ranked>; PARTS],
+    sample: Vec<u64>,
+    /// By the order of the score, reversed so that the lowest ELBO comes first.
+    lowest: Vec<Ranked>,
+    /// By the order of the draw.
+    draws: Vec<Ranked>,
+    /// A bit for each point.
+    marks: Vec<u64>,
     points: Vec<u32>,
-}
-
-/// What one part of a frame holds.
-#[derive(Default)]
-struct Part {
-    histogram: Vec<u32>,
-    lowest: Vec<(u64, u32)>,
 }
 
 impl DestinationChooser {
@@ -77,12 +89,12 @@ impl DestinationChooser {
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
-        let part = || Part { histogram: vec![0; N_BINS], lowest: Vec::with_capacity(2 * low_elbo) };
         Self {
-            parts: std::array::from_fn(|_| part()),
-            bins: vec![0; N_BINS],
+            parts: std::array::from_fn(|_| Vec::with_capacity(2 * low_elbo)),
+            sample: Vec::with_capacity(SAMPLED),
             lowest: Vec::with_capacity(2 * low_elbo),
             draws: Vec::with_capacity(low_elbo),
+            marks: Vec::new(),
             points: Vec::with_capacity(moves),
         }
     }
@@ -92,41 +104,67 @@ impl DestinationChooser {
     /// Points whose `q` is NaN are never chosen. `stream` gives every point its random number.
     pub fn destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
         self.find_lowest(q, quota.low_elbo);
-        self.points.clear();
-        if self.lowest.len() <= quota.moves {
-            self.points.extend(self.lowest.iter().map(|&(_, point)| point));
-        } else {
+        let is_drawn = self.lowest.len() > quota.moves;
+        if is_drawn {
             self.draw(quota.moves, stream);
-            self.points.extend(self.draws.iter().map(|&(_, point)| point));
         }
+        let Self { lowest, draws, marks, points, .. } = self;
         // In the order of points: neighbours then get neighbouring components, which lie close in
-        // memory.
-        self.points.sort_unstable();
-        &self.points
+        // memory. Marks are read off in that order, so nothing is sorted.
+        marks.clear();
+        marks.resize(q.len().div_ceil(BITS), 0);
+        for chosen in &*(if is_drawn { draws } else { lowest }) {
+            let point = chosen.point() as usize;
+            marks[point / BITS] |= 1 << (point % BITS);
+        }
+        points.clear();
+        for (first, &word) in (0..).step_by(BITS).zip(&*marks) {
+            let mut rest = word;
+            while rest != 0 {
+                points.push(first + rest.trailing_zeros());
+                rest &= rest - 1;
+            }
+        }
+        points
     }
 
     /// The `n` points of lowest ELBO (all, if there are fewer), ties by lowest index; in no order.
     pub fn lowest_elbo(&mut self, q: &[f64], n: usize) -> impl Iterator<Item = u32> {
         self.find_lowest(q, n);
-        self.lowest.iter().map(|&(_, point)| point)
+        self.lowest.iter().map(|chosen| chosen.point())
     }
 
     fn find_lowest(&mut self, q: &[f64], n: usize) {
-        let Self { parts, bins, lowest, .. } = self;
-        let size = q.len().div_ceil(PARTS).max(1);
         // Where all points may be chosen no bound has to be found.
-        let bound = if n < q.len() { last_order(parts, bins, q, n) } else { None };
-        let bound = bound.unwrap_or(u64::MAX);
+        let bound = if n < q.len() { likely_bound(&mut self.sample, q, n) } else { u64::MAX };
+        self.collect(q, bound);
+        if self.lowest.len() < n && bound < u64::MAX {
+            // The sample was not like the frame.
+            self.collect(q, u64::MAX);
+        }
+        if n < self.lowest.len() {
+            self.lowest.select_nth_unstable(n);
+            self.lowest.truncate(n);
+        }
+    }
+
+    /// Takes the points up to an order.
+    fn collect(&mut self, q: &[f64], bound: u64) {
+        let Self { parts, lowest, .. } = self;
+        let size = q.len().div_ceil(PARTS).max(1);
         parts.par_iter_mut().enumerate().for_each(|(i, part)| {
-            part.collect(part_of(q, i, size), (i * size) as u32, bound);
+            part.clear();
+            let first = (i * size).min(q.len());
+            let scores = &q[first..(first + size).min(q.len())];
+            for (&q, point) in scores.iter().zip(first as u32..) {
+                let order = largest_first(q);
+                if order <= bound && !q.is_nan() {
+                    part.push(Ranked::new(order, point));
+                }
+            }
         });
         lowest.clear();
-        parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
-        if n < lowest.len() {
-            // The last bin may bring more than asked for.
-            lowest.select_nth_unstable(n);
-            lowest.truncate(n);
-        }
+        parts.iter().for_each(|part| lowest.extend_from_slice(part));
     }
 
     /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
@@ -134,79 +172,34 @@ impl DestinationChooser {
     /// Sampling without replacement). Those of probability zero come last, in uniform order.
     fn draw(&mut self, n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
-        let best = lowest.iter().map(|&(order, _)| distance(order)).fold(f64::INFINITY, f64::min);
-        draws.resize(lowest.len(), (0, 0));
+        let last = lowest.iter().map(|candidate| candidate.order()).max();
+        let best = last.map_or(f64::INFINITY, distance);
+        draws.resize(lowest.len(), Ranked(0));
         let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
-        pairs.for_each(|(draw, &(order, point))| {
-            let uniform = stream.uniform_at(point.into());
+        pairs.for_each(|(draw, candidate)| {
+            let uniform = stream.uniform_at(candidate.point().into());
             // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
-            let gap = distance(order) - best;
+            let gap = distance(candidate.order()) - best;
             // The logarithm of `libm` has equal bits on every machine; the platform's need not.
             let time = -libm::log(uniform) / gap;
             let last = 1 << 63;
             // A time is not negative, so its bits are in its order.
             let order = if gap > 0.0 { time.to_bits() } else { last | uniform.to_bits() };
-            *draw = (order, point);
+            *draw = Ranked::new(order, candidate.point());
         });
         draws.select_nth_unstable(n);
         draws.truncate(n);
     }
 }
 
-/// An order that `n` points do not exceed, and few more; `None` if there are not so many.
-fn last_order(parts: &mut [Part; PARTS], bins: &mut Vec<u32>, q: &[f64], n: usize) -> Option<u64> {
-    let size = q.len().div_ceil(PARTS).max(1);
-    let (mut above, mut missing) = (0, n);
-    for shift in BIN_SHIFTS {
-        parts.par_iter_mut().enumerate().for_each(|(i, part)| {
-            part.count(part_of(q, i, size), shift, above);
-        });
-        bins.clear();
-        bins.resize(N_BINS, 0);
-        for part in &*parts {
-            bins.iter_mut().zip(&part.histogram).for_each(|(sum, n)| *sum += n);
-        }
-        let (mut found, mut before) = (0, 0);
-        let bin = bins.iter().position(|&n| {
-            before = found;
-            found += n as usize;
-            found >= missing
-        })?;
-        (above, missing) = (above << BIN_BITS | bin as u64, missing - before);
-    }
-    let shift = BIN_SHIFTS[1];
-    Some(above << shift | ((1 << shift) - 1))
-}
-
-fn part_of(q: &[f64], part: usize, size: usize) -> &[f64] {
-    let start = (part * size).min(q.len());
-    &q[start..(start + size).min(q.len())]
-}
-
-impl Part {
-    /// Counts points by the bits of their order from `shift` on, of those whose bits over these are
-    /// `above`.
-    fn count(&mut self, q: &[f64], shift: u32, above: u64) {
-        self.histogram.clear();
-        self.histogram.resize(N_BINS, 0);
-        for &q in q.iter().filter(|q| !q.is_nan()) {
-            let order = largest_first(q);
-            if order.checked_shr(shift + BIN_BITS).unwrap_or(0) == above {
-                self.histogram[(order >> shift) as usize % N_BINS] += 1;
-            }
-        }
-    }
-
-    /// Takes the points, counted from `first`, up to an order.
-    fn collect(&mut self, q: &[f64], first: u32, bound: u64) {
-        self.lowest.clear();
-        for (&q, point) in q.iter().zip(first..) {
-            let order = largest_first(q);
-            if order <= bound && !q.is_nan() {
-                self.lowest.push((order, point));
-            }
-        }
-    }
+/// An order that `n` points or more do not exceed, most likely, and few more, by the scores of some.
+fn likely_bound(sample: &mut Vec<u64>, q: &[f64], n: usize) -> u64 {
+    let step = q.len().div_ceil(SAMPLED).max(1);
+    sample.clear();
+    sample.extend(q.iter().step_by(step).filter(|q| !q.is_nan()).map(|&q| largest_first(q)));
+    let expected = n as f64 / step as f64;
+    let rank = (expected + SURE * (expected.sqrt() + 1.0)) as usize;
+    if rank < sample.len() { *sample.select_nth_unstable(rank).1 } else { u64::MAX }
 }
 
 /// Bits in the order of distances, the largest first.
