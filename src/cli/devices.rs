@@ -9,13 +9,17 @@ use vbgs_studio::pipeline::session::Session;
 enum Task {
     /// Passes over frames.
     Passes,
+    /// Seeds and sums of a scene's points.
+    Points,
     /// Comparing photographs.
     Photographs,
 }
 
 /// Hands the session what was asked for.
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    attach_one(session, Task::Passes, args.device)?;
+    // A run has work of one kind at most.
+    let task = if Task::Points.is_there(session) { Task::Points } else { Task::Passes };
+    attach_one(session, task, args.device)?;
     attach_one(session, Task::Photographs, args.photometric_device)
 }
 
@@ -36,7 +40,7 @@ fn attach_one(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
 impl Task {
     fn option(self) -> &'static str {
         match self {
-            Self::Passes => "--device",
+            Self::Passes | Self::Points => "--device",
             Self::Photographs => "--photometric-device",
         }
     }
@@ -45,14 +49,15 @@ impl Task {
     fn is_there(self, session: &Session) -> bool {
         match self {
             Self::Passes => session.learner().pass_use().is_some(),
+            Self::Points => session.learner().point_use().is_some(),
             Self::Photographs => session.learner().comparer_use().is_some(),
         }
     }
 
     fn needs(self) -> &'static str {
         match self {
-            Self::Passes => {
-                "a GPU can train, found one that it cannot; use it with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
+            Self::Passes | Self::Points => {
+                "a GPU can train, found one that it cannot; use it with --births seeds and --visibility projected, or with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
             }
             Self::Photographs => {
                 "learns from photographs, found one that does not; use it with --photometric light or full"
@@ -80,6 +85,10 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
             let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
             let handed = match task {
                 Task::Passes => session.compute_on(Box::new(gpu.mixture()), policy),
+                Task::Points => {
+                    session.fit_on(Box::new(gpu.points()), policy);
+                    Ok(())
+                }
                 Task::Photographs => {
                     session.compare_on(Box::new(gpu.comparer()), policy);
                     Ok(())
@@ -97,7 +106,7 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
         return Err(Failure::failed(error));
     }
     let what = match task {
-        Task::Passes => "trains",
+        Task::Passes | Task::Points => "trains",
         Task::Photographs => "compares photographs",
     };
     eprintln!("note: {error}: the processor {what}");

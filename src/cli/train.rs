@@ -364,7 +364,8 @@ fn save_report(
         summary.components,
         summary.drawn
     ));
-    if let Some(used) = report.passes.as_ref().filter(|used| used.device.is_some()) {
+    let fits = [&report.passes, &report.points].into_iter().flatten();
+    for used in fits.filter(|used| used.device.is_some()) {
         output::line(used.line());
     }
     if let Some(used) = &report.comparer {

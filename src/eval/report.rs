@@ -56,6 +56,9 @@ pub struct Report<C> {
     /// What passes over frames ran on; `None` where no device can run them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passes: Option<PassUse>,
+    /// What a scene's points were fitted on; `None` where no device can fit them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<PassUse>,
 }
 
 /// Quality on the pixels that the frames learnt so far saw.

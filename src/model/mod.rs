@@ -8,6 +8,7 @@
 
 pub mod attributes;
 pub mod conjugate;
+pub mod device_error;
 pub mod inspection;
 pub mod paper;
 pub mod scene;

@@ -1,7 +1,9 @@
 //! What a session computes on beside the processor.
 
 use super::session::Session;
-use crate::model::paper::mixture_device::{DeviceError, MixtureDevice};
+use crate::model::device_error::DeviceError;
+use crate::model::paper::mixture_device::MixtureDevice;
+use crate::model::scene::points_device::PointsDevice;
 use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::device_trial::DevicePolicy;
 
@@ -9,6 +11,12 @@ impl Session {
     /// Compares photographs on a device beside the processor from now on, where they are learnt from.
     pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.learner_mut().compare_on(comparer, policy);
+    }
+
+    /// Finds the seeds of points, and sums points, on a device beside the processor from now on, where one
+    /// can.
+    pub fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
+        self.learner_mut().fit_on(device, policy);
     }
 
     /// Computes passes over frames on a device beside the processor from now on, where one can.

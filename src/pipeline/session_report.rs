@@ -52,6 +52,7 @@ impl Session {
             tracking: None,
             comparer: self.learner().comparer_use(),
             passes: self.learner().pass_use(),
+            points: self.learner().point_use(),
         }
     }
 }

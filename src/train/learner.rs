@@ -14,8 +14,10 @@ use super::pass_use::PassUse;
 use super::stages::TrainStage;
 use super::warnings::TrainingWarning;
 use crate::model::conjugate::posterior::ComponentPosterior;
-use crate::model::paper::mixture_device::{DeviceError, MixtureDevice};
+use crate::model::device_error::DeviceError;
+use crate::model::paper::mixture_device::MixtureDevice;
 use crate::model::scene::photometric::PhotometricDeviations;
+use crate::model::scene::points_device::PointsDevice;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
@@ -93,6 +95,14 @@ pub trait Learner: Send + Sync {
 
     /// What passes over frames ran on; `None` where no device can run them.
     fn pass_use(&self) -> Option<PassUse> {
+        None
+    }
+
+    /// Finds the seeds of points, and sums points, on a device too from now on; nothing where none can.
+    fn fit_on(&mut self, _device: Box<dyn PointsDevice>, _policy: DevicePolicy) {}
+
+    /// What points were fitted on; `None` where no device finds their seeds.
+    fn point_use(&self) -> Option<PassUse> {
         None
     }
 

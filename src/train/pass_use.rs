@@ -1,9 +1,10 @@
-//! What passes over frames ran on, and what came of it: for reports and the console.
+//! What passes over frames ran on, or the fit of a scene's points, and what came of it: for reports and the
+//! console.
 
 use super::device_trial::{DeviceMs, who_did};
 use serde::{Deserialize, Serialize};
 
-/// What passes over frames ran on in this session.
+/// What passes over frames, or the fit of a scene's points, ran on in this session.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PassUse {
     /// The device beside the processor, if one was to be used.
@@ -12,7 +13,7 @@ pub struct PassUse {
     pub device_frames: u64,
     /// Those that the processor fitted.
     pub processor_frames: u64,
-    /// Share of the device's tiles that it left to the processor.
+    /// Share of the device's tiles, or of a scene's points, that it left to the processor.
     pub open_share: f64,
     /// What the choice was made by, if it was measured: one fit.
     pub trial: Option<DeviceMs>,

@@ -60,16 +60,27 @@ fn the_processor_trains_where_it_is_asked_to() {
     let used = &report_of_cpu["passes"];
     assert_eq!((&used["device"], &used["processor_frames"]), (&Value::Null, &3.into()));
     assert!(!said.contains("fitted"), "{said}");
-    let (none, _) = report(&scratch, "scene", "");
-    assert!(none["passes"].is_null());
+    let (of_scene, said) = report(&scratch, "scene", "--device cpu");
+    assert!(of_scene["passes"].is_null());
+    let used = &of_scene["points"];
+    assert_eq!((&used["device"], &used["processor_frames"]), (&Value::Null, &3.into()));
+    assert!(!said.contains("fitted"), "{said}");
+    let (of_lattice, _) = report(&scratch, "lattice", "--births lattice");
+    assert!(of_lattice["points"].is_null());
 }
 
 #[test]
 fn a_gpu_that_cannot_train_a_run_is_refused() {
     let scratch = Scratch::with_room();
-    for other in ["", "--preset paper --precision f64", "--preset paper --candidates 5"] {
+    for other in [
+        "--births lattice",
+        "--visibility returned",
+        "--preset paper --precision f64",
+        "--preset paper --candidates 5",
+    ] {
         let arguments = format!("train room --out out --device gpu {other}");
-        scratch.run(&arguments).fails(2, &["--device gpu", "--preset paper", "--precision mixed"]);
+        let needs = ["--device gpu", "--births seeds", "--preset paper", "--precision mixed"];
+        scratch.run(&arguments).fails(2, &needs);
     }
 }
 
@@ -80,11 +91,13 @@ fn a_gpu_trains_to_the_same_files() {
         return;
     }
     let scratch = Scratch::with_room();
-    let (report_of_gpu, said) = report(&scratch, "gpu", &format!("{PAPER} --device gpu"));
-    report(&scratch, "cpu", &format!("{PAPER} --device cpu"));
-    let used = &report_of_gpu["passes"];
-    // The first frame is fitted by both and compared.
-    assert_eq!((&used["device_frames"], &used["processor_frames"]), (&2.into(), &1.into()));
-    assert!(said.contains(&format!("{} fitted 2 frames", used["device"].as_str().unwrap())));
-    assert!(scratch.bytes("gpu/scene.ply") == scratch.bytes("cpu/scene.ply"));
+    for (arguments, word) in [(PAPER, "passes"), ("", "points")] {
+        let (report_of_gpu, said) = report(&scratch, "gpu", &format!("{arguments} --device gpu"));
+        report(&scratch, "cpu", &format!("{arguments} --device cpu"));
+        let used = &report_of_gpu[word];
+        // The first frame is fitted by both and compared.
+        assert_eq!((&used["device_frames"], &used["processor_frames"]), (&2.into(), &1.into()));
+        assert!(said.contains(&format!("{} fitted 2 frames", used["device"].as_str().unwrap())));
+        assert!(scratch.bytes("gpu/scene.ply") == scratch.bytes("cpu/scene.ply"));
+    }
 }

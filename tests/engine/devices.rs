@@ -2,8 +2,9 @@
 
 use super::common::wavy::wavy_frame;
 use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::model::device_error::DeviceError;
 use vbgs_studio::model::paper::mixture_device::{
-    DeviceError, DevicePass, MeanCells, MixtureDevice, PassRule, PointColumns,
+    DevicePass, MeanCells, MixtureDevice, PassRule, PointColumns,
 };
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};

@@ -21,6 +21,7 @@ mod lego;
 mod mishaps;
 mod near_detail;
 mod photometric;
+mod point_devices;
 mod properties;
 mod published;
 #[cfg(feature = "bench")]

@@ -20,6 +20,7 @@ mod mixture;
 mod options;
 mod photometric;
 mod photometric_training;
+mod points;
 mod shaders;
 mod streaming;
 mod targets;

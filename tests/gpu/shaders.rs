@@ -11,6 +11,7 @@ use vbgs_studio::render::gpu::layout::{
 };
 use vbgs_studio::render::gpu::mixture::shader as mixture;
 use vbgs_studio::render::gpu::photometric::shader as photometric;
+use vbgs_studio::render::gpu::points::shader as points;
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
 use vbgs_studio::render::{
@@ -274,4 +275,22 @@ fn the_files_of_a_pass_are_valid() {
     for (name, size) in [("Index", 48), ("Mean", 32)] {
         assert_eq!(stride(&index, name), size, "{name}");
     }
+}
+
+#[test]
+fn the_files_of_points_are_valid() {
+    let used = [
+        (points::FILE, &["settings", "cells", "file"][..]),
+        (points::FIND, &["settings", "cells", "find"]),
+        (points::SUM, &["settings", "sum"]),
+    ];
+    for (whole, parts) in used {
+        let parts = parts.iter().map(|part| read(&format!("points/{part}.wgsl")));
+        assert_eq!(whole, parts.collect::<String>());
+        let module = validated("points", whole);
+        assert_eq!(module.entry_points.len(), 1);
+        // What `points/layout.rs` and `points/memory.rs` hold, and points as frames hold them.
+        assert_eq!([stride(&module, "Settings"), stride(&module, "Point")], [64, 64]);
+    }
+    assert_eq!(stride(&validated("points", points::FIND), "Seed"), 16);
 }

@@ -76,8 +76,8 @@ pub struct TrainArgs {
     /// Every N-th of these frames from the K-th on, for a model to be merged with the other shards'
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
-    /// What trains a model of the `paper` preset: the processor, a GPU, or whichever is faster by
-    /// measurement, to the same bits; a GPU that fails is given up for the processor
+    /// What fits points: the processor, a GPU, or whichever is faster by measurement, to the same
+    /// bits; a GPU that fails is given up for the processor
     #[arg(long, value_enum, default_value = "auto", value_name = "DEVICE")]
     pub device: DeviceName,
     /// What compares photographs with the scene: the processor, a GPU, or whichever is faster by

@@ -5,6 +5,7 @@
 //! a logarithm, a coordinate that is no number) it leaves to the processor, tile by tile.
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
+use crate::model::device_error::DeviceError;
 
 /// Candidates per point that a device compares at most.
 pub const MAX_DEVICE_CANDIDATES: usize = 4;
@@ -106,14 +107,4 @@ pub struct DevicePass<'a> {
     /// Sums of the others, in any order, as
     /// [`TileRecord::from_words`](crate::model::conjugate::statistics::TileRecord::from_words) reads them.
     pub records: &'a [[u32; RECORD_WORDS]],
-}
-
-/// A device could not do its part.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: expected a pass over a frame, which failed: {reason}")]
-pub struct DeviceError {
-    /// What it was to run on.
-    pub device: String,
-    /// What went wrong, in the device's words.
-    pub reason: String,
 }

@@ -7,6 +7,7 @@ pub mod bounds;
 pub mod merging;
 pub mod opacity;
 pub mod photometric;
+pub mod points_device;
 pub mod splat_rule;
 pub mod state;
 pub mod sums;

@@ -77,6 +77,39 @@ pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3
     ]
 }
 
+/// The two factors of each term of [`terms`] among 1, offset, colour, normal and direction, 13 numbers: for
+/// whoever forms terms one by one.
+pub const TERM_FACTORS: [[u32; 2]; N_SUMS] = {
+    const D: u32 = 1;
+    const C: u32 = 4;
+    const N: u32 = 7;
+    const V: u32 = 10;
+    let upper = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
+    let mut factors = [[0; 2]; N_SUMS];
+    let mut i = 0;
+    while i < 9 {
+        let [row, column] = [i / 3, i % 3];
+        factors[13 + i as usize] = [C + row, D + column];
+        factors[33 + i as usize] = [C + row, V + column];
+        if i < 6 {
+            let [a, b] = upper[i as usize];
+            factors[4 + i as usize] = [D + a, D + b];
+            // All but the last of the view directions' squares.
+            if i < 5 {
+                factors[28 + i as usize] = [V + a, V + b];
+            }
+        }
+        if i < 3 {
+            factors[1 + i as usize] = [0, D + i];
+            factors[10 + i as usize] = [0, C + i];
+            factors[22 + i as usize] = [0, N + i];
+            factors[25 + i as usize] = [0, V + i];
+        }
+        i += 1;
+    }
+    factors
+};
+
 /// Outer product `a bᵀ`, row per entry of `a`.
 pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
@@ -217,5 +250,19 @@ impl Add for SceneSums {
             view_second: self.view_second.add_scaled(1.0, other.view_second),
             color_view: self.color_view + other.color_view,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terms_are_products_of_their_factors() {
+        let vector = |first: f32| [first, first + 0.37, first * 1.7 - 3.0];
+        let [d, c, n, v] = [0.3, 5.9, 1.1, -2.3].map(vector);
+        let numbers = [&[1.0][..], &d, &c, &n, &v].concat();
+        let products = TERM_FACTORS.map(|pair| pair.map(|i| numbers[i as usize]));
+        assert_eq!(terms(d, c, n, v), products.map(|[a, b]| a * b));
     }
 }

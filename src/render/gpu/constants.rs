@@ -4,6 +4,9 @@
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::MAX_TILE_POINTS;
+use crate::model::scene::points_device::{NO_SEED, OPEN};
+use crate::model::scene::state::QUANTUM;
+use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, TERM_FACTORS};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::compare::OUTSIDE;
 use crate::render::cpu::photometric::{MIN_WEIGHT, N_IMAGE_SUMS, SEEN};
@@ -42,6 +45,9 @@ pub(super) const GROUP: u32 = 256;
 const _: () = assert!(GROUP.is_power_of_two() && GROUP.ilog2().is_multiple_of(2));
 /// Lanes of a workgroup of sparse uploads.
 pub(super) const SCATTER_GROUP: u32 = 64;
+/// Points whose terms a workgroup of [`super::points`] adds, a lane a sum; and its lanes.
+pub(super) const SUM_GROUP: u32 = 64;
+const _: () = assert!(SUM_GROUP as usize >= N_SUMS);
 /// Cells of means that a workgroup counts up; the lanes of one share them.
 pub(super) const STRIP_CELLS: u32 = 16 * GROUP;
 /// Workgroups of the passes of the radix sort over all keys.
@@ -69,7 +75,7 @@ pub(super) mod slot {
 }
 
 /// Whole numbers by their names in WGSL.
-const WORDS: [(&str, u32); 29] = [
+const WORDS: [(&str, u32); 33] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -99,10 +105,14 @@ const WORDS: [(&str, u32); 29] = [
     ("N_QUARTERS", N_QUARTERS),
     ("TILE_POINTS", MAX_TILE_POINTS as u32),
     ("RECORD_WORDS", RECORD_WORDS as u32),
+    ("NO_SEED", NO_SEED),
+    ("OPEN", OPEN),
+    ("N_SUMS", N_SUMS as u32),
+    ("SUM_GROUP", SUM_GROUP),
 ];
 
 /// Other numbers by their names in WGSL.
-const NUMBERS: [(&str, f32); 13] = [
+const NUMBERS: [(&str, f32); 15] = [
     ("ALPHA_CAP", ALPHA_CAP as f32),
     ("ALPHA_CUT", ALPHA_CUT as f32),
     ("TRANSMITTANCE_STOP", TRANSMITTANCE_STOP as f32),
@@ -116,6 +126,8 @@ const NUMBERS: [(&str, f32); 13] = [
     ("OUTSIDE", OUTSIDE),
     ("SEEN", SEEN),
     ("MIN_WEIGHT", MIN_WEIGHT),
+    ("MAX_OFFSET", MAX_OFFSET),
+    ("QUANTA", (1.0 / QUANTUM) as f32),
 ];
 
 /// A shader behind the declarations of all shared constants.
@@ -134,6 +146,10 @@ pub fn with_constants(shader: &str) -> String {
     let _ = writeln!(text, "const RAMP = array<vec3<f32>, {}>(", RAMP.len());
     for [r, g, b] in RAMP {
         let _ = writeln!(text, "    vec3<f32>({r:?}f, {g:?}f, {b:?}f),");
+    }
+    let _ = writeln!(text, ");\nconst TERM_FACTORS = array<vec2<u32>, {N_SUMS}>(");
+    for [a, b] in TERM_FACTORS {
+        let _ = writeln!(text, "    vec2<u32>({a}u, {b}u),");
     }
     text + ");\n" + shader
 }

@@ -6,6 +6,7 @@ use super::error::GpuError;
 use super::faults::GpuFaults;
 use super::mixture::GpuMixture;
 use super::photometric::GpuComparer;
+use super::points::GpuPoints;
 use super::poll::ready;
 use std::time::Duration;
 
@@ -85,6 +86,11 @@ impl HeadlessGpu {
     /// What computes passes over frames on it.
     pub fn mixture(self) -> GpuMixture {
         GpuMixture::new(self.device, self.queue, self.faults, &self.caps)
+    }
+
+    /// What finds the seeds of a scene's points on it, and sums points.
+    pub fn points(self) -> GpuPoints {
+        GpuPoints::new(self.device, self.queue, self.faults, &self.caps)
     }
 
     /// Waits until everything submitted is done. An error if it was not done well.

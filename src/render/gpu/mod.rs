@@ -10,7 +10,7 @@
 //!    another image or a photograph if two are compared.
 //!
 //! Where the adapter computes on the cores, [`meshes::MeshPainter`] draws the window itself.
-//! [`photometric`] and [`mixture`] do a learner's work on a device of their own.
+//! [`photometric`], [`mixture`] and [`points`] do a learner's work on a device of their own.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
@@ -35,6 +35,7 @@ mod parallel_copy;
 mod path;
 pub mod photo;
 pub mod photometric;
+pub mod points;
 mod poll;
 mod quads;
 pub mod readback;

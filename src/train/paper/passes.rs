@@ -10,9 +10,10 @@ use super::config::UpdateWidth;
 use super::index::Index;
 use super::pass::{Output, Pass, PassInputs, fused_inputs, fused_rank};
 use super::scalar::PaperScalar;
+use crate::model::device_error::DeviceError;
 use crate::model::paper::mixture::InitialModel;
 use crate::model::paper::mixture_device::{
-    DeviceError, MAX_DEVICE_CANDIDATES, MixtureDevice, PassRule, PointColumns,
+    MAX_DEVICE_CANDIDATES, MixtureDevice, PassRule, PointColumns,
 };
 use crate::observation::points::Points;
 use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};

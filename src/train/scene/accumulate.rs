@@ -14,7 +14,7 @@ use crate::observation::surface::SurfacePoint;
 
 /// Runs of components that threads take; the points of each are gathered by one thread.
 // Every part looks through the owners of all points for its own: more parts, more reading.
-const PARTS: usize = 16;
+pub const PARTS: usize = 16;
 
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]

@@ -7,6 +7,7 @@ use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::seed_groups::SeedGroups;
 use super::spacing::Spacing;
+use crate::model::scene::points_device::OPEN;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
@@ -33,14 +34,42 @@ pub fn assign(
             groups.clear();
             groups.gather(grid, spacing.h(), points);
             groups.nearest::<WIDTH>(grid, spacing.h(), points, owners);
-            if !spacing.is_even() {
-                keep_within(grid, spacing, points, owners);
-            }
-            for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
-                *owner = components.of_seed(*owner);
-            }
+            keep_components(grid, components, spacing, points, owners);
         },
     );
+}
+
+/// The same where the nearest seed within the structural scale is known of every point, [`NONE`] where there
+/// is none; but of those that are [`OPEN`], of which it is found here.
+pub fn assign_known(
+    grid: &SeedGrid,
+    components: &Components,
+    spacing: Spacing,
+    points: &[SurfacePoint],
+    owners: &mut [u32],
+) {
+    owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each(|(owners, points)| {
+        for (owner, point) in owners.iter_mut().zip(points).filter(|(owner, _)| **owner == OPEN) {
+            *owner = grid.nearest(point.position).unwrap_or(NONE);
+        }
+        keep_components(grid, components, spacing, points, owners);
+    });
+}
+
+/// Puts the component of a seed in its place, and leaves points without one that are too far away.
+fn keep_components(
+    grid: &SeedGrid,
+    components: &Components,
+    spacing: Spacing,
+    points: &[SurfacePoint],
+    owners: &mut [u32],
+) {
+    if !spacing.is_even() {
+        keep_within(grid, spacing, points, owners);
+    }
+    for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
+        *owner = components.of_seed(*owner);
+    }
 }
 
 /// Leaves points without a seed that are too far from theirs for what their view tells apart.

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// The number that a sum of one component is kept in.
-pub trait SumScalar: Copy + Default + Send + Sync + 'static {
+pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
     /// Arithmetic of the terms of one point.
     type Term: Real;
     /// Points from which on a row spills into a wide one. As many more still fit.
@@ -25,6 +25,8 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     fn of(term: Self::Term) -> Self;
     /// A sum, rounded likewise.
     fn of_sum(sum: f64) -> Self;
+    /// A sum of whole quanta.
+    fn of_quanta(quanta: i32) -> Self;
     /// Sum of both; integers wrap.
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
@@ -51,6 +53,11 @@ impl SumScalar for i32 {
 
     fn of_sum(sum: f64) -> Self {
         (sum / QUANTUM).round_ties_even() as i32
+    }
+
+    #[inline(always)]
+    fn of_quanta(quanta: i32) -> Self {
+        quanta
     }
 
     #[inline(always)]
@@ -90,6 +97,10 @@ macro_rules! plain_sum_scalar {
 
             fn of_sum(sum: f64) -> Self {
                 sum as $t
+            }
+
+            fn of_quanta(quanta: i32) -> Self {
+                (f64::from(quanta) * QUANTUM) as $t
             }
 
             #[inline(always)]
@@ -295,6 +306,29 @@ impl<W: SumScalar> ComponentSums<W> {
         let wide = &self.wide;
         let rows = self.rows.par_chunks_mut(n).enumerate();
         rows.for_each(|(i, rows)| f(i * n, rows, WideRows(wide)));
+    }
+
+    /// Adds sums of whole quanta to the rows of some components, in ascending order, in as many parts.
+    pub fn add_quanta(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]], parts: usize) {
+        self.for_each_part(parts, |first, rows, _| {
+            let at = |id: usize| ids.partition_point(|&other| (other as usize) < id);
+            let mine = at(first)..at(first + rows.len());
+            for (&id, sums) in ids[mine.clone()].iter().zip(&sums[mine]) {
+                let row = &mut rows[id as usize - first].sums;
+                row.iter_mut()
+                    .zip(sums)
+                    .for_each(|(sum, &more)| *sum = sum.plus(W::of_quanta(more)));
+            }
+        });
+    }
+
+    /// The rows of some components as sums of whole quanta would leave them.
+    pub fn rows_with(&self, ids: &[u32], sums: &[[i32; N_SUMS]]) -> Vec<[W; N_SUMS]> {
+        let with = |(&id, sums): (&u32, &[i32; N_SUMS])| {
+            let row = &self.rows[id as usize].sums;
+            std::array::from_fn(|i| row[i].plus(W::of_quanta(sums[i])))
+        };
+        ids.iter().zip(sums).map(with).collect()
     }
 
     /// Spills rows that another frame might make overflow into wide ones.

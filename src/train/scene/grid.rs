@@ -9,9 +9,10 @@
 //! numbers. Nodes hold places beside numbers, so that a box takes eight seeds at a time.
 
 use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector};
+use crate::model::scene::points_device::{NO_SEED, Seeds};
 
 /// Stands for no seed, and for no component.
-pub const NONE: u32 = u32::MAX;
+pub const NONE: u32 = NO_SEED;
 /// Cells from the origin that can be told apart on every axis.
 // At 2²⁰ cells an f32 still tells sixteenths of a cell apart.
 const MAX_CELLS: f32 = (1 << 20) as f32;
@@ -74,6 +75,13 @@ impl SeedGrid {
     #[inline(always)]
     pub fn position(&self, id: usize) -> [f32; 3] {
         self.positions[id]
+    }
+
+    /// All seeds, for a device that searches; whether they are others than it has.
+    pub fn seeds(&self, are_new: bool) -> Seeds<'_> {
+        let Self { cell: h, per_cell, positions, .. } = self;
+        let (h, per_cell) = (*h, *per_cell);
+        Seeds { h, per_cell, max_cells: MAX_CELLS, positions, are_new }
     }
 
     /// Bytes that the grid takes.

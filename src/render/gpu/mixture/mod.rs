@@ -19,9 +19,9 @@ use super::faults::GpuFaults;
 use super::kernel::{Bound, ComputeKernel, Grid};
 use super::parallel_copy::copy;
 use crate::model::conjugate::statistics::RECORD_WORDS;
+use crate::model::device_error::DeviceError;
 use crate::model::paper::mixture_device::{
-    DeviceError, DevicePass, GridShape, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule,
-    PointColumns,
+    DevicePass, GridShape, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule, PointColumns,
 };
 use index::IndexKernels;
 use layout::{Frame, Mean};

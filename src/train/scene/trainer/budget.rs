@@ -85,6 +85,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.component_elbo.score_by(wider.scoring);
         (self.grid, self.components) = (wider.grid, wider.components);
         self.component_sums = wider.component_sums;
+        self.fits.forget_seeds();
         true
     }
 

@@ -10,7 +10,7 @@ mod posing;
 mod seam;
 mod tracking;
 
-use super::accumulate::{Matched, accumulate};
+use super::accumulate::Matched;
 use super::assign::assign;
 use super::births::assign_to_lattice;
 use super::coarsening;
@@ -21,6 +21,7 @@ use super::gain::{MIN_MATCHES, gain};
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
+use super::point_fits::PointFits;
 use super::refine::shift;
 use super::seed_positions::SeedPositions;
 use super::spacing::Spacing;
@@ -72,6 +73,8 @@ pub struct SceneTrainer<W> {
     grid: SeedGrid,
     components: Components,
     component_sums: ComponentSums<W>,
+    /// Who finds the components of points and sums them.
+    fits: PointFits,
     owners: Vec<u32>,
     shifts: Vec<f32>,
     /// Squared distance of every point of the last frame from its seed.
@@ -118,6 +121,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             grid,
             components: Components::default(),
             component_sums: ComponentSums::default(),
+            fits: PointFits::default(),
             owners: Vec::new(),
             shifts: Vec::new(),
             q: Vec::new(),
@@ -231,6 +235,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let tracking = self.tracking();
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
+        self.fits.begin_frame(points.len(), self.config.h);
         self.assign(points);
         let gain = self.gain(points, frame.point_weight);
         let contradicts = self.contradicts(frame, &camera, points, gain);
@@ -298,7 +303,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let matched = Matched { points, owners, shifts, gain, weight };
         let (h, looks) = (self.config.h, self.config.visibility);
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
+        let (sums, touched) = (&mut self.component_sums, &mut self.touched);
+        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched);
     }
 
     /// Counts which components the frame saw, or saw through.
@@ -332,8 +338,13 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn assign(&mut self, points: &[SurfacePoint]) {
+        let spacing = self.spacing();
+        if self.config.births == BirthRule::Seeds {
+            let Self { fits, grid, components, owners, .. } = self;
+            return fits.assign(grid, components, spacing, points, owners);
+        }
         let mut owners = std::mem::take(&mut self.owners);
-        self.find_owners(points, self.spacing(), &mut owners);
+        self.find_owners(points, spacing, &mut owners);
         self.owners = owners;
     }
 

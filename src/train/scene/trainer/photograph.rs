@@ -42,6 +42,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let (moved, camera) = self.moved(frame);
         let points = moved.as_deref().unwrap_or(&frame.points);
         ms.add(SceneStage::Pose as usize, clock.lap_ms());
+        self.fits.begin_look();
         self.assign(points);
         let gain = self.gain(points, frame.point_weight);
         let contradicts = self.contradicts(frame, &camera, points, gain);

@@ -3,6 +3,7 @@
 use super::SceneTrainer;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::scene::photometric::PhotometricDeviations;
+use crate::model::scene::points_device::PointsDevice;
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -15,8 +16,11 @@ use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
+use crate::train::pass_use::PassUse;
 use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use crate::train::scene::learner::SceneLearner;
+use crate::train::scene::sum_form::SumForm;
 use crate::train::stages::{SCENE_STAGES, TrainStage};
 use crate::train::warnings::TrainingWarning;
 use glam::DVec3;
@@ -103,6 +107,16 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         self.photometric.compare_on(comparer, policy);
     }
 
+    fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
+        if self.can_fit_on_device() {
+            self.fits.add_device(device, policy);
+        }
+    }
+
+    fn point_use(&self) -> Option<PassUse> {
+        self.can_fit_on_device().then(|| self.fits.used())
+    }
+
     fn comparer_use(&self) -> Option<ComparerUse> {
         self.config.photometric.is_some().then(|| self.photometric.comparer_use())
     }
@@ -158,6 +172,17 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
 
     fn stored(&self) -> StoredModel {
         StoredModel::Scene(self.state())
+    }
+}
+
+impl<W: SumScalar> SceneTrainer<W> {
+    /// Whether a device can find the seeds of points and sum these to the processor's bits: whole quanta
+    /// about seeds that are points, and no more than that.
+    fn can_fit_on_device(&self) -> bool {
+        let SceneConfig { sums, births, visibility, .. } = &self.config;
+        *sums == SumForm::Mixed
+            && *births == BirthRule::Seeds
+            && *visibility == VisibilityRule::Projected
     }
 }
 

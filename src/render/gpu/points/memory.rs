@@ -1,0 +1,136 @@
+//! Buffers of searches and sums, which grow with frames and scenes.
+
+use super::layout::Settings;
+use crate::model::scene::points_device::POINT_WORDS;
+use crate::model::scene::sums::N_SUMS;
+use crate::render::gpu::error::GpuError;
+use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
+use wgpu::BufferUsages as Usage;
+
+const WORD: u64 = size_of::<u32>() as u64;
+/// Bytes of a seed: its position and its chain, or nothing.
+pub(super) const SEED_BYTES: u64 = 16;
+
+/// What a buffer holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Part {
+    Settings,
+    Points,
+    Seeds,
+    Heads,
+    Nearest,
+    Fits,
+    References,
+    Sums,
+    /// Points on their way.
+    PointUpload,
+    /// New seeds on their way.
+    SeedUpload,
+    /// Slots of points, and their seeds, on their way.
+    FitUpload,
+    /// What comes back.
+    Readback,
+}
+
+/// Every part with what it holds, for messages, and its use, in their order.
+const PARTS: [(Part, &str, Usage); 12] = [
+    (Part::Settings, "settings of points", Usage::UNIFORM.union(Usage::COPY_DST)),
+    (Part::Points, "points of a frame", IN),
+    (Part::Seeds, "seeds of components", IN),
+    (Part::Heads, "cells of seeds", IN),
+    (Part::Nearest, "seeds of points", OUT),
+    (Part::Fits, "components of points", IN),
+    (Part::References, "seeds of sums", IN),
+    (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST)),
+    (Part::PointUpload, "points on their way", WAY_IN),
+    (Part::SeedUpload, "seeds on their way", WAY_IN),
+    (Part::FitUpload, "components on their way", WAY_IN),
+    (Part::Readback, "sums on their way", WAY_OUT),
+];
+
+/// How much a frame holds.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Load {
+    pub(super) points: u64,
+    pub(super) seeds: u64,
+    /// Of those, the first that the device does not have yet.
+    pub(super) first_new: u64,
+    pub(super) buckets: u64,
+    /// Components with points.
+    pub(super) slots: u64,
+}
+
+impl Load {
+    /// Bytes of a part.
+    pub(super) fn bytes(&self, part: Part) -> u64 {
+        let Self { points, seeds, first_new, buckets, slots } = *self;
+        match part {
+            Part::Settings => size_of::<Settings>() as u64,
+            Part::Points | Part::PointUpload => points * POINT_WORDS as u64 * WORD,
+            Part::Seeds => seeds * SEED_BYTES,
+            Part::Heads => buckets * WORD,
+            Part::Nearest => points * WORD,
+            Part::Fits => points * 2 * WORD,
+            Part::References => slots * SEED_BYTES,
+            Part::Sums => slots * N_SUMS as u64 * WORD,
+            Part::SeedUpload => (seeds - first_new) * SEED_BYTES,
+            Part::FitUpload => self.bytes(Part::Fits) + self.bytes(Part::References),
+            Part::Readback => self.bytes(Part::Nearest).max(self.bytes(Part::Sums)),
+        }
+    }
+}
+
+/// The buffers.
+#[derive(Debug)]
+pub(super) struct Memory {
+    buffers: GrowingBuffers,
+}
+
+impl Memory {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let buffers = PARTS.map(|(_, label, usage)| (label, usage));
+        Self { buffers: GrowingBuffers::new(device, buffers) }
+    }
+
+    pub(super) fn buffer(&self, part: Part) -> &wgpu::Buffer {
+        self.buffers.get(part as usize)
+    }
+
+    /// Makes room in some parts; whether any has lost its contents by that.
+    ///
+    /// # Errors
+    /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
+    pub(super) fn make_room(
+        &mut self,
+        device: &wgpu::Device,
+        load: &Load,
+        parts: &[Part],
+    ) -> Result<bool, GpuError> {
+        let mut is_lost = false;
+        for &part in parts {
+            let (_, what, _) = PARTS[part as usize];
+            let before = self.buffer(part).size();
+            let room = self.buffers.make_room(device, part as usize, load.bytes(part));
+            room.map_err(|error| match error {
+                GrowthError::TooLarge { needed_mib, limit_mib } => {
+                    GpuError::PassTooLarge { what, needed_mib, limit_mib }
+                }
+                GrowthError::Refused { mib } => GpuError::NoMemoryForPass { what, mib },
+            })?;
+            is_lost |= self.buffer(part).size() != before;
+        }
+        Ok(is_lost)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_lie_at_their_places() {
+        for (at, (part, ..)) in PARTS.into_iter().enumerate() {
+            assert_eq!(part as usize, at);
+        }
+    }
+}

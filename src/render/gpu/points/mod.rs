@@ -1,0 +1,278 @@
+//! Seeds and sums of a scene's points, on a GPU (`scene.md`, On a device).
+//!
+//! Points go up once a frame, in mapped memory that all threads fill, and serve the search and the sums.
+//! Seeds stay on the device, where new ones are filed behind the others; all are filed anew when their buckets
+//! become too few. Of the sums nothing stays: those of a frame come back for the components that it touched.
+
+mod layout;
+mod memory;
+pub mod shader;
+
+use super::answer::wait_mapped;
+use super::constants::{SUM_GROUP, module};
+use super::context::GpuCaps;
+use super::error::GpuError;
+use super::faults::GpuFaults;
+use super::kernel::{Bound, ComputeKernel, Grid};
+use super::parallel_copy::copy;
+use crate::model::device_error::DeviceError;
+use crate::model::scene::points_device::{POINT_WORDS, PointsDevice, Seeds, SlotSums};
+use crate::model::scene::sums::N_SUMS;
+use layout::Settings;
+use memory::{Load, Memory, Part, SEED_BYTES};
+
+/// Buckets of seeds that there are at least.
+const MIN_BUCKETS: u64 = 1 << 12;
+
+/// Fits points on a device of its own.
+pub struct GpuPoints {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    faults: GpuFaults,
+    name: String,
+    file: ComputeKernel,
+    find: ComputeKernel,
+    sum: ComputeKernel,
+    memory: Memory,
+    load: Load,
+    search: Settings,
+    /// What lies in mapped memory and is to go up with the next commands.
+    due: Vec<Part>,
+    /// What came back last, mapped while it is read.
+    answer: Option<wgpu::BufferView>,
+}
+
+impl GpuPoints {
+    /// On a device whose faults are watched.
+    pub fn new(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        faults: GpuFaults,
+        caps: &GpuCaps,
+    ) -> Self {
+        let kernel = |entry, shader| {
+            ComputeKernel::new(&device, &module(&device, "fit of points", shader), entry)
+        };
+        Self {
+            file: kernel("file", shader::FILE),
+            find: kernel("find", shader::FIND),
+            sum: kernel("sum", shader::SUM),
+            memory: Memory::new(&device),
+            device,
+            queue,
+            faults,
+            name: caps.to_string(),
+            load: Load::default(),
+            search: bytemuck::Zeroable::zeroed(),
+            due: Vec::new(),
+            answer: None,
+        }
+    }
+
+    fn upload_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), GpuError> {
+        let Self { load, memory, device, .. } = self;
+        load.seeds = seeds.positions.len() as u64;
+        // Twice as many as seeds at least keep chains short.
+        let buckets = (2 * load.seeds).next_power_of_two().max(MIN_BUCKETS);
+        let is_refiled = seeds.are_new || buckets != load.buckets || load.first_new > load.seeds;
+        load.buckets = buckets;
+        let is_lost = memory.make_room(device, load, &[Part::Seeds, Part::Heads])?;
+        if is_refiled || is_lost || self.due.contains(&Part::SeedUpload) {
+            load.first_new = 0;
+        }
+        self.search = Settings::search(seeds);
+        let new = &seeds.positions[load.first_new as usize..];
+        if new.is_empty() {
+            return Ok(());
+        }
+        let packed: Vec<[f32; 4]> = new.iter().map(|&[x, y, z]| [x, y, z, 0.0]).collect();
+        self.write(Part::SeedUpload, &[bytemuck::cast_slice(&packed)])
+    }
+
+    fn upload_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), GpuError> {
+        self.load.points = points.len() as u64;
+        let parts = [Part::Points, Part::Nearest];
+        self.memory.make_room(&self.device, &self.load, &parts)?;
+        self.write(Part::PointUpload, &[bytemuck::cast_slice(points)])
+    }
+
+    /// Writes what goes up with the next commands, piece by piece.
+    fn write(&mut self, upload: Part, pieces: &[&[u8]]) -> Result<(), GpuError> {
+        self.memory.make_room(&self.device, &self.load, &[upload])?;
+        let buffer = self.memory.buffer(upload);
+        let mut mapped = buffer.get_mapped_range_mut(..self.load.bytes(upload)).map_err(failed)?;
+        let mut rest = mapped.slice(..);
+        for piece in pieces {
+            copy(rest.split_off(..piece.len()).unwrap_or_default(), piece);
+        }
+        if !self.due.contains(&upload) {
+            self.due.push(upload);
+        }
+        Ok(())
+    }
+
+    /// Finds the nearest seeds, which are the answer then.
+    fn run_search(&mut self) -> Result<(), GpuError> {
+        let Self { load, .. } = *self;
+        let settings = self.search.of_frame(load.points, load.first_new, load.buckets);
+        self.run(settings, Part::Nearest, |gpu, encoder| {
+            if load.first_new == 0 {
+                encoder.clear_buffer(gpu.memory.buffer(Part::Heads), 0, None);
+            }
+            let mut pass = compute_pass(encoder, "seeds of points");
+            let new = (load.seeds - load.first_new) as usize;
+            if new > 0 {
+                let filed = [(0, Part::Settings), (2, Part::Seeds), (3, Part::Heads)];
+                gpu.bind(&gpu.file, &filed).dispatch(&mut pass, Grid::lanes(new));
+            }
+            let found = [
+                (0, Part::Settings),
+                (1, Part::Points),
+                (2, Part::Seeds),
+                (3, Part::Heads),
+                (4, Part::Nearest),
+            ];
+            let points = Grid::lanes(load.points as usize);
+            gpu.bind(&gpu.find, &found).dispatch(&mut pass, points);
+        })?;
+        self.load.first_new = load.seeds;
+        Ok(())
+    }
+
+    /// Sums points, whose sums are the answer then.
+    fn run_sums(&mut self, asked: &SlotSums<'_>) -> Result<(), GpuError> {
+        if asked.points.len() as u64 != self.load.points {
+            let (expected, found) = (self.load.points, asked.points.len());
+            let reason = format!("expected slots of {expected} points, found {found}");
+            return Err(GpuError::NoPass { reason });
+        }
+        self.load.slots = asked.seeds.len() as u64;
+        let parts = [Part::Fits, Part::References, Part::Sums];
+        self.memory.make_room(&self.device, &self.load, &parts)?;
+        let pieces = [bytemuck::cast_slice(asked.points), bytemuck::cast_slice(asked.seeds)];
+        self.write(Part::FitUpload, &pieces)?;
+        let bytes = self.load.bytes(Part::Sums);
+        let groups = Grid::groups(asked.points.len().div_ceil(SUM_GROUP as usize));
+        self.run(Settings::sums(asked), Part::Sums, |gpu, encoder| {
+            encoder.clear_buffer(gpu.memory.buffer(Part::Sums), 0, Some(bytes));
+            let summed = [
+                (0, Part::Settings),
+                (1, Part::Points),
+                (2, Part::Fits),
+                (3, Part::References),
+                (4, Part::Sums),
+            ];
+            let mut pass = compute_pass(encoder, "sums of points");
+            gpu.bind(&gpu.sum, &summed).dispatch(&mut pass, groups);
+        })
+    }
+
+    /// Sends up what is due, runs commands, and maps the part that is their answer.
+    fn run(
+        &mut self,
+        settings: Settings,
+        answer: Part,
+        commands: impl FnOnce(&Self, &mut wgpu::CommandEncoder),
+    ) -> Result<(), GpuError> {
+        self.memory.make_room(&self.device, &self.load, &[Part::Readback])?;
+        let to = self.memory.buffer(Part::Settings);
+        self.queue.write_buffer(to, 0, bytemuck::bytes_of(&settings));
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        self.due.iter().for_each(|&upload| self.send_up(&mut encoder, upload));
+        commands(self, &mut encoder);
+        let (readback, bytes) = (self.memory.buffer(Part::Readback), self.load.bytes(answer));
+        encoder.copy_buffer_to_buffer(self.memory.buffer(answer), 0, readback, 0, bytes);
+        let mut maps = vec![(readback, wgpu::MapMode::Read, bytes)];
+        for &upload in &self.due {
+            let buffer = self.memory.buffer(upload);
+            buffer.unmap();
+            maps.push((buffer, wgpu::MapMode::Write, buffer.size()));
+        }
+        let submission = self.queue.submit([encoder.finish()]);
+        wait_mapped(&self.device, &self.faults, submission, &maps).map_err(failed)?;
+        self.due.clear();
+        self.answer = Some(readback.get_mapped_range(..bytes).map_err(failed)?);
+        Ok(())
+    }
+
+    /// Copies what was uploaded to where it is read.
+    fn send_up(&self, encoder: &mut wgpu::CommandEncoder, upload: Part) {
+        let Self { memory, load, .. } = self;
+        let mut copy = |from_byte, part, to_byte, bytes| {
+            let (from, to) = (memory.buffer(upload), memory.buffer(part));
+            encoder.copy_buffer_to_buffer(from, from_byte, to, to_byte, bytes);
+        };
+        match upload {
+            Part::PointUpload => copy(0, Part::Points, 0, load.bytes(upload)),
+            Part::SeedUpload => {
+                copy(0, Part::Seeds, load.first_new * SEED_BYTES, load.bytes(upload));
+            }
+            _ => {
+                let bytes = load.bytes(Part::Fits);
+                copy(0, Part::Fits, 0, bytes);
+                copy(bytes, Part::References, 0, load.bytes(Part::References));
+            }
+        }
+    }
+
+    fn bind(&self, kernel: &ComputeKernel, parts: &[(u32, Part)]) -> Bound {
+        let resource = |&(at, part)| (at, self.memory.buffer(part).as_entire_binding());
+        kernel.bind(&self.device, &parts.iter().map(resource).collect::<Vec<_>>())
+    }
+
+    /// Lets go of what came back last.
+    fn forget_answer(&mut self) {
+        // The view first: a buffer that is still looked at cannot be unmapped.
+        if self.answer.take().is_some() {
+            self.memory.buffer(Part::Readback).unmap();
+        }
+    }
+
+    fn refused(&self, error: &GpuError) -> DeviceError {
+        DeviceError { device: self.name.clone(), reason: error.to_string() }
+    }
+}
+
+fn compute_pass<'a>(
+    encoder: &'a mut wgpu::CommandEncoder,
+    label: &'a str,
+) -> wgpu::ComputePass<'a> {
+    let label = Some(label);
+    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes: None })
+}
+
+fn failed(reason: impl ToString) -> GpuError {
+    GpuError::NoPass { reason: reason.to_string() }
+}
+
+impl PointsDevice for GpuPoints {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn set_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), DeviceError> {
+        self.upload_seeds(seeds).map_err(|error| self.refused(&error))
+    }
+
+    fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError> {
+        self.upload_points(points).map_err(|error| self.refused(&error))
+    }
+
+    fn nearest(&mut self) -> Result<&[u32], DeviceError> {
+        self.forget_answer();
+        // Of nothing, nothing is asked.
+        if self.load.points > 0 {
+            self.run_search().map_err(|error| self.refused(&error))?;
+        }
+        Ok(self.answer.as_deref().map_or(&[], bytemuck::cast_slice))
+    }
+
+    fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError> {
+        self.forget_answer();
+        if !asked.seeds.is_empty() {
+            self.run_sums(asked).map_err(|error| self.refused(&error))?;
+        }
+        let quanta: &[i32] = self.answer.as_deref().map_or(&[], bytemuck::cast_slice);
+        Ok(quanta.as_chunks().0)
+    }
+}

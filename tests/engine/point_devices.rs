@@ -1,0 +1,105 @@
+//! Points of a scene on a device beside the processor, played by ones that know little.
+
+use glam::DVec3;
+use vbgs_studio::model::device_error::DeviceError;
+use vbgs_studio::model::scene::points_device::{OPEN, POINT_WORDS, PointsDevice, Seeds, SlotSums};
+use vbgs_studio::model::scene::sums::N_SUMS;
+use vbgs_studio::observation::surface::{Observation, SurfacePoint};
+use vbgs_studio::train::device_trial::DevicePolicy;
+use vbgs_studio::train::pass_use::PassUse;
+use vbgs_studio::train::scene::config::SceneConfig;
+use vbgs_studio::train::scene::engine;
+
+const FRAMES: usize = 4;
+
+/// Says the same seed of every point, and that nothing is summed, until it fails.
+struct Idle {
+    seed: u32,
+    sums_left: usize,
+    seeds: Vec<u32>,
+    sums: Vec<[i32; N_SUMS]>,
+}
+
+impl PointsDevice for Idle {
+    fn name(&self) -> String {
+        "card".to_owned()
+    }
+
+    fn set_seeds(&mut self, _: &Seeds<'_>) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError> {
+        self.seeds = vec![self.seed; points.len()];
+        Ok(())
+    }
+
+    fn nearest(&mut self) -> Result<&[u32], DeviceError> {
+        Ok(&self.seeds)
+    }
+
+    fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError> {
+        let gone = DeviceError { device: self.name(), reason: "gone".to_owned() };
+        self.sums_left = self.sums_left.checked_sub(1).ok_or(gone)?;
+        self.sums = vec![[0; N_SUMS]; asked.seeds.len()];
+        Ok(&self.sums)
+    }
+}
+
+/// A wall, farther away from frame to frame; no device sums normals of other lengths than 1.
+fn wall(t: usize, length: f32) -> Observation {
+    let point = |i: usize| SurfacePoint {
+        position: [(i % 50) as f32 * 0.01, (i / 50) as f32 * 0.01, 1.0 + 0.03 * t as f32],
+        range: 1.0,
+        normal: [0.0, 0.0, -length],
+        direction: [0.0, 0.0, 1.0],
+        ..SurfacePoint::default()
+    };
+    Observation { points: (0..2000).map(point).collect(), ..Observation::empty() }
+}
+
+/// Trains beside the processor to its bits.
+fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassUse {
+    let begin = || engine::begin(&SceneConfig::fine(0.05), DVec3::ZERO);
+    let (mut alone, mut beside) = (begin(), begin());
+    let idle = Idle { seed, sums_left, seeds: Vec::new(), sums: Vec::new() };
+    beside.fit_on(Box::new(idle), policy);
+    for t in 0..FRAMES {
+        let frame = wall(t, length);
+        let outcomes = [&mut alone, &mut beside].map(|learner| learner.learn(&frame).unwrap());
+        assert_eq!(outcomes[0].elbo_mean, outcomes[1].elbo_mean);
+        assert_eq!(alone.changed(), beside.changed());
+        assert!(alone.stored() == beside.stored());
+    }
+    beside.point_use().unwrap()
+}
+
+fn counts(used: &PassUse) -> (u64, u64, Option<&str>) {
+    (used.device_frames, used.processor_frames, used.given_up.as_deref())
+}
+
+#[test]
+fn what_a_device_leaves_open_is_the_processors() {
+    let idle = used(OPEN, usize::MAX, 3.0, DevicePolicy::Device);
+    assert_eq!((counts(&idle), idle.open_share), ((3, 1, None), 1.0));
+    assert_eq!(idle.device.as_deref(), Some("card"));
+    let tried = used(OPEN, usize::MAX, 3.0, DevicePolicy::Fastest);
+    assert_eq!(counts(&tried), (0, 4, None), "it is tried on four");
+    assert!(tried.trial.is_some_and(|ms| ms.device > 0.0 && ms.processor > 0.0));
+}
+
+#[test]
+fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
+    // By its sums, and by its seeds.
+    for (seed, length) in [(OPEN, 1.0), (0, 3.0)] {
+        let wrong = used(seed, usize::MAX, length, DevicePolicy::Device);
+        assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic is not the processor's")));
+    }
+}
+
+#[test]
+fn the_very_frame_that_a_device_fails_at_is_learnt() {
+    // It has found the seeds of the third frame when it fails.
+    let lost = used(OPEN, 2, 3.0, DevicePolicy::Device);
+    assert_eq!(counts(&lost), (1, 3, Some("gone")));
+}
