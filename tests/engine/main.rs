@@ -24,6 +24,7 @@ mod photometric;
 mod point_devices;
 mod properties;
 mod published;
+mod ray_search;
 #[cfg(feature = "bench")]
 mod stability;
 mod tracking;

@@ -5,6 +5,7 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
+use super::ray_search::seed_along_ray;
 use super::seed_groups::SeedGroups;
 use super::spacing::Spacing;
 use crate::model::scene::points_device::OPEN;
@@ -56,7 +57,8 @@ pub fn assign_known(
     });
 }
 
-/// Puts the component of a seed in its place, and leaves points without one that are too far away.
+/// Puts the component of a seed in its place, and leaves points without one that are too far away, but for what
+/// lies along their rays.
 fn keep_components(
     grid: &SeedGrid,
     components: &Components,
@@ -66,6 +68,11 @@ fn keep_components(
 ) {
     if !spacing.is_even() {
         keep_within(grid, spacing, points, owners);
+    }
+    if spacing.searches_rays() {
+        for (point, owner) in points.iter().zip(owners.iter_mut()).filter(|(_, o)| **o == NONE) {
+            *owner = seed_along_ray(grid, spacing, point).unwrap_or(NONE);
+        }
     }
     for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
         *owner = components.of_seed(*owner);

@@ -71,6 +71,11 @@ pub struct SceneConfig {
     // Left out where it is off, so that files of scenes without it are what they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near: Option<NearSpacing>,
+    /// Half-widths of its depth's noise within which a point without a seed looks for one along its ray; 0 where
+    /// none does.
+    // Left out where it is off, so that files of scenes without it are what they were.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub ray_search: f64,
     /// Whether points are moved along their rays towards their component's plane.
     pub refine: bool,
     /// Whether each frame's pose is corrected to fit the scene.
@@ -99,6 +104,13 @@ pub struct SceneConfig {
     pub track: bool,
 }
 
+/// How far noise takes points of real cameras, half-widths (`scene.md`, Ray search).
+pub const RAY_SEARCH: f64 = 4.0;
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
 impl SceneConfig {
     /// For exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
     pub fn fine(h: f64) -> Self {
@@ -106,6 +118,7 @@ impl SceneConfig {
             births: BirthRule::Seeds,
             h,
             near: None,
+            ray_search: 0.0,
             refine: true,
             align: false,
             gain: false,
@@ -155,7 +168,14 @@ impl SceneConfig {
             gradient_ridge: 0.016,
             ..fine.splat_rule
         };
-        Self { near: Some(NearSpacing::ROOM), align: true, gain: true, splat_rule, ..fine }
+        Self {
+            near: Some(NearSpacing::ROOM),
+            ray_search: RAY_SEARCH,
+            align: true,
+            gain: true,
+            splat_rule,
+            ..fine
+        }
     }
 
     /// How splats learn from photographs, given what they are.
@@ -188,6 +208,16 @@ impl SceneConfig {
             return Err(ConfigError {
                 setting: "near_detail",
                 expected: format!("off with --births {}, whose cells are alike", self.births),
+                found: "on".to_owned(),
+            });
+        }
+        if self.ray_search != 0.0 && self.births.is_order_invariant() {
+            return Err(ConfigError {
+                setting: "ray_search",
+                expected: format!(
+                    "off with --births {}, whose cells are where they are",
+                    self.births
+                ),
                 found: "on".to_owned(),
             });
         }

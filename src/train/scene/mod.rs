@@ -38,6 +38,7 @@ mod merged_moments_tests;
 mod near_seeds;
 mod observe;
 mod point_fits;
+mod ray_search;
 mod refine;
 mod rigid_equations;
 mod seed_groups;

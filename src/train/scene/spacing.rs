@@ -1,7 +1,8 @@
-//! How far a point may be from its seed: the structural scale, and less where a view comes near enough to
-//! tell smaller things apart (`scene.md`, Near detail).
+//! How far a point may be from its seed: the structural scale, less where a view comes near enough to tell
+//! smaller things apart (`scene.md`, Near detail), and more along its ray where depth is noisy (Ray search).
 
 use crate::model::scene::state::WHOLE;
+use crate::model::scene::sums::MAX_OFFSET;
 use crate::observation::surface::SurfacePoint;
 use serde::{Deserialize, Serialize};
 
@@ -24,17 +25,37 @@ impl NearSpacing {
 pub struct Spacing {
     h: f32,
     near: Option<NearSpacing>,
+    /// Half-widths of its depth's noise that a point may be from its surface along its ray.
+    along_rays: f32,
 }
 
 impl Spacing {
     /// The structural scale `h`, world units, everywhere or as `near` says.
     pub fn new(h: f64, near: Option<NearSpacing>) -> Self {
-        Self { h: h as f32, near }
+        Self { h: h as f32, near, along_rays: 0.0 }
+    }
+
+    /// The same where points without a seed look for one along their rays, as far as so many half-widths of
+    /// their depth's noise.
+    pub fn with_ray_search(self, half_widths: f64) -> Self {
+        Self { along_rays: half_widths as f32, ..self }
     }
 
     /// The structural scale, world units.
     pub fn h(self) -> f32 {
         self.h
+    }
+
+    /// Whether points without a seed look for one along their rays.
+    pub fn searches_rays(self) -> bool {
+        self.along_rays > 0.0
+    }
+
+    /// How far from its place along its ray, either way, a point may find its surface, world units.
+    #[inline(always)]
+    pub fn reach_along_ray(self, point: &SurfacePoint) -> f32 {
+        // Sums hold points no farther from their seed than that.
+        (self.along_rays * point.noise).min((MAX_OFFSET - 1.0) * self.h)
     }
 
     /// Whether it is the same everywhere.

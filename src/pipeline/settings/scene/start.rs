@@ -79,6 +79,7 @@ impl SceneRun {
             engine.align = false;
             engine.gain = false;
             engine.near = None;
+            engine.ray_search = 0.0;
             engine.photometric = None;
             engine.visibility = VisibilityRule::Returned;
         }

@@ -4,7 +4,7 @@ use super::run::SceneRun;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{PixelSampling, Sensor};
 use crate::model::scene::splat_rule::SplatKind;
-use crate::train::scene::config::{BirthRule, VisibilityRule};
+use crate::train::scene::config::{BirthRule, RAY_SEARCH, VisibilityRule};
 use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
 use crate::train::scene::spacing::NearSpacing;
 use crate::train::scene::sum_form::SumForm;
@@ -176,6 +176,15 @@ settings! {
         default by "on for real cameras; off with lattices";
         get |run| Some(run.engine.near.is_some());
         set |run, on| run.engine.near = on.then_some(NearSpacing::ROOM);
+    }
+    /// Looking along its ray, as far as the sensor's noise, for the component of a point that none is near
+    /// enough for: noise makes no second layer of a surface.
+    ray_search: bool {
+        part "ray-search";
+        label "Ray search";
+        default by "on for real cameras; off with lattices";
+        get |run| Some(run.engine.ray_search > 0.0);
+        set |run, on| run.engine.ray_search = if on { RAY_SEARCH } else { 0.0 };
     }
     /// Filling cracks between splats when they are drawn: from a coverage below 1 on, a pixel counts
     /// as covered in full.

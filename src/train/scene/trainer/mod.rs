@@ -214,6 +214,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Learns from one frame, whole: nothing in it can fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         let was_settled = self.unsettle();
+        self.fits.begin_frame(frame.points.len(), self.config.h);
         let outcome = self.learn_frame(frame);
         self.has_changed_all |= was_settled;
         outcome
@@ -235,7 +236,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         let tracking = self.tracking();
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
-        self.fits.begin_frame(points.len(), self.config.h);
         self.assign(points);
         let gain = self.gain(points, frame.point_weight);
         let contradicts = self.contradicts(frame, &camera, points, gain);
@@ -349,7 +349,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn spacing(&self) -> Spacing {
-        Spacing::new(self.config.h, self.config.near)
+        Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
     }
 
     /// The component of every point, as far as it has one.
@@ -369,14 +369,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         if !self.config.refine {
             return;
         }
-        let (component_sums, h) = (&self.component_sums, self.config.h);
+        let (component_sums, h, spacing) = (&self.component_sums, self.config.h, self.spacing());
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        let limit = f64::from(tolerance.refinement);
         let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(points);
         shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
             let id = owner as usize;
             // Components born in this frame have no row yet; `NONE` is beyond all.
             if id < component_sums.len() {
+                let limit = f64::from(tolerance.refinement.max(spacing.reach_along_ray(point)));
                 *moved = shift(component_sums, id, seed_positions.of(id), h, point, limit) as f32;
             }
         });
