@@ -10,8 +10,8 @@ use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::config::VisibilityRule;
 use super::grid::SeedGrid;
+use super::point_slots::PointSlots;
 use super::seed_positions::SeedPositions;
-use super::slots::Slots;
 use super::spacing::Spacing;
 use crate::model::device_error::DeviceError;
 use crate::model::scene::points_device::{OPEN, PointsDevice, SlotSums};
@@ -36,7 +36,7 @@ pub struct PointFits {
     /// Points that were searched for, or summed, by the device, and those of them that it left open.
     points: u64,
     open_points: u64,
-    slots: Slots,
+    slots: PointSlots,
 }
 
 /// A device and what is known of it.
@@ -249,7 +249,7 @@ impl PointFitter {
     /// Sums of the points by slot, in whole quanta.
     fn sums(
         &mut self,
-        slots: &Slots,
+        slots: &PointSlots,
         frame: Matched<'_>,
         h: f64,
     ) -> Result<&[[i32; N_SUMS]], DeviceError> {

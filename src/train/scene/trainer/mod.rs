@@ -5,18 +5,16 @@
 //! counted with the means of after the frame.
 
 mod budget;
+mod fitting;
 mod photograph;
 mod posing;
 mod seam;
 mod tracking;
 
-use super::accumulate::Matched;
-use super::assign::assign;
-use super::births::assign_to_lattice;
 use super::coarsening;
 use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
-use super::config::{BirthRule, SceneConfig, VisibilityRule};
+use super::config::{SceneConfig, VisibilityRule};
 use super::gain::{MIN_MATCHES, gain};
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::observe::observe;
@@ -24,7 +22,6 @@ use super::photometric::PhotometricLearner;
 use super::point_fits::PointFits;
 use super::refine::shift;
 use super::seed_positions::SeedPositions;
-use super::spacing::Spacing;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::photometric::PhotometricState;
@@ -214,7 +211,6 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Learns from one frame, whole: nothing in it can fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         let was_settled = self.unsettle();
-        self.fits.begin_frame(frame.points.len(), self.config.h);
         let outcome = self.learn_frame(frame);
         self.has_changed_all |= was_settled;
         outcome
@@ -236,7 +232,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let tracking = self.tracking();
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
-        self.assign(points);
+        self.assign_anew(points);
         let gain = self.gain(points, frame.point_weight);
         let contradicts = self.contradicts(frame, &camera, points, gain);
         lap(&mut ms, SceneStage::Assign);
@@ -296,17 +292,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
     }
 
-    /// Adds the points to the sums of their components.
-    fn sum_up(&mut self, points: &[SurfacePoint], weight: u32, gain: [f32; 3]) {
-        self.component_sums.grow(self.components.n_rows());
-        let (owners, shifts) = (&self.owners, &self.shifts);
-        let matched = Matched { points, owners, shifts, gain, weight };
-        let (h, looks) = (self.config.h, self.config.visibility);
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        let (sums, touched) = (&mut self.component_sums, &mut self.touched);
-        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched);
-    }
-
     /// Counts which components the frame saw, or saw through.
     fn see(&mut self, frame: &Observation, camera: &Camera) {
         // Every frame: what is not full holds one frame more, since accumulation sums a component
@@ -335,32 +320,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         let (sum, n) =
             self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
         (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
-    }
-
-    fn assign(&mut self, points: &[SurfacePoint]) {
-        let spacing = self.spacing();
-        if self.config.births == BirthRule::Seeds {
-            let Self { fits, grid, components, owners, .. } = self;
-            return fits.assign(grid, components, spacing, points, owners);
-        }
-        let mut owners = std::mem::take(&mut self.owners);
-        self.find_owners(points, spacing, &mut owners);
-        self.owners = owners;
-    }
-
-    fn spacing(&self) -> Spacing {
-        Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
-    }
-
-    /// The component of every point, as far as it has one.
-    fn find_owners(&self, points: &[SurfacePoint], spacing: Spacing, owners: &mut Vec<u32>) {
-        let (rule, h) = (self.config.births, spacing.h());
-        match rule {
-            BirthRule::Seeds => assign(&self.grid, &self.components, spacing, points, owners),
-            BirthRule::Lattice | BirthRule::BodyCentred => {
-                assign_to_lattice(rule, h, &self.grid, &self.components, points, owners);
-            }
-        }
     }
 
     fn refine(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) {

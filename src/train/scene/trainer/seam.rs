@@ -18,9 +18,7 @@ use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
 use crate::train::pass_use::PassUse;
 use crate::train::scene::component_sums::SumScalar;
-use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use crate::train::scene::learner::SceneLearner;
-use crate::train::scene::sum_form::SumForm;
 use crate::train::stages::{SCENE_STAGES, TrainStage};
 use crate::train::warnings::TrainingWarning;
 use glam::DVec3;
@@ -172,17 +170,6 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
 
     fn stored(&self) -> StoredModel {
         StoredModel::Scene(self.state())
-    }
-}
-
-impl<W: SumScalar> SceneTrainer<W> {
-    /// Whether a device can find the seeds of points and sum these to the processor's bits: whole quanta
-    /// about seeds that are points, and no more than that.
-    fn can_fit_on_device(&self) -> bool {
-        let SceneConfig { sums, births, visibility, .. } = &self.config;
-        *sums == SumForm::Mixed
-            && *births == BirthRule::Seeds
-            && *visibility == VisibilityRule::Projected
     }
 }
 

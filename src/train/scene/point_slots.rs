@@ -17,9 +17,9 @@ const MAX_WEIGHT: u32 = 16;
 /// Largest factor on a colour, and shift of a point, whose products are numbers.
 const MAX_FACTOR: f32 = 65_536.0;
 
-/// Slots of the components that points come to.
+/// PointSlots of the components that points come to.
 #[derive(Default)]
-pub struct Slots {
+pub struct PointSlots {
     /// By component pixels of its points, then its slot.
     of_components: Vec<AtomicU32>,
     /// By slot its component, ascending.
@@ -34,7 +34,7 @@ pub struct Slots {
     pub n_left: usize,
 }
 
-impl Slots {
+impl PointSlots {
     /// Gives a slot to every component that points come to, of so many, but for those that the processor
     /// has to sum: with more points than a row holds, or a number that is none.
     pub fn fill<W: SumScalar>(
@@ -101,7 +101,7 @@ impl Slots {
 
 /// Whether the terms of a point are numbers of the usual size.
 fn is_plain(point: &SurfacePoint) -> bool {
-    [&point.color, &point.normal, &point.direction].iter().all(|v| all_within(*v, MAX_NUMBER))
+    [&point.color, &point.normal, &point.direction].iter().all(|v| all_within(v, MAX_NUMBER))
 }
 
 fn all_within(numbers: &[f32; 3], most: f32) -> bool {

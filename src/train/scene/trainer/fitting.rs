@@ -1,0 +1,72 @@
+//! Which components the points of a frame belong to, and their sums: what a device can do too.
+
+use super::SceneTrainer;
+use crate::observation::surface::SurfacePoint;
+use crate::train::scene::accumulate::Matched;
+use crate::train::scene::assign::assign;
+use crate::train::scene::births::assign_to_lattice;
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
+use crate::train::scene::seed_positions::SeedPositions;
+use crate::train::scene::spacing::Spacing;
+use crate::train::scene::sum_form::SumForm;
+
+impl<W: SumScalar> SceneTrainer<W> {
+    /// Whether a device can find the seeds of points and sum these to the processor's bits: whole quanta
+    /// about seeds that are points, and no more than that.
+    pub(super) fn can_fit_on_device(&self) -> bool {
+        let SceneConfig { sums, births, visibility, .. } = &self.config;
+        *sums == SumForm::Mixed
+            && *births == BirthRule::Seeds
+            && *visibility == VisibilityRule::Projected
+    }
+
+    /// Finds the components of the points of a frame that is to be learnt.
+    pub(super) fn assign_anew(&mut self, points: &[SurfacePoint]) {
+        self.fits.begin_frame(points.len(), self.config.h);
+        self.assign(points);
+    }
+
+    /// Finds the component of every point, as far as it has one, once more in this frame.
+    pub(super) fn assign(&mut self, points: &[SurfacePoint]) {
+        let spacing = self.spacing();
+        if self.config.births == BirthRule::Seeds {
+            let Self { fits, grid, components, owners, .. } = self;
+            return fits.assign(grid, components, spacing, points, owners);
+        }
+        let mut owners = std::mem::take(&mut self.owners);
+        self.find_owners(points, spacing, &mut owners);
+        self.owners = owners;
+    }
+
+    pub(super) fn spacing(&self) -> Spacing {
+        Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
+    }
+
+    /// The component of every point, as far as it has one.
+    pub(super) fn find_owners(
+        &self,
+        points: &[SurfacePoint],
+        spacing: Spacing,
+        owners: &mut Vec<u32>,
+    ) {
+        let (rule, h) = (self.config.births, spacing.h());
+        match rule {
+            BirthRule::Seeds => assign(&self.grid, &self.components, spacing, points, owners),
+            BirthRule::Lattice | BirthRule::BodyCentred => {
+                assign_to_lattice(rule, h, &self.grid, &self.components, points, owners);
+            }
+        }
+    }
+
+    /// Adds the points to the sums of their components.
+    pub(super) fn sum_up(&mut self, points: &[SurfacePoint], weight: u32, gain: [f32; 3]) {
+        self.component_sums.grow(self.components.n_rows());
+        let (owners, shifts) = (&self.owners, &self.shifts);
+        let matched = Matched { points, owners, shifts, gain, weight };
+        let (h, looks) = (self.config.h, self.config.visibility);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        let (sums, touched) = (&mut self.component_sums, &mut self.touched);
+        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched);
+    }
+}
