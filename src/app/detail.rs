@@ -37,10 +37,14 @@ pub struct EffectiveScale {
     pub is_held: bool,
 }
 
-/// The length of a structural scale on a dataset whose frames look so.
-pub fn effective(scale: StructuralScale, sample: &FrameSample) -> EffectiveScale {
+/// The length of a structural scale on a dataset whose frames look so, one in pixels of at least so much.
+pub fn effective(
+    scale: StructuralScale,
+    sample: &FrameSample,
+    least_of_pixels: f64,
+) -> EffectiveScale {
     let (asked, least) = match scale {
-        StructuralScale::Pixels(n) => (n * sample.footprint, sample.tolerance),
+        StructuralScale::Pixels(n) => (n * sample.footprint, least_of_pixels),
         StructuralScale::World(length) => (length, 0.5 * sample.tolerance),
     };
     EffectiveScale { length: asked.max(least), is_held: asked < least }
@@ -78,7 +82,8 @@ pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
     const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let run = trained_by(snapshot.opened.as_deref()?)?;
     let in_world = StructuralScale::World(FINER * run.engine.h);
-    let is_shown = |scale, sample: &FrameSample| !effective(scale, sample).is_held;
+    let is_shown =
+        |scale, sample: &FrameSample| !effective(scale, sample, run.least_scale(sample)).is_held;
     match (run.scale, &snapshot.sample) {
         (StructuralScale::Pixels(n), None) => Some(StructuralScale::Pixels(FINER * n)),
         (StructuralScale::Pixels(n), Some(sample))
@@ -99,7 +104,7 @@ mod tests {
     #[test]
     fn noise_holds_scales_and_world_units_go_to_half_of_it() {
         let sample = FrameSample { footprint: 0.002, tolerance: 0.01, depths: [1.0, 3.0] };
-        let of = |scale| effective(scale, &sample);
+        let of = |scale| effective(scale, &sample, 0.01);
         let free = |length| EffectiveScale { length, is_held: false };
         let held = |length| EffectiveScale { length, is_held: true };
         assert_eq!(of(StructuralScale::Pixels(10.0)), free(0.02));

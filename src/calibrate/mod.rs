@@ -247,7 +247,12 @@ fn survey(
     }
     let start = Some(plan.start.clone());
     // As training would prepare them, so that what is found holds there.
-    let overrides = SceneOverrides { calibration: start, ..SceneOverrides::default() };
+    let overrides = SceneOverrides {
+        calibration: start,
+        // Points are matched by where they are, so that their cells have to hold the noise.
+        ray_search: Some(false),
+        ..SceneOverrides::default()
+    };
     let run = SceneRun::new(dataset, all, &overrides)?;
     // Few large frames are thinned out, many small ones are not: time is what is held.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();

@@ -1,6 +1,6 @@
 //! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
 
-use super::{Preparer, Sensor, SurfaceSettings};
+use super::{Preparer, SurfaceSettings};
 use crate::dataset::Dataset;
 use crate::observation::surface::Observation;
 
@@ -10,16 +10,13 @@ const NEARER_SHARE: f64 = 0.95;
 const SAMPLED_FRAMES: usize = 8;
 /// Every so-many-th point of them.
 const SAMPLED_POINTS: usize = 7;
-/// Share of a depth camera's tolerance that components have to be wide for: what lies along rays is found there
-/// (`train/scene/scene.md`, Ray search).
-const ALONG_RAYS: f64 = 0.8;
 
 /// What some frames of a split look like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSample {
     /// Width of a pixel at the distance that 19 of 20 points are nearer than, world units.
     pub footprint: f64,
-    /// Distance within which depths are one surface, less what a ray search finds along rays, world units.
+    /// Distance within which depths are one surface, world units.
     pub tolerance: f64,
     /// Distances that a twentieth of the points lie below and above, world units.
     pub depths: [f64; 2],
@@ -68,10 +65,6 @@ impl FrameSample {
             (Some(footprint), Some(near)) => {
                 let far = quantile(&mut depths, 0.95).unwrap_or(near);
                 let tolerance = f64::from(observation.tolerance.refinement);
-                let tolerance = match surface.sensor {
-                    Sensor::Kinect | Sensor::Lidar => ALONG_RAYS * tolerance,
-                    Sensor::Inverse8Ray | Sensor::Exact { .. } => tolerance,
-                };
                 Ok(Self { footprint, tolerance, depths: [near, far] })
             }
             _ => {

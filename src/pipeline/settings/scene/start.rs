@@ -23,6 +23,9 @@ use glam::DVec3;
 
 /// Pixels of depth from which on a quarter of them is enough.
 const LARGE_FRAME: usize = 150_000;
+/// Share of a sensor's tolerance that components have to be wide for where rays are searched: what lies along
+/// them is found there (`train/scene/scene.md`, Ray search).
+const ALONG_RAYS: f64 = 0.8;
 
 impl SceneRun {
     /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
@@ -45,8 +48,13 @@ impl SceneRun {
             dataset.splits[plan.split].scaling(&camera)?;
         }
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
-        run.engine.h = in_world_units(run.scale, &sample)?;
+        run.engine.h = in_world_units(run.scale, &sample, run.least_scale(&sample))?;
         Ok(Self { engine: run.engine.check()?, ..run })
+    }
+
+    /// What noise holds structural scales above that are asked for in pixels, world units.
+    pub fn least_scale(&self, sample: &FrameSample) -> f64 {
+        if self.engine.ray_search > 0.0 { ALONG_RAYS * sample.tolerance } else { sample.tolerance }
     }
 
     /// What is not asked for, given the sensor and the birth rule that are; `h` is not known yet.
@@ -135,8 +143,12 @@ fn measured_with(sensor: Sensor) -> SceneConfig {
     }
 }
 
-/// A structural scale as a length; at least what noise allows.
-fn in_world_units(scale: StructuralScale, sample: &FrameSample) -> Result<f64, SceneError> {
+/// A structural scale as a length; one in pixels is at least so long.
+fn in_world_units(
+    scale: StructuralScale,
+    sample: &FrameSample,
+    least_of_pixels: f64,
+) -> Result<f64, SceneError> {
     let least = 0.5 * sample.tolerance;
     // Of which one component would be the whole scene, whatever the data.
     let (asked, most) = match scale {
@@ -152,7 +164,7 @@ fn in_world_units(scale: StructuralScale, sample: &FrameSample) -> Result<f64, S
         }));
     }
     match scale {
-        StructuralScale::Pixels(n) => Ok((n * sample.footprint).max(sample.tolerance)),
+        StructuralScale::Pixels(n) => Ok((n * sample.footprint).max(least_of_pixels)),
         StructuralScale::World(h) if h >= least => Ok(h),
         StructuralScale::World(found) => {
             let [near, far] = sample.depths;
