@@ -7,6 +7,7 @@ use super::state::{Opened, Snapshot};
 use crate::dataset::surface::sample::FrameSample;
 use crate::eval::report::quantile;
 use crate::pipeline::settings::scene::SceneRun;
+use crate::train::scene::config::SceneConfig;
 use crate::train::scene::units::StructuralScale;
 
 /// Share of a frame's time that goes with the number of components; the rest goes with its points. Twice
@@ -37,16 +38,17 @@ pub struct EffectiveScale {
     pub is_held: bool,
 }
 
-/// The length of a structural scale on a dataset whose frames look so, one in pixels of at least so much.
+/// The length of a structural scale by these settings, on a dataset whose frames look so.
 pub fn effective(
+    engine: &SceneConfig,
     scale: StructuralScale,
     sample: &FrameSample,
-    least_of_pixels: f64,
 ) -> EffectiveScale {
-    let (asked, least) = match scale {
-        StructuralScale::Pixels(n) => (n * sample.footprint, least_of_pixels),
-        StructuralScale::World(length) => (length, 0.5 * sample.tolerance),
+    let asked = match scale {
+        StructuralScale::Pixels(n) => n * sample.footprint,
+        StructuralScale::World(length) => length,
     };
+    let least = scale.least(sample.tolerance, engine.ray_search > 0.0);
     EffectiveScale { length: asked.max(least), is_held: asked < least }
 }
 
@@ -82,8 +84,7 @@ pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
     const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let run = trained_by(snapshot.opened.as_deref()?)?;
     let in_world = StructuralScale::World(FINER * run.engine.h);
-    let is_shown =
-        |scale, sample: &FrameSample| !effective(scale, sample, run.least_scale(sample)).is_held;
+    let is_shown = |scale, sample: &FrameSample| !effective(&run.engine, scale, sample).is_held;
     match (run.scale, &snapshot.sample) {
         (StructuralScale::Pixels(n), None) => Some(StructuralScale::Pixels(FINER * n)),
         (StructuralScale::Pixels(n), Some(sample))
@@ -104,7 +105,7 @@ mod tests {
     #[test]
     fn noise_holds_scales_and_world_units_go_to_half_of_it() {
         let sample = FrameSample { footprint: 0.002, tolerance: 0.01, depths: [1.0, 3.0] };
-        let of = |scale| effective(scale, &sample, 0.01);
+        let of = |scale| effective(&SceneConfig::fine(0.01), scale, &sample);
         let free = |length| EffectiveScale { length, is_held: false };
         let held = |length| EffectiveScale { length, is_held: true };
         assert_eq!(of(StructuralScale::Pixels(10.0)), free(0.02));

@@ -14,6 +14,9 @@ pub enum DevicePolicy {
     Fastest,
 }
 
+/// Why a device is given up whose bits are others.
+pub(super) const DIFFERING: &str = "its arithmetic is not the processor's";
+
 /// Milliseconds of the same work on each, the median of a few.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceMs {

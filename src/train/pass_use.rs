@@ -22,6 +22,12 @@ pub struct PassUse {
 }
 
 impl PassUse {
+    /// Says, once, that the device was given up.
+    pub(super) fn give_up(&mut self, reason: String) {
+        tracing::warn!("{}: {reason}", self.device.as_deref().unwrap_or_default());
+        self.given_up = Some(reason);
+    }
+
     /// One line for people.
     pub fn line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];

@@ -16,7 +16,9 @@ pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
     ui.separator();
     let sample = snapshot.sample.as_ref();
     let asked = chosen.unwrap_or(run.scale);
-    let finest = sample.map_or(FINEST_PX, |s| run.least_scale(s) / s.footprint);
+    let finest = StructuralScale::Pixels(FINEST_PX);
+    let finest =
+        sample.map_or(FINEST_PX, |s| effective(&run.engine, finest, s).length / s.footprint);
     let finest = finest.clamp(FINEST_PX, COARSEST_PX);
     let mut pixels = match (asked, sample) {
         (StructuralScale::Pixels(n), _) => n,
@@ -33,7 +35,7 @@ pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
         *chosen = Some(StructuralScale::Pixels((100.0 * pixels).round() / 100.0));
     }
     let asked = chosen.unwrap_or(run.scale);
-    let next = sample.map(|sample| effective(asked, sample, run.least_scale(sample)));
+    let next = sample.map(|sample| effective(&run.engine, asked, sample));
     let mut card = Tooltip::for_widget(&slider);
     card.popup = card.popup.open(slider.hovered() || slider.dragged() || slider.has_focus());
     card.show(|ui| described(asked, next, snapshot, ui));

@@ -154,3 +154,8 @@ pub enum GpuError {
         reason: String,
     },
 }
+
+/// What wgpu or the driver said of a pass over a frame that did not come back.
+pub(super) fn no_pass(reason: String) -> GpuError {
+    GpuError::NoPass { reason }
+}

@@ -1,6 +1,7 @@
 //! Buffers that grow with what they are asked to hold.
 
 use super::context::max_buffer_bytes;
+use super::error::GpuError;
 use super::poll::ready;
 use wgpu::BufferUsages as Usage;
 
@@ -40,7 +41,7 @@ impl GrowingBuffers {
         &self.0[number].buffer
     }
 
-    /// Makes room for so many bytes in one; what was there is lost if there was less.
+    /// Makes room for so many bytes in one; whether what was there is lost, as it is if there was less.
     ///
     /// # Errors
     /// [`GrowthError`]; the buffer is as it was then.
@@ -49,8 +50,30 @@ impl GrowingBuffers {
         device: &wgpu::Device,
         number: usize,
         needed: u64,
-    ) -> Result<(), GrowthError> {
+    ) -> Result<bool, GrowthError> {
         self.0[number].make_room(device, needed)
+    }
+
+    /// Makes room in some, by number and bytes, for a pass over a frame; whether any has lost what was there.
+    ///
+    /// # Errors
+    /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
+    pub(super) fn make_room_for_pass(
+        &mut self,
+        device: &wgpu::Device,
+        needed: impl IntoIterator<Item = (usize, u64)>,
+    ) -> Result<bool, GpuError> {
+        let mut is_lost = false;
+        for (number, bytes) in needed {
+            let what = self.0[number].label;
+            is_lost |= self.make_room(device, number, bytes).map_err(|error| match error {
+                GrowthError::TooLarge { needed_mib, limit_mib } => {
+                    GpuError::PassTooLarge { what, needed_mib, limit_mib }
+                }
+                GrowthError::Refused { mib } => GpuError::NoMemoryForPass { what, mib },
+            })?;
+        }
+        Ok(is_lost)
     }
 }
 
@@ -71,7 +94,7 @@ pub(super) enum GrowthError {
 }
 
 impl GrowingBuffer {
-    fn make_room(&mut self, device: &wgpu::Device, needed: u64) -> Result<(), GrowthError> {
+    fn make_room(&mut self, device: &wgpu::Device, needed: u64) -> Result<bool, GrowthError> {
         let limits = device.limits();
         let is_bound = self.usage.contains(Usage::STORAGE);
         let most = if is_bound { max_buffer_bytes(&limits) } else { limits.max_buffer_size };
@@ -79,12 +102,13 @@ impl GrowingBuffer {
             let [needed_mib, limit_mib] = [needed, most].map(|bytes| bytes.div_ceil(MIB));
             return Err(GrowthError::TooLarge { needed_mib, limit_mib });
         }
-        if needed > self.buffer.size() {
+        let is_small = needed > self.buffer.size();
+        if is_small {
             // Some more than needed: scenes grow frame by frame.
             let bytes = (needed + needed / 2).min(most) / 4 * 4;
             self.buffer = self.refusable(device, bytes)?;
         }
-        Ok(())
+        Ok(is_small)
     }
 
     /// Takes the driver's refusal from a scope of its own, so that it comes here and not to whoever hears

@@ -16,7 +16,7 @@ use crate::model::paper::mixture_device::{
     MAX_DEVICE_CANDIDATES, MixtureDevice, PassRule, PointColumns,
 };
 use crate::observation::points::Points;
-use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};
+use crate::train::device_trial::{DIFFERING, DevicePolicy, DeviceTrial, Turn};
 use crate::train::estep::Scoring;
 use crate::train::pass_use::PassUse;
 use crate::train::timing::{Lap, StageClock, Stopwatch};
@@ -224,7 +224,7 @@ impl Passes {
     fn judge(&mut self, is_proved: bool, [processor, device_ms]: [f64; 2]) {
         let Some(device) = &mut self.device else { return };
         if !is_proved {
-            return self.give_up("its arithmetic is not the processor's".to_owned());
+            return self.give_up(DIFFERING.to_owned());
         }
         device.is_proved = true;
         device.trial.measured(processor, device_ms);
@@ -233,8 +233,7 @@ impl Passes {
 
     /// Goes on without the device, which is said once.
     fn give_up(&mut self, reason: String) {
-        tracing::warn!("{}: {reason}", self.used.device.as_deref().unwrap_or_default());
-        self.used.given_up = Some(reason);
+        self.used.give_up(reason);
         self.device = None;
     }
 }

@@ -4,7 +4,7 @@
 //! picture (`scene.md`, Tried and dropped).
 
 use super::components::Components;
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::{NONE, SeedGrid};
 use super::ray_search::seed_along_ray;
 use super::seed_groups::SeedGroups;
 use super::spacing::Spacing;
@@ -82,8 +82,7 @@ fn keep_components(
 /// Leaves points without a seed that are too far from theirs for what their view tells apart.
 fn keep_within(grid: &SeedGrid, spacing: Spacing, points: &[SurfacePoint], owners: &mut [u32]) {
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner != NONE) {
-        let reach = spacing.reach(point);
-        if squared_distance(grid.position(*owner as usize), point.position) > reach * reach {
+        if !grid.is_within(*owner, point.position, spacing.reach(point)) {
             *owner = NONE;
         }
     }

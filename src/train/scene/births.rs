@@ -2,7 +2,7 @@
 
 use super::components::Components;
 use super::config::BirthRule;
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::{NONE, SeedGrid};
 use super::lattice;
 use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
@@ -47,9 +47,7 @@ pub fn give_birth(
             BirthRule::Seeds => grid.nearest(place),
             BirthRule::Lattice | BirthRule::BodyCentred => grid.at(place),
         };
-        let is_within =
-            |seed: &u32| squared_distance(grid.position(*seed as usize), place) <= reach * reach;
-        *owner = match nearest.filter(is_within) {
+        *owner = match nearest.filter(|&seed| grid.is_within(seed, place, reach)) {
             Some(seed) => components.of_seed(seed),
             // Before the budget: such a place has no cell that a seed could be filed under.
             None if !grid.reaches(place) => {

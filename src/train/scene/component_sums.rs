@@ -271,17 +271,18 @@ impl<W: SumScalar> ComponentSums<W> {
     /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal
     /// sums are stored alike, whatever the order they were added in.
     pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
-        let is_wide = |id: u32| self.wide.contains_key(&id) || is_full(&self.rows[id as usize]);
         // On all threads, since training waits.
         let order = order.par_iter().with_min_len(4096);
-        let row = |&id: &u32| match is_wide(id) {
-            true => ([W::default(); N_SUMS], self.rows[id as usize].visibility),
-            false => (self.rows[id as usize].sums, self.rows[id as usize].visibility),
-        };
-        let (rows, visibility) = order.clone().map(row).unzip();
-        let wide = order.enumerate().filter(|(_, id)| is_wide(**id));
+        let is_wide = |id: u32| self.wide.contains_key(&id) || is_full(self.row(id as usize));
+        let wide = order.clone().enumerate().filter(|(_, id)| is_wide(**id));
         let wide = wide.map(|(at, &id)| WideRow { id: at as u32, sums: self.sums(id as usize) });
-        (W::stored(rows, wide.collect()), visibility)
+        let wide: Vec<WideRow> = wide.collect();
+        let row = |&id: &u32| (self.row(id as usize).sums, self.row(id as usize).visibility);
+        let (mut rows, visibility): (Vec<_>, Vec<_>) = order.map(row).unzip();
+        for row in &wide {
+            rows[row.id as usize] = [W::default(); N_SUMS];
+        }
+        (W::stored(rows, wide), visibility)
     }
 
     /// The sums that [`Self::state`] describes; `None` if its sums have another form.

@@ -204,20 +204,15 @@ impl SceneConfig {
                 found: self.h.to_string(),
             });
         }
-        if self.near.is_some() && self.births.is_order_invariant() {
+        let of_seeds = [
+            ("near_detail", self.near.is_some(), "alike"),
+            ("ray_search", self.ray_search != 0.0, "where they are"),
+        ];
+        let asked = of_seeds.into_iter().find(|(_, is_on, _)| *is_on);
+        if let Some((setting, _, how)) = asked.filter(|_| self.births.is_order_invariant()) {
             return Err(ConfigError {
-                setting: "near_detail",
-                expected: format!("off with --births {}, whose cells are alike", self.births),
-                found: "on".to_owned(),
-            });
-        }
-        if self.ray_search != 0.0 && self.births.is_order_invariant() {
-            return Err(ConfigError {
-                setting: "ray_search",
-                expected: format!(
-                    "off with --births {}, whose cells are where they are",
-                    self.births
-                ),
+                setting,
+                expected: format!("off with --births {}, whose cells are {how}", self.births),
                 found: "on".to_owned(),
             });
         }

@@ -77,6 +77,12 @@ impl SeedGrid {
         self.positions[id]
     }
 
+    /// Whether a seed is within reach of a place.
+    #[inline(always)]
+    pub fn is_within(&self, seed: u32, place: [f32; 3], reach: f32) -> bool {
+        squared_distance(self.position(seed as usize), place) <= reach * reach
+    }
+
     /// All seeds, for a device that searches; whether they are others than it has.
     pub fn seeds(&self, are_new: bool) -> Seeds<'_> {
         let Self { cell: h, per_cell, positions, .. } = self;

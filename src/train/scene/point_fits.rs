@@ -17,16 +17,13 @@ use crate::model::device_error::DeviceError;
 use crate::model::scene::points_device::{OPEN, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;
 use crate::observation::surface::SurfacePoint;
-use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};
+use crate::train::device_trial::{DIFFERING, DevicePolicy, DeviceTrial, Turn};
 use crate::train::pass_use::PassUse;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 
 /// Structural scales whose squares, and those of places within their reach, are numbers of full precision.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
-
-/// Why a device is given up whose bits are others.
-const DIFFERING: &str = "its arithmetic is not the processor's";
 
 /// Fits points on whoever's turn it is.
 #[derive(Default)]
@@ -194,9 +191,8 @@ impl PointFits {
         self.used.processor_frames += 1;
         accumulate(component_sums, seed_positions, frame, h, rule, touched);
         if let Some(expected) = on_trial {
-            let nothing = vec![[0; N_SUMS]; expected.len()];
-            let is_equal = component_sums.rows_with(&self.slots.ids, &nothing) == expected;
-            self.judge(is_equal, [clock.lap_ms(), device_ms]);
+            let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
+            self.judge(found.eq(expected), [clock.lap_ms(), device_ms]);
         }
     }
 
@@ -221,8 +217,7 @@ impl PointFits {
 
     /// Goes on without the device, which is said once.
     fn give_up(&mut self, reason: String) {
-        tracing::warn!("{}: {reason}", self.used.device.as_deref().unwrap_or_default());
-        self.used.given_up = Some(reason);
+        self.used.give_up(reason);
         self.device = None;
     }
 }

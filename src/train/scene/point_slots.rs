@@ -17,7 +17,7 @@ const MAX_WEIGHT: u32 = 16;
 /// Largest factor on a colour, and shift of a point, whose products are numbers.
 const MAX_FACTOR: f32 = 65_536.0;
 
-/// PointSlots of the components that points come to.
+/// Slots of the components that points come to.
 #[derive(Default)]
 pub struct PointSlots {
     /// By component pixels of its points, then its slot.

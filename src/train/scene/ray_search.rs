@@ -1,7 +1,7 @@
 //! The surface of a point that no seed is near enough for: depth errs along the ray, so that is where its surface
 //! may be (`scene.md`, Ray search).
 
-use super::grid::{SeedGrid, squared_distance};
+use super::grid::SeedGrid;
 use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
 
@@ -15,9 +15,7 @@ pub fn seed_along_ray(grid: &SeedGrid, spacing: Spacing, point: &SurfacePoint) -
     let steps = (1..).map(|i| STEP * reach * i as f32).take_while(|t| *t <= far);
     steps.flat_map(|t| [t, -t]).find_map(|t| {
         let place = [0, 1, 2].map(|i| point.position[i] + t * point.direction[i]);
-        let is_within =
-            |seed: &u32| squared_distance(grid.position(*seed as usize), place) <= reach * reach;
-        grid.nearest(place).filter(is_within)
+        grid.nearest(place).filter(|&seed| grid.is_within(seed, place, reach))
     })
 }
 

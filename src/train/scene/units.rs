@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 /// Structural scale where none is asked for, pixels.
 pub const DEFAULT_PIXELS: f64 = 2.5;
+/// Share of a sensor's tolerance that components have to be wide for where rays are searched: what lies along
+/// them is found there (`scene.md`, Ray search).
+const ALONG_RAYS: f64 = 0.8;
 
 /// Structural scale: largest distance of a point from the seed of its component.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +24,16 @@ impl StructuralScale {
     pub fn is_positive(&self) -> bool {
         let (Self::Pixels(length) | Self::World(length)) = self;
         length.is_finite() && *length > 0.0
+    }
+
+    /// The length that it has at least, world units, where depths within `tolerance` are one surface. Who asks
+    /// in world units is taken at their word down to half of that.
+    pub fn least(self, tolerance: f64, are_rays_searched: bool) -> f64 {
+        match self {
+            Self::Pixels(_) if are_rays_searched => ALONG_RAYS * tolerance,
+            Self::Pixels(_) => tolerance,
+            Self::World(_) => 0.5 * tolerance,
+        }
     }
 }
 

@@ -23,9 +23,6 @@ use glam::DVec3;
 
 /// Pixels of depth from which on a quarter of them is enough.
 const LARGE_FRAME: usize = 150_000;
-/// Share of a sensor's tolerance that components have to be wide for where rays are searched: what lies along
-/// them is found there (`train/scene/scene.md`, Ray search).
-const ALONG_RAYS: f64 = 0.8;
 
 impl SceneRun {
     /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
@@ -48,13 +45,8 @@ impl SceneRun {
             dataset.splits[plan.split].scaling(&camera)?;
         }
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
-        run.engine.h = in_world_units(run.scale, &sample, run.least_scale(&sample))?;
+        run.engine.h = in_world_units(&run, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })
-    }
-
-    /// What noise holds structural scales above that are asked for in pixels, world units.
-    pub fn least_scale(&self, sample: &FrameSample) -> f64 {
-        if self.engine.ray_search > 0.0 { ALONG_RAYS * sample.tolerance } else { sample.tolerance }
     }
 
     /// What is not asked for, given the sensor and the birth rule that are; `h` is not known yet.
@@ -143,13 +135,10 @@ fn measured_with(sensor: Sensor) -> SceneConfig {
     }
 }
 
-/// A structural scale as a length; one in pixels is at least so long.
-fn in_world_units(
-    scale: StructuralScale,
-    sample: &FrameSample,
-    least_of_pixels: f64,
-) -> Result<f64, SceneError> {
-    let least = 0.5 * sample.tolerance;
+/// The structural scale as a length; at least what noise allows.
+fn in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, SceneError> {
+    let scale = run.scale;
+    let least = scale.least(sample.tolerance, run.engine.ray_search > 0.0);
     // Of which one component would be the whole scene, whatever the data.
     let (asked, most) = match scale {
         StructuralScale::Pixels(n) => (n, sample.depths[1] / sample.footprint),
@@ -164,7 +153,7 @@ fn in_world_units(
         }));
     }
     match scale {
-        StructuralScale::Pixels(n) => Ok((n * sample.footprint).max(least_of_pixels)),
+        StructuralScale::Pixels(n) => Ok((n * sample.footprint).max(least)),
         StructuralScale::World(h) if h >= least => Ok(h),
         StructuralScale::World(found) => {
             let [near, far] = sample.depths;

@@ -11,13 +11,13 @@ mod layout;
 mod memory;
 pub mod shader;
 
-use super::answer::wait_mapped;
+use super::answer::{answer_of, forget};
 use super::constants::module;
 use super::context::GpuCaps;
-use super::error::GpuError;
+use super::error::{GpuError, no_pass};
 use super::faults::GpuFaults;
 use super::kernel::{Bound, ComputeKernel, Grid};
-use super::parallel_copy::copy;
+use super::parallel_copy::copy_pieces;
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::device_error::DeviceError;
 use crate::model::paper::mixture_device::{
@@ -140,11 +140,7 @@ impl GpuMixture {
         self.memory.make_room(&self.device, &self.load, &[upload.from])?;
         let buffer = self.memory.buffer(upload.from);
         let bytes = self.load.bytes(upload.from);
-        let mut mapped = buffer.get_mapped_range_mut(..bytes).map_err(failed)?;
-        let mut rest = mapped.slice(..);
-        for piece in pieces {
-            copy(rest.split_off(..piece.len()).unwrap_or_default(), piece);
-        }
+        copy_pieces(buffer, bytes, pieces).map_err(no_pass)?;
         if !self.due.contains(&upload) {
             self.due.push(upload);
         }
@@ -163,16 +159,12 @@ impl GpuMixture {
         self.record(&mut encoder, &self.bind());
         let readback = self.memory.buffer(Part::Readback);
         let bytes = self.load.bytes(Part::Readback);
-        let mut maps = vec![(readback, wgpu::MapMode::Read, bytes)];
-        for upload in &self.due {
-            let buffer = self.memory.buffer(upload.from);
-            buffer.unmap();
-            maps.push((buffer, wgpu::MapMode::Write, buffer.size()));
-        }
+        let uploads = self.due.iter().map(|upload| self.memory.buffer(upload.from));
+        uploads.clone().for_each(wgpu::Buffer::unmap);
         let submission = self.queue.submit([encoder.finish()]);
-        wait_mapped(&self.device, &self.faults, submission, &maps).map_err(failed)?;
+        let answer = answer_of(&self.device, &self.faults, submission, (readback, bytes), uploads)
+            .map_err(no_pass)?;
         self.due.clear();
-        let answer = readback.get_mapped_range(..bytes).map_err(failed)?;
         let head: [u32; HEAD_WORDS as usize] =
             bytemuck::pod_read_unaligned(&answer[..HEAD_WORDS as usize * 4]);
         self.answer = Some(answer);
@@ -234,19 +226,12 @@ impl GpuMixture {
 
     /// Lets go of what came back last.
     fn forget_answer(&mut self) {
-        // The view first: a buffer that is still looked at cannot be unmapped.
-        if self.answer.take().is_some() {
-            self.memory.buffer(Part::Readback).unmap();
-        }
+        forget(&mut self.answer, self.memory.buffer(Part::Readback));
     }
 
     fn refused(&self, error: &GpuError) -> DeviceError {
         DeviceError { device: self.name.clone(), reason: error.to_string() }
     }
-}
-
-fn failed(reason: impl ToString) -> GpuError {
-    GpuError::NoPass { reason: reason.to_string() }
 }
 
 impl MixtureDevice for GpuMixture {

@@ -17,7 +17,7 @@ mod memory;
 pub mod shader;
 mod upload;
 
-use super::answer::wait_mapped;
+use super::answer::{answer_of, forget};
 use super::context::GpuCaps;
 use super::error::GpuError;
 use super::faults::GpuFaults;
@@ -101,18 +101,13 @@ impl GpuComparer {
     ) -> Result<wgpu::BufferView, GpuError> {
         let readback = self.memory.buffer(Part::Readback);
         let upload = self.memory.buffer(Part::Upload);
-        let maps =
-            [(readback, wgpu::MapMode::Read, bytes), (upload, wgpu::MapMode::Write, upload.size())];
-        wait_mapped(&self.device, &self.faults, submission, &maps).map_err(failed)?;
-        readback.get_mapped_range(..bytes).map_err(failed)
+        answer_of(&self.device, &self.faults, submission, (readback, bytes), [upload])
+            .map_err(failed)
     }
 
     /// Lets go of what came back last.
     fn forget_answer(&mut self) {
-        // The view first: a buffer that is still looked at cannot be unmapped.
-        if self.answer.take().is_some() {
-            self.memory.buffer(Part::Readback).unmap();
-        }
+        forget(&mut self.answer, self.memory.buffer(Part::Readback));
     }
 }
 

@@ -4,7 +4,7 @@ use super::layout::Settings;
 use crate::model::scene::points_device::POINT_WORDS;
 use crate::model::scene::sums::N_SUMS;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
+use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, WAY_IN, WAY_OUT};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
@@ -106,20 +106,8 @@ impl Memory {
         load: &Load,
         parts: &[Part],
     ) -> Result<bool, GpuError> {
-        let mut is_lost = false;
-        for &part in parts {
-            let (_, what, _) = PARTS[part as usize];
-            let before = self.buffer(part).size();
-            let room = self.buffers.make_room(device, part as usize, load.bytes(part));
-            room.map_err(|error| match error {
-                GrowthError::TooLarge { needed_mib, limit_mib } => {
-                    GpuError::PassTooLarge { what, needed_mib, limit_mib }
-                }
-                GrowthError::Refused { mib } => GpuError::NoMemoryForPass { what, mib },
-            })?;
-            is_lost |= self.buffer(part).size() != before;
-        }
-        Ok(is_lost)
+        let needed = parts.iter().map(|&part| (part as usize, load.bytes(part)));
+        self.buffers.make_room_for_pass(device, needed)
     }
 }
 

@@ -8,13 +8,13 @@ mod layout;
 mod memory;
 pub mod shader;
 
-use super::answer::wait_mapped;
+use super::answer::{answer_of, forget};
 use super::constants::{SUM_GROUP, module};
 use super::context::GpuCaps;
-use super::error::GpuError;
+use super::error::{GpuError, no_pass};
 use super::faults::GpuFaults;
 use super::kernel::{Bound, ComputeKernel, Grid};
-use super::parallel_copy::copy;
+use super::parallel_copy::copy_pieces;
 use crate::model::device_error::DeviceError;
 use crate::model::scene::points_device::{POINT_WORDS, PointsDevice, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
@@ -100,11 +100,7 @@ impl GpuPoints {
     fn write(&mut self, upload: Part, pieces: &[&[u8]]) -> Result<(), GpuError> {
         self.memory.make_room(&self.device, &self.load, &[upload])?;
         let buffer = self.memory.buffer(upload);
-        let mut mapped = buffer.get_mapped_range_mut(..self.load.bytes(upload)).map_err(failed)?;
-        let mut rest = mapped.slice(..);
-        for piece in pieces {
-            copy(rest.split_off(..piece.len()).unwrap_or_default(), piece);
-        }
+        copy_pieces(buffer, self.load.bytes(upload), pieces.iter().copied()).map_err(no_pass)?;
         if !self.due.contains(&upload) {
             self.due.push(upload);
         }
@@ -182,16 +178,12 @@ impl GpuPoints {
         commands(self, &mut encoder);
         let (readback, bytes) = (self.memory.buffer(Part::Readback), self.load.bytes(answer));
         encoder.copy_buffer_to_buffer(self.memory.buffer(answer), 0, readback, 0, bytes);
-        let mut maps = vec![(readback, wgpu::MapMode::Read, bytes)];
-        for &upload in &self.due {
-            let buffer = self.memory.buffer(upload);
-            buffer.unmap();
-            maps.push((buffer, wgpu::MapMode::Write, buffer.size()));
-        }
+        let uploads = self.due.iter().map(|&upload| self.memory.buffer(upload));
+        uploads.clone().for_each(wgpu::Buffer::unmap);
         let submission = self.queue.submit([encoder.finish()]);
-        wait_mapped(&self.device, &self.faults, submission, &maps).map_err(failed)?;
+        let answer = answer_of(&self.device, &self.faults, submission, (readback, bytes), uploads);
+        self.answer = Some(answer.map_err(no_pass)?);
         self.due.clear();
-        self.answer = Some(readback.get_mapped_range(..bytes).map_err(failed)?);
         Ok(())
     }
 
@@ -222,10 +214,7 @@ impl GpuPoints {
 
     /// Lets go of what came back last.
     fn forget_answer(&mut self) {
-        // The view first: a buffer that is still looked at cannot be unmapped.
-        if self.answer.take().is_some() {
-            self.memory.buffer(Part::Readback).unmap();
-        }
+        forget(&mut self.answer, self.memory.buffer(Part::Readback));
     }
 
     fn refused(&self, error: &GpuError) -> DeviceError {
@@ -239,10 +228,6 @@ fn compute_pass<'a>(
 ) -> wgpu::ComputePass<'a> {
     let label = Some(label);
     encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes: None })
-}
-
-fn failed(reason: impl ToString) -> GpuError {
-    GpuError::NoPass { reason: reason.to_string() }
 }
 
 impl PointsDevice for GpuPoints {

@@ -3,7 +3,6 @@
 use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::accumulate::Matched;
-use crate::train::scene::assign::assign;
 use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
@@ -29,34 +28,18 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Finds the component of every point, as far as it has one, once more in this frame.
     pub(super) fn assign(&mut self, points: &[SurfacePoint]) {
-        let spacing = self.spacing();
-        if self.config.births == BirthRule::Seeds {
-            let Self { fits, grid, components, owners, .. } = self;
-            return fits.assign(grid, components, spacing, points, owners);
+        let (rule, spacing) = (self.config.births, self.spacing());
+        let Self { fits, grid, components, owners, .. } = self;
+        match rule {
+            BirthRule::Seeds => fits.assign(grid, components, spacing, points, owners),
+            BirthRule::Lattice | BirthRule::BodyCentred => {
+                assign_to_lattice(rule, spacing.h(), grid, components, points, owners);
+            }
         }
-        let mut owners = std::mem::take(&mut self.owners);
-        self.find_owners(points, spacing, &mut owners);
-        self.owners = owners;
     }
 
     pub(super) fn spacing(&self) -> Spacing {
         Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
-    }
-
-    /// The component of every point, as far as it has one.
-    pub(super) fn find_owners(
-        &self,
-        points: &[SurfacePoint],
-        spacing: Spacing,
-        owners: &mut Vec<u32>,
-    ) {
-        let (rule, h) = (self.config.births, spacing.h());
-        match rule {
-            BirthRule::Seeds => assign(&self.grid, &self.components, spacing, points, owners),
-            BirthRule::Lattice | BirthRule::BodyCentred => {
-                assign_to_lattice(rule, h, &self.grid, &self.components, points, owners);
-            }
-        }
     }
 
     /// Adds the points to the sums of their components.

@@ -6,13 +6,13 @@ use crate::math::pose::Pose;
 use crate::model::splat::pose_log::{corrected, reach};
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::align::{FEW, PoseAlignment, ROUNDS, a_few, looked_at};
+use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::config::BirthRule;
 use crate::train::scene::known_planes::KnownPlanes;
 use crate::train::scene::near_seeds::NearSeeds;
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::seed_positions::SeedPositions;
-use crate::train::scene::spacing::Spacing;
 
 /// Frames before that tell how the next one may err.
 const RECENT: usize = 1000;
@@ -78,7 +78,10 @@ impl<W: SumScalar> SceneTrainer<W> {
             // much farther they have to go.
             match &mut near {
                 Some(near) => near.assign(&self.components, &moved, owners),
-                None => self.find_owners(&moved, Spacing::new(h, None), owners),
+                None => {
+                    let Self { config, grid, components, .. } = self;
+                    assign_to_lattice(config.births, h as f32, grid, components, &moved, owners);
+                }
             }
             let gain = self.gain_of(&part.points, owners, fewest);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
