@@ -1,8 +1,21 @@
 // The first walk: one workgroup a tile, one lane a chosen pixel. Draws the tile's splats front to back
 // and compares the pixel with the photograph.
 
-// Chosen rows alone: bits of colour over black, and of coverage.
-@group(0) @binding(4) var<storage, read> photograph: array<vec4<u32>>;
+// What was measured of a pixel.
+struct Measured {
+    // Over black.
+    red: f32,
+    green: f32,
+    blue: f32,
+    // Bits of it: no number where it is not known.
+    coverage: u32,
+    depth: f32,
+    // 0 where depth is not known.
+    per_tolerance: f32,
+}
+
+// Chosen rows alone.
+@group(0) @binding(4) var<storage, read> photograph: array<Measured>;
 @group(0) @binding(5) var<storage, read_write> pixels: array<Pixel>;
 // By tile: squared differences of covered pixels, and how many these are.
 @group(0) @binding(6) var<storage, read_write> errors: array<vec2<f32>>;
@@ -21,6 +34,7 @@ struct Drawn {
     color: vec3<f32>,
     // Negative once the pixel is finished, and where there is none.
     transmittance: f32,
+    wrong: f32,
 }
 
 @compute @workgroup_size(LANES)
@@ -28,7 +42,12 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let tile = group.xy;
     let range = entries_of(tile);
     let step = min(LANES, BATCH);
-    var drawn = Drawn(vec3<f32>(0.0), select(-1.0, 1.0, is_inside(tile, lane)));
+    let is_inside = is_inside(tile, lane);
+    var drawn = Drawn(vec3<f32>(0.0), select(-1.0, 1.0, is_inside), 0.0);
+    var measured: Measured;
+    if range.x < range.y && is_inside {
+        measured = measured_at(tile, lane);
+    }
     if lane == 0u {
         atomicStore(&last_live, 0u);
     }
@@ -42,7 +61,7 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
         workgroupBarrier();
         if drawn.transmittance > 0.0 {
-            blend(&drawn, tile, lane, min(step, range.y - start));
+            blend(&drawn, measured, tile, lane, min(step, range.y - start));
         }
         batch++;
         if drawn.transmittance > 0.0 {
@@ -52,13 +71,24 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         workgroupBarrier();
     }
     var error = vec2<f32>(0.0);
-    if range.x < range.y && is_inside(tile, lane) {
-        error = compare(drawn, tile, lane);
+    if range.x < range.y && is_inside {
+        error = compare(drawn, measured, tile, lane);
     }
     add_up(tile, lane, error);
 }
 
-fn blend(drawn: ptr<function, Drawn>, tile: vec2<u32>, lane: u32, n: u32) {
+fn measured_at(tile: vec2<u32>, lane: u32) -> Measured {
+    let row = (tile.y * TILE + row_of(lane) - frame.first) / frame.every;
+    return photograph[row * frame.size.x + tile.x * TILE + lane % TILE];
+}
+
+fn blend(
+    drawn: ptr<function, Drawn>,
+    measured: Measured,
+    tile: vec2<u32>,
+    lane: u32,
+    n: u32,
+) {
     for (var i = 0u; i < n; i++) {
         let splat = staged[i];
         let offset = offset_of(splat, tile, lane);
@@ -75,20 +105,21 @@ fn blend(drawn: ptr<function, Drawn>, tile: vec2<u32>, lane: u32, n: u32) {
             return;
         }
         (*drawn).color += weight * color_of(splat, offset);
+        (*drawn).wrong +=
+            weight * wrongness_of(splat, offset, measured.depth, measured.per_tolerance);
         (*drawn).transmittance = left;
     }
 }
 
 // Sets what the second walk needs of a pixel; its squared difference and 1, if it counts.
-fn compare(drawn: Drawn, tile: vec2<u32>, lane: u32) -> vec2<f32> {
-    let row = (tile.y * TILE + row_of(lane) - frame.first) / frame.every;
-    let bits = photograph[row * frame.size.x + tile.x * TILE + lane % TILE];
+fn compare(drawn: Drawn, measured: Measured, tile: vec2<u32>, lane: u32) -> vec2<f32> {
     let left = abs(drawn.transmittance);
     let covered = 1.0 - left;
     let fill = 1.0 / max(covered, frame.full_coverage);
     // The derivative of `1/A` where the pixel is filled, times what is left to the background.
     let filled = select(0.0, left / max(covered * covered, 1e-12), covered > frame.full_coverage);
-    let residual = bitcast<vec3<f32>>(bits.xyz) - drawn.color * fill;
+    let color = vec3<f32>(measured.red, measured.green, measured.blue);
+    let residual = color - drawn.color * fill;
     let squared = dot(residual, residual);
     let rho = 1.0 / (1.0 + squared * frame.per_tau);
     var pixel: Pixel;
@@ -97,13 +128,17 @@ fn compare(drawn: Drawn, tile: vec2<u32>, lane: u32) -> vec2<f32> {
     pixel.residual = rho * residual;
     pixel.share = rho * sqrt(covered) * sqrt(sqrt(covered));
     // Not a number, told by its bits: shaders may take numbers for granted.
-    let is_unknown = (bits.w & 0x7fffffffu) > 0x7f800000u;
+    let is_unknown = (measured.coverage & 0x7fffffffu) > 0x7f800000u;
     // What is mostly covered lies inside a surface, as far as nobody knows better.
     if !is_unknown || covered >= SEEN {
-        let wanted = select(bits.w, ONE_BITS, is_unknown);
+        let wanted = select(measured.coverage, ONE_BITS, is_unknown);
         pixel.end = left;
         pixel.lacking = rho * frame.coverage * (bitcast<f32>(wanted) - covered);
     }
+    pixel.wrong = drawn.wrong;
+    pixel.wronged = rho * frame.depth * drawn.wrong;
+    pixel.depth = measured.depth;
+    pixel.per_tolerance = measured.per_tolerance;
     pixels[(tile.y * frame.columns + tile.x) * LANES + lane] = pixel;
     // Where nothing is drawn yet the difference says nothing of noise.
     return select(vec2<f32>(0.0), vec2<f32>(squared, 1.0), covered >= SEEN);

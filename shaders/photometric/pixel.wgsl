@@ -12,8 +12,9 @@ struct Frame {
     full_coverage: f32,
     // `1/τ²`.
     per_tau: f32,
-    // How much coverage counts beside colour, squared.
+    // How much coverage counts beside colour, squared, and how much depth does.
     coverage: f32,
+    depth: f32,
 }
 
 struct Splat {
@@ -32,6 +33,9 @@ struct Splat {
     red_across: vec2<f32>,
     green_across: vec2<f32>,
     blue_across: vec2<f32>,
+    // Change of depth per px, and depth at the centre.
+    depth_across: vec2<f32>,
+    depth: f32,
 }
 
 // What the second walk needs of a pixel.
@@ -45,6 +49,12 @@ struct Pixel {
     // What is left to the background where it is known what should be; weighted coverage that lacks.
     end: f32,
     lacking: f32,
+    // How wrong what is drawn is beside the depth that was measured, and that weighted.
+    wrong: f32,
+    wronged: f32,
+    // What was measured, and one over how far a surface may lie from it: 0 where nothing was.
+    depth: f32,
+    per_tolerance: f32,
 }
 
 struct Response {
@@ -96,4 +106,10 @@ fn color_of(splat: Splat, offset: vec2<f32>) -> vec3<f32> {
     );
     let held = clamp(change, vec3<f32>(-GRADIENT_LIMIT), vec3<f32>(GRADIENT_LIMIT));
     return max(vec3<f32>(splat.red, splat.green, splat.blue) + held, vec3<f32>(0.0));
+}
+
+// How wrong a splat's place is: 0 at the measured depth, half at the tolerance, 1 far from it.
+fn wrongness_of(splat: Splat, offset: vec2<f32>, depth: f32, per_tolerance: f32) -> f32 {
+    let far = (splat.depth + dot(splat.depth_across, offset) - depth) * per_tolerance;
+    return far * far / (1.0 + far * far);
 }

@@ -32,8 +32,12 @@ const NONE: u32 = 0xffffffffu;
 var<workgroup> open: array<vec4<f32>, GROUP>;
 // Factor of crack filling, weighted residual.
 var<workgroup> faces: array<vec4<f32>, GROUP>;
-// Share of curvature, end, lacking coverage.
-var<workgroup> rests: array<vec3<f32>, GROUP>;
+// Share of curvature, end, lacking coverage, weighted wrongness.
+var<workgroup> rests: array<vec4<f32>, GROUP>;
+// Measured depth, and one over its tolerance.
+var<workgroup> depths: array<vec2<f32>, GROUP>;
+// Wrongness that lies behind.
+var<workgroup> wrong: array<f32, GROUP>;
 var<workgroup> n_open: atomic<u32>;
 
 // A splat in its lane.
@@ -90,7 +94,9 @@ fn begin(tile: vec2<u32>, lane: u32) {
     let pixel = pixels[(tile.y * frame.columns + tile.x) * LANES + lane];
     open[lane] = vec4<f32>(1.0, pixel.behind);
     faces[lane] = vec4<f32>(pixel.fill, pixel.residual);
-    rests[lane] = vec3<f32>(pixel.share, pixel.end, pixel.lacking);
+    rests[lane] = vec4<f32>(pixel.share, pixel.end, pixel.lacking, pixel.wronged);
+    depths[lane] = vec2<f32>(pixel.depth, pixel.per_tolerance);
+    wrong[lane] = pixel.wrong;
     atomicAdd(&n_open, 1u);
 }
 
@@ -139,8 +145,14 @@ fn add_pixel(own: ptr<function, Own>, sums: ptr<function, Sums>, tile: vec2<u32>
     let change = face.x * front * color - behind * per_open;
     // Coverage is one more channel, in which every splat is 1 and what lies behind ends with 1.
     let closing = rest.y * per_open;
-    let along = dot(change, face.yzw) + closing * rest.z;
-    let squared = dot(change, change) + frame.coverage * closing * closing;
+    // Depth is another, which shows how wrong splats are and should show nothing.
+    let wrongness = wrongness_of((*own).splat, offset, depths[i].x, depths[i].y);
+    let wrong_behind = wrong[i] - weight * wrongness;
+    wrong[i] = wrong_behind;
+    let wronging = front * wrongness - wrong_behind * per_open;
+    let along = dot(change, face.yzw) + closing * rest.z - wronging * rest.w;
+    let squared = dot(change, change) + frame.coverage * closing * closing
+        + frame.depth * wronging * wronging;
     // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
     let root = sqrt(max(weight, MIN_WEIGHT));
     let share = rest.x / (root * sqrt(root));

@@ -9,6 +9,7 @@ pub mod cholesky;
 pub mod fixed;
 pub mod image;
 pub mod lane_cholesky;
+pub mod measured_pixel;
 pub mod normalization;
 pub mod orbit;
 pub mod pose;

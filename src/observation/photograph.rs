@@ -2,6 +2,7 @@
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 
@@ -14,9 +15,8 @@ pub struct Photograph {
     pub offset: DVec3,
     /// How its axes are turned against those of the depth camera.
     pub turn: DQuat,
-    /// sRGB-encoded red, green and blue over black in `[0, 1]`, and how much of the pixel surfaces
-    /// cover: NaN where that is not known.
-    pub pixels: Image<[f32; 4]>,
+    /// What was measured of its pixels.
+    pub pixels: Image<MeasuredPixel>,
 }
 
 impl Photograph {
@@ -26,10 +26,12 @@ impl Photograph {
     }
 
     /// The pixels with a gain on red, green and blue; `None` if that changes nothing.
-    pub fn exposed(&self, gain: [f32; 3]) -> Option<Image<[f32; 4]>> {
+    pub fn exposed(&self, gain: [f32; 3]) -> Option<Image<MeasuredPixel>> {
         let Image { width, height, data } = &self.pixels;
-        let exposed =
-            |&[r, g, b, covered]: &[f32; 4]| [r * gain[0], g * gain[1], b * gain[2], covered];
+        let exposed = |pixel: &MeasuredPixel| {
+            let [r, g, b] = pixel.color;
+            MeasuredPixel { color: [r * gain[0], g * gain[1], b * gain[2]], ..*pixel }
+        };
         (gain != [1.0; 3])
             .then(|| Image::from_vec(*width, *height, data.iter().map(exposed).collect()))
     }

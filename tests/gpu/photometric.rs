@@ -5,6 +5,7 @@ use super::fixture::Fixture;
 use glam::Vec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
+use vbgs_studio::math::measured_pixel::MeasuredPixel;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::{Isa, Kernel, Vector};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
@@ -28,7 +29,7 @@ struct Scene {
     splats: Vec<Splat>,
     appearance: Vec<Appearance>,
     camera: Camera,
-    photograph: Image<[f32; 4]>,
+    photograph: Image<MeasuredPixel>,
     rule: PixelRule,
     rows: RowChoice,
 }
@@ -48,11 +49,14 @@ fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowChoice) -> S
         let color = Vec3::new((0.2 * x).sin(), (0.3 * y).cos(), (0.1 * (x + y)).sin());
         // Surfaces, background, and what nobody knows.
         let coverage = [1.0, 0.0, f32::NAN, 0.7][(i / 5) % 4];
-        (0.5 + 0.4 * color).extend(coverage).to_array()
+        let pixel = MeasuredPixel::flat((0.5 + 0.4 * color).extend(coverage).to_array());
+        // A slope through the splats, and what nobody knows.
+        let depth = [0.0, 2.0 + 0.03 * x, 2.0 + 0.03 * x][(i / 7) % 3];
+        pixel.at_depth(depth, [0.1, 0.05])
     };
     let photograph = Image::from_vec(columns, lines, (0..columns * lines).map(pixel).collect());
     let full_coverage = if seed.is_multiple_of(2) { 0.6 } else { 1.0 };
-    let rule = PixelRule { full_coverage, tau: 0.5, coverage: 1.0 };
+    let rule = PixelRule { full_coverage, tau: 0.5, coverage: 1.0, depth: 0.7 };
     Scene { splats, appearance, camera: outside(width, height), photograph, rule, rows }
 }
 

@@ -255,7 +255,7 @@ fn every_file_of_the_comparison_is_valid_and_used() {
     }
     assert_eq!(n_files, 5);
     // What `photometric/layout.rs` holds and allots.
-    for (name, size) in [("Frame", 40), ("Splat", 64), ("Pixel", 48)] {
+    for (name, size) in [("Frame", 40), ("Splat", 80), ("Measured", 24), ("Pixel", 64)] {
         assert_eq!(stride(&modules[0], name), size, "{name}");
     }
     assert_eq!(stride(&modules[1], "Place"), 12);

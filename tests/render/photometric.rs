@@ -2,10 +2,11 @@
 //! of a picture that shares no arithmetic with it, and the blocks against the dense Gauss-Newton matrix.
 
 use crate::common::oracle::{AppearanceF64, Oracle, SplatF64};
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::cholesky::Cholesky;
 use vbgs_studio::math::image::Image;
+use vbgs_studio::math::measured_pixel::MeasuredPixel;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::{Isa, Kernel, Vector};
@@ -67,31 +68,90 @@ fn options() -> RenderOptions {
     RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])
 }
 
-/// A photograph that no scene explains: smooth, within `[0.2, 0.7]`.
-fn photograph() -> Image<[f32; 4]> {
+/// A photograph that no scene explains: smooth, within `[0.2, 0.7]`; every third pixel with a depth, among
+/// those of the splats.
+fn photograph() -> Image<MeasuredPixel> {
     let n = SIZE as usize;
     let pixel = |i: usize| {
         let (x, y) = ((i % n) as f32 / n as f32, (i / n) as f32 / n as f32);
-        [0.45 + 0.2 * (5.0 * x).sin(), 0.4 + 0.2 * (4.0 * y).cos(), 0.3 + 0.3 * x * y, 1.0]
+        let [r, g] = [0.45 + 0.2 * (5.0 * x).sin(), 0.4 + 0.2 * (4.0 * y).cos()];
+        let pixel = MeasuredPixel::flat([r, g, 0.3 + 0.3 * x * y, 1.0]);
+        let depth = if i.is_multiple_of(3) { 3.0 + 0.5 * x } else { 0.0 };
+        pixel.at_depth(depth, MARGIN)
     };
     Image::from_vec(n, n, (0..n * n).map(pixel).collect())
 }
 
-/// Weight of coverage beside colour.
+/// Weight of coverage beside colour, and of depth.
 const COVERAGE: f64 = 0.7;
+const DEPTH: f64 = 0.4;
+/// How far a surface may lie from a depth.
+const MARGIN: [f32; 2] = [0.2, 0.05];
+/// Values of a pixel: colours, coverage, wrongness.
+const N_VALUES: usize = 5;
 
-/// Finished colours of all pixels, and their coverage as it counts beside these.
-fn picture(splats: &[SplatF64], full_coverage: f64) -> Vec<f64> {
+/// How wrong each splat is beside each depth that was measured, pixel by pixel: nothing of it moves with
+/// a splat, as points say where splats lie.
+struct Wrongness(Vec<Option<Vec<f64>>>);
+
+impl Wrongness {
+    fn of(splats: &[SplatF64]) -> Self {
+        let k = camera().intrinsics;
+        let n = SIZE as usize;
+        let of_pixel = |(i, pixel): (usize, &MeasuredPixel)| {
+            let at = DVec2::new((i % n) as f64 + 0.5, (i / n) as f64 + 0.5);
+            let far = |splat: &SplatF64| {
+                (surface_depth(splat, &k, at) - f64::from(pixel.depth))
+                    * f64::from(pixel.per_tolerance)
+            };
+            let wrong = |splat| far(splat).powi(2) / (1.0 + far(splat).powi(2));
+            (pixel.per_tolerance > 0.0).then(|| splats.iter().map(wrong).collect())
+        };
+        Self(photograph().data.iter().enumerate().map(of_pixel).collect())
+    }
+}
+
+/// Expected depth of a splat's own distribution at a pixel of the image, to first order.
+fn surface_depth(splat: &SplatF64, k: &Intrinsics, at: DVec2) -> f64 {
+    const LOW_PASS: f64 = 0.3;
+    let m = splat.mean;
+    let axes = DMat3::from_quat(splat.rotation) * DMat3::from_diagonal(splat.scale);
+    let covariance = axes * axes.transpose();
+    let to_image = [
+        DVec3::new(k.fx / m.z, 0.0, -k.fx * m.x / (m.z * m.z)),
+        DVec3::new(0.0, k.fy / m.z, -k.fy * m.y / (m.z * m.z)),
+    ];
+    let with = |a: DVec3, b: DVec3| a.dot(covariance * b);
+    let column = |i: usize| {
+        DVec2::new(with(to_image[0], to_image[i]), with(to_image[1], to_image[i]))
+            + LOW_PASS * DVec2::AXES[i]
+    };
+    let place = DMat2::from_cols(column(0), column(1));
+    let with_depth = DVec2::new(with(to_image[0], DVec3::Z), with(to_image[1], DVec3::Z));
+    let centre = DVec2::new(k.fx * m.x / m.z + k.cx, k.fy * m.y / m.z + k.cy);
+    m.z + with_depth.dot(place.inverse() * (at - centre))
+}
+
+/// Finished colours of all pixels, and their coverage and wrongness as they count beside these.
+fn picture(splats: &[SplatF64], wrongness: &Wrongness, full_coverage: f64) -> Vec<f64> {
     let oracle = Oracle::new(splats, &camera(), &options());
     let n = SIZE as usize;
-    let pixels = (0..n * n).map(|i| oracle.pixel(i % n, i / n));
-    pixels
-        .flat_map(|pixel| {
-            let [r, g, b, a] = pixel.rgba;
-            let fill = if a > 0.0 { (1.0 / full_coverage).min(1.0 / a) } else { 0.0 };
-            [r * fill, g * fill, b * fill, a * COVERAGE.sqrt()]
-        })
-        .collect()
+    let value = |i: usize| {
+        let [r, g, b, a] = oracle.pixel(i % n, i / n).rgba;
+        let fill = if a > 0.0 { (1.0 / full_coverage).min(1.0 / a) } else { 0.0 };
+        let wrong = wrongness.0[i].as_ref().map_or(0.0, |wrongness| {
+            // A picture of splats as bright as they are wrong.
+            let shade = |(splat, wrong): (&SplatF64, &f64)| SplatF64 {
+                appearance: None,
+                color: DVec3::splat(*wrong),
+                ..*splat
+            };
+            let shaded: Vec<SplatF64> = splats.iter().zip(wrongness).map(shade).collect();
+            Oracle::new(&shaded, &camera(), &options()).pixel(i % n, i / n).rgba[0]
+        });
+        [r * fill, g * fill, b * fill, a * COVERAGE.sqrt(), wrong * DEPTH.sqrt()]
+    };
+    (0..n * n).flat_map(value).collect()
 }
 
 /// A splat with one parameter changed.
@@ -118,13 +178,19 @@ fn changed(splat: SplatF64, parameter: usize, by: f64) -> SplatF64 {
 }
 
 /// Derivatives of every value of the picture by one parameter of one splat.
-fn derivatives(splats: &[SplatF64], i: usize, parameter: usize, full: f64) -> Vec<f64> {
+fn derivatives(
+    splats: &[SplatF64],
+    wrongness: &Wrongness,
+    i: usize,
+    parameter: usize,
+    full: f64,
+) -> Vec<f64> {
     // So small that hardly a pixel crosses the alpha cut between the two.
     const STEP: f64 = 1e-7;
     let at = |by: f64| {
         let mut splats = splats.to_vec();
         splats[i] = changed(splats[i], parameter, by);
-        picture(&splats, full)
+        picture(&splats, wrongness, full)
     };
     let (ahead, back) = (at(STEP), at(-STEP));
     ahead.iter().zip(&back).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
@@ -158,7 +224,12 @@ impl Kernel for Lift<'_> {
 }
 
 fn rule(full: f64) -> PixelRule {
-    PixelRule { full_coverage: full as f32, tau: ALL, coverage: COVERAGE as f32 }
+    PixelRule {
+        full_coverage: full as f32,
+        tau: ALL,
+        coverage: COVERAGE as f32,
+        depth: DEPTH as f32,
+    }
 }
 
 fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Said)> {
@@ -174,27 +245,28 @@ fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Sa
 }
 
 /// Photograph less picture.
-fn residual(splats: &[SplatF64], full: f64) -> Vec<f64> {
+fn residual(splats: &[SplatF64], wrongness: &Wrongness, full: f64) -> Vec<f64> {
     let target = photograph();
-    let channels = |p: &[f32; 4]| {
-        let [r, g, b, a] = p.map(f64::from);
-        [r, g, b, a * COVERAGE.sqrt()]
+    let values = |p: &MeasuredPixel| -> [f64; N_VALUES] {
+        let [r, g, b] = p.color.map(f64::from);
+        [r, g, b, f64::from(p.coverage) * COVERAGE.sqrt(), 0.0]
     };
-    let target = target.data.iter().flat_map(channels);
-    target.zip(picture(splats, full)).map(|(y, c)| y - c).collect()
+    let target = target.data.iter().flat_map(values);
+    target.zip(picture(splats, wrongness, full)).map(|(y, c)| y - c).collect()
 }
 
 /// Root mean square error of each group of derivatives over their own, over all splats.
 fn errors(varied: bool, full: f64) -> [f64; 4] {
     let (splats, appearance) = scene(varied);
     let wide = wide(&splats, &appearance);
-    let residual = residual(&wide, full);
+    let wrongness = Wrongness::of(&wide);
+    let residual = residual(&wide, &wrongness, full);
     let groups = [0..3, 3..9, 9..10, 10..N];
     let mut groups_of = [(0.0f64, 0.0f64); 4];
     for (id, found) in found(&splats, &appearance, full) {
         for (group, (error, size)) in groups.iter().zip(&mut groups_of) {
             for parameter in group.clone() {
-                let slope = derivatives(&wide, id as usize, parameter, full);
+                let slope = derivatives(&wide, &wrongness, id as usize, parameter, full);
                 let truth: f64 = slope.iter().zip(&residual).map(|(d, r)| d * r).sum();
                 *error += (found.gradient[parameter] - truth).powi(2);
                 *size += truth * truth;
@@ -268,12 +340,12 @@ fn solved(n: usize, matrix: &[f64], right: &[f64]) -> Vec<f64> {
 }
 
 /// Squared error once every splat has taken its step.
-fn after(splats: &[SplatF64], steps: &[f64], full: f64) -> f64 {
+fn after(splats: &[SplatF64], wrongness: &Wrongness, steps: &[f64], full: f64) -> f64 {
     let step = |(i, splat): (usize, &SplatF64)| {
         (0..N).fold(*splat, |splat, parameter| changed(splat, parameter, steps[i * N + parameter]))
     };
     let stepped: Vec<SplatF64> = splats.iter().enumerate().map(step).collect();
-    residual(&stepped, full).iter().map(|r| r * r).sum()
+    residual(&stepped, wrongness, full).iter().map(|r| r * r).sum()
 }
 
 /// The blocks leave out what splats of one pixel take from each other, and a weight on them makes up
@@ -282,10 +354,11 @@ fn after(splats: &[SplatF64], steps: &[f64], full: f64) -> f64 {
 fn blocks_come_near_the_dense_step() {
     let (splats, appearance) = scene(true);
     let (full, wide) = (0.6, wide(&splats, &appearance));
-    let residual = residual(&wide, full);
+    let wrongness = Wrongness::of(&wide);
+    let residual = residual(&wide, &wrongness, full);
     let before: f64 = residual.iter().map(|r| r * r).sum();
     let columns: Vec<Vec<f64>> =
-        (0..splats.len() * N).map(|k| derivatives(&wide, k / N, k % N, full)).collect();
+        (0..splats.len() * N).map(|k| derivatives(&wide, &wrongness, k / N, k % N, full)).collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let n = columns.len();
     let priors: Vec<f64> = splats.iter().flat_map(prior).collect();
@@ -321,7 +394,7 @@ fn blocks_come_near_the_dense_step() {
         block(0, N_FORM, &said.form);
         (0..3).for_each(|k| block(N_FORM + k * N_COLOR, N_COLOR, &said.color));
     }
-    let gained = |step: &[f64]| 1.0 - after(&wide, step, full) / before;
+    let gained = |step: &[f64]| 1.0 - after(&wide, &wrongness, step, full) / before;
     let (dense, block) = (gained(&dense_step), gained(&block_step));
     let cosine = dot(&dense_step, &block_step)
         / (dot(&dense_step, &dense_step) * dot(&block_step, &block_step)).sqrt();

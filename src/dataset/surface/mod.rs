@@ -21,6 +21,7 @@ mod color_lookup;
 mod emit;
 mod fit;
 mod occluders;
+mod photographed;
 mod planes;
 mod preparer;
 mod projection;

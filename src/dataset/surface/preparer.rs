@@ -3,18 +3,16 @@
 use super::emit::Emitter;
 use super::fit::{FitRows, Fitted};
 use super::occluders::Occluders;
+use super::photographed::photograph;
 use super::planes::Planes;
 use super::recipe::TILE;
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
-use crate::dataset::calibration::Calibration;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
-use crate::observation::photograph::Photograph;
 use crate::observation::surface::Observation;
-use glam::{DQuat, DVec3};
 
 /// Turns frames into observations; keeps its scratch memory between frames.
 ///
@@ -97,7 +95,10 @@ impl Preparer {
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;
-        out.photograph = settings.photograph.then(|| photograph(frame, calibration, &out.ranges));
+        let profile = &profile;
+        out.photograph = settings
+            .photograph
+            .then(|| photograph(frame, planes, calibration, profile, &out.ranges));
         Ok(SurfaceCounts::of(&statuses.data))
     }
 
@@ -111,33 +112,6 @@ impl Default for Preparer {
     fn default() -> Self {
         Self::new()
     }
-}
-
-/// The frame's colours over black with the gain of its calibration, from where they were taken.
-fn photograph(frame: &Frame, calibration: &Calibration, ranges: &Image<f32>) -> Photograph {
-    let gain = calibration.gain(&frame.name).map(|gain| gain as f32);
-    let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
-    // Depth of another camera says nothing of a pixel here.
-    let is_registered = color_camera.is_none();
-    let pixel = |(i, &[red, green, blue, alpha]): (usize, &[u8; 4])| {
-        let opaque = f32::from(alpha) / 255.0;
-        let covered = match is_registered {
-            true if alpha < u8::MAX => opaque,
-            true if ranges.data[i].is_finite() => 1.0,
-            _ => f32::NAN,
-        };
-        let [r, g, b] = [red, green, blue].map(|channel| f32::from(channel) / 255.0 * opaque);
-        [r * gain[0], g * gain[1], b * gain[2], covered]
-    };
-    let Image { width, height, data } = &frame.color;
-    let pixels = data.iter().enumerate().map(pixel).collect();
-    let pixels = Image::from_vec(*width, *height, pixels);
-    let depth = frame.camera.intrinsics;
-    let (intrinsics, offset, turn) = match &color_camera {
-        None => (depth, DVec3::ZERO, DQuat::IDENTITY),
-        Some(camera) => (camera.intrinsics(depth), DVec3::from_array(camera.offset), camera.turn()),
-    };
-    Photograph { intrinsics, offset, turn, pixels }
 }
 
 /// Every value is to be written.

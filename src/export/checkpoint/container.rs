@@ -17,7 +17,7 @@ use std::io::{self, Read, Write};
 
 /// The line ends and the high bit show damage by transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
-// 22 tags are known. A bound keeps the table small whatever a header claims.
+// Some forty tags are known. A bound keeps the table small whatever a header claims.
 const MAX_SECTIONS: usize = 64;
 const ALIGNMENT: u64 = 64;
 const CRC_BYTES: usize = 4;

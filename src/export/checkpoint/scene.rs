@@ -10,7 +10,7 @@ use crate::model::scene::state::{
 };
 use crate::model::scene::sums::N_SUMS;
 use crate::model::scene::trajectory::TrackedPose;
-use crate::model::scene::waiting::{PhotographView, WaitingPhotograph};
+use crate::model::scene::waiting::{DepthScale, PhotographView, WaitingDepths, WaitingPhotograph};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
 use crate::model::splat::pose_log::FramePose;
@@ -23,6 +23,10 @@ const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 const N_POSE: usize = size_of::<FramePose>() / size_of::<f64>();
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
+/// Numbers of a scale of depths.
+const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
+/// That of a photograph without depths.
+const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
 /// Numbers of a splat and of its appearance.
@@ -96,8 +100,25 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
         sections
             .push(Section::owned::<f64>(tag::PHOTO_WAITING, bytemuck::cast_slice(&views).to_vec()));
         sections.push(Section::of_runs::<u32>(tag::PHOTO_PIXELS, pixels));
+        sections.extend(depth_sections(&photometric.waiting));
     }
     sections
+}
+
+/// Depths of photographs that wait, if they have any: scales of all, and the steps of those that have a
+/// scale.
+fn depth_sections(waiting: &[WaitingPhotograph]) -> Vec<Section<'_>> {
+    let depths = || waiting.iter().map(|waiting| waiting.depths.as_ref());
+    if depths().all(|depths| depths.is_none()) {
+        return Vec::new();
+    }
+    let scale = |depths: Option<&WaitingDepths>| depths.map_or(NO_SCALE, |depths| depths.scale);
+    let scales: Vec<DepthScale> = depths().map(scale).collect();
+    let steps = depths().flatten().map(|depths| bytemuck::cast_slice(&depths.steps));
+    vec![
+        Section::owned::<f64>(tag::PHOTO_SCALES, bytemuck::cast_slice(&scales).to_vec()),
+        Section::of_runs::<u16>(tag::PHOTO_DEPTHS, steps),
+    ]
 }
 
 /// Reads and checks all of them.
@@ -201,11 +222,38 @@ fn waiting(sections: &Sections) -> Result<Vec<WaitingPhotograph>, Defect> {
     let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
     let words: Vec<u32> = sections.elements(tag::PHOTO_PIXELS, Some(n))?;
     let mut pixels = words.into_iter().map(u32::to_le_bytes);
-    let of = |view: PhotographView| {
+    let depths = depths(sections, &views)?;
+    let of = |(view, depths): (PhotographView, Option<WaitingDepths>)| {
         let pixels = pixels.by_ref().take(view.n_pixels()).collect();
-        WaitingPhotograph { view, pixels }
+        WaitingPhotograph { view, pixels, depths }
     };
-    Ok(views.into_iter().map(of).collect())
+    Ok(views.into_iter().zip(depths).map(of).collect())
+}
+
+/// Their depths: of those that have a scale.
+fn depths(
+    sections: &Sections,
+    views: &[PhotographView],
+) -> Result<Vec<Option<WaitingDepths>>, Defect> {
+    // Files had none before depths were compared.
+    if !sections.has(tag::PHOTO_SCALES) {
+        return Ok(vec![None; views.len()]);
+    }
+    let scales = sections.rows::<f64, N_SCALE>(tag::PHOTO_SCALES, Some(views.len()))?;
+    let scales: Vec<DepthScale> = bytemuck::cast_vec(scales);
+    let has_depths = |scale: &DepthScale| *scale != NO_SCALE;
+    check::scales(scales.iter().filter(|scale| has_depths(scale)))?;
+    let pixels = views.iter().zip(&scales).filter(|(_, scale)| has_depths(scale));
+    let n = pixels.map(|(view, _)| view.n_pixels()).fold(0, usize::saturating_add);
+    let steps: Vec<u16> = sections.elements(tag::PHOTO_DEPTHS, Some(n))?;
+    let mut steps = steps.into_iter();
+    let of = |(view, scale): (&PhotographView, DepthScale)| {
+        has_depths(&scale).then(|| {
+            let steps = steps.by_ref().take(view.n_pixels()).collect();
+            WaitingDepths { scale, steps }
+        })
+    };
+    Ok(views.iter().zip(scales).map(of).collect())
 }
 
 fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {

@@ -37,6 +37,8 @@ pub const PHOTO_POINTS: [u8; 4] = *b"PHPT";
 pub const PHOTO_SEEN_THROUGH: [u8; 4] = *b"PHST";
 pub const PHOTO_WAITING: [u8; 4] = *b"PHWA";
 pub const PHOTO_PIXELS: [u8; 4] = *b"PHPX";
+pub const PHOTO_SCALES: [u8; 4] = *b"PHDS";
+pub const PHOTO_DEPTHS: [u8; 4] = *b"PHDP";
 
 /// What every checkpoint may have.
 const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
@@ -44,7 +46,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 21] = [
+pub const OF_SCENES: [[u8; 4]; 23] = [
     ORIGIN,
     SEEDS,
     COARSENED,
@@ -66,6 +68,8 @@ pub const OF_SCENES: [[u8; 4]; 21] = [
     PHOTO_SEEN_THROUGH,
     PHOTO_WAITING,
     PHOTO_PIXELS,
+    PHOTO_SCALES,
+    PHOTO_DEPTHS,
 ];
 
 /// Whether this program knows what a section means.

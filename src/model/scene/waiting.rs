@@ -12,6 +12,8 @@ const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
 /// Frames at most: all whole numbers up to here are told apart.
 const MOST_FRAMES: f64 = (1u64 << 53) as f64;
+/// Steps of depth in the least margin.
+const STEPS_PER_MARGIN: f64 = 16.0;
 /// Level of a coverage that is not known; all others are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
@@ -138,6 +140,58 @@ impl Display for NumberRange {
     }
 }
 
+/// Depths of the pixels that are kept of a photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WaitingDepths {
+    /// How they are kept, and how near a surface has to be.
+    pub scale: DepthScale,
+    /// Depth along the camera's axis in steps; 0 where it is not known. Shared, as pixels are.
+    pub steps: Arc<[u16]>,
+}
+
+/// Lengths of [`WaitingDepths`]: numbers, as checkpoints hold them.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct DepthScale {
+    /// World units of a step.
+    pub step: f64,
+    /// Surfaces within `margin[0] + margin[1]·depth` are the measured one, world units.
+    pub margin: [f64; 2],
+}
+
+impl DepthScale {
+    /// Steps that are small beside the margin.
+    pub fn new(margin: [f32; 2]) -> Self {
+        let margin = margin.map(f64::from);
+        Self { step: margin[0] / STEPS_PER_MARGIN, margin }
+    }
+
+    /// A depth in steps, world units; 0 for one that is none, or beyond the last.
+    pub fn steps(&self, depth: f32) -> u16 {
+        let steps = (f64::from(depth) / self.step).round();
+        // NaN is no step, either.
+        if steps >= 1.0 && steps <= f64::from(u16::MAX) { steps as u16 } else { 0 }
+    }
+
+    /// World units of so many steps.
+    pub fn depth(&self, steps: u16) -> f32 {
+        (f64::from(steps) * self.step) as f32
+    }
+
+    /// The first of its numbers that is none, by name.
+    pub fn defect(&self) -> Option<(&'static str, String, f64)> {
+        use NumberRange::{NotNegative, Positive};
+        let [least, linear] = self.margin;
+        let numbers = [
+            ("step", self.step, Positive),
+            ("margin", least, Positive),
+            ("margin", linear, NotNegative),
+        ];
+        let wrong = numbers.into_iter().find(|(_, number, range)| !range.holds(*number));
+        wrong.map(|(name, number, range)| (name, range.to_string(), number))
+    }
+}
+
 /// A photograph that waits to be learnt.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WaitingPhotograph {
@@ -146,6 +200,16 @@ pub struct WaitingPhotograph {
     /// Red, green and blue, sRGB-encoded in 255ths, and coverage in 254ths or [`UNKNOWN_COVERAGE`], of
     /// the rows that are kept. Shared, since they never change: copies of a scene hold no second ones.
     pub pixels: Arc<[[u8; 4]]>,
+    /// How far the surfaces of the same pixels are, if that was measured.
+    pub depths: Option<WaitingDepths>,
+}
+
+impl WaitingPhotograph {
+    /// Bytes that its pixels take.
+    pub fn bytes(&self) -> usize {
+        let depths = self.depths.as_ref().map_or(0, |depths| size_of_val(&depths.steps[..]));
+        size_of_val(&self.pixels[..]) + depths
+    }
 }
 
 #[cfg(test)]

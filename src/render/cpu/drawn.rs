@@ -11,6 +11,8 @@ use std::f64::consts::LOG2_E;
 pub(super) struct ImageSplat {
     pub centre: DVec2,
     pub conic: Conic,
+    /// See [`ConicRecord::linear`].
+    pub linear: DVec2,
     /// Depth `z` of the centre (pinhole) or its distance (fisheye), world units.
     pub reach: f64,
     /// What the order of blending goes by, world units: view depth (projected), distance (exact).
@@ -26,14 +28,14 @@ impl ImageSplat {
     pub(super) fn record(&self, color: [f32; 3]) -> Option<(ConicRecord, f32)> {
         // exp(−½ D²) = 2^−(½ log₂e · D²).
         let unit = (0.5 * LOG2_E).sqrt();
-        let Conic { p_x, p_y, q_y, half_l, w } = self.conic;
+        let Conic { p_x, p_y, q_y, w, .. } = self.conic;
         let record = ConicRecord {
             u: self.centre.x as f32,
             v: self.centre.y as f32,
             p_x: (unit * p_x) as f32,
             p_y: (unit * p_y) as f32,
             q_y: (unit * q_y) as f32,
-            half_l: half_l.as_vec2().to_array(),
+            linear: self.linear.as_vec2().to_array(),
             w: (w / (unit * unit)) as f32,
             // Held above what `exp2` can take: below it the bits are no number.
             cut: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
@@ -43,7 +45,7 @@ impl ImageSplat {
             rect: self.rect,
         };
         // f32 overflows long before f64 does, so finiteness is asked of what the loop will read.
-        let ConicRecord { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
+        let ConicRecord { u, v, p_x, p_y, q_y, linear: [l_x, l_y], w, reach, .. } = record;
         let key = self.key as f32;
         [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]
             .iter()

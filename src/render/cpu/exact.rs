@@ -25,6 +25,7 @@ pub(super) fn pinhole(
     Some(ImageSplat {
         centre: DVec2::new(k.fx * tangent.x0.x + k.cx, k.fy * tangent.x0.y + k.cy),
         conic,
+        linear: conic.half_l,
         reach: tangent.reach,
         key: placed.m.length(),
         opacity: placed.opacity,
@@ -43,11 +44,13 @@ pub(super) fn fisheye(
     let extent_squared = placed.extent_squared();
     let rect = bounds::fisheye(view, &placed, extent_squared, exact.response)?;
     let tangent = fisheye_tangent(&placed);
+    let conic = Conic::new(&placed, &tangent);
     let drawn = ImageSplat {
         // A fisheye's offsets are direction cosines in the splat's frame: there is no centre in
         // pixels.
         centre: DVec2::ZERO,
-        conic: Conic::new(&placed, &tangent),
+        conic,
+        linear: conic.half_l,
         reach: tangent.reach,
         key: tangent.reach,
         opacity: placed.opacity,

@@ -25,7 +25,8 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     let tangent = m.truncate() / m.z;
     let k = &view.intrinsics;
     let centre = DVec2::new(k.fx * tangent.x + k.cx, k.fy * tangent.y + k.cy);
-    let covariance = Covariance2::new(&ImageAxes::new(view, placed));
+    let axes = ImageAxes::new(view, placed);
+    let covariance = Covariance2::new(&axes);
     let extent_squared = placed.extent_squared();
     let rect = match support {
         Support::Alpha => covariance.rect_of_alpha(view, centre, extent_squared),
@@ -33,7 +34,8 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     }?;
     let conic = covariance.conic();
     let opacity = placed.opacity;
-    Some(ImageSplat { centre, conic, reach: m.z, key: m.z, opacity, extent_squared, rect })
+    let linear = covariance.solved(axes.with_depth(placed));
+    Some(ImageSplat { centre, conic, linear, reach: m.z, key: m.z, opacity, extent_squared, rect })
 }
 
 /// The gradient linearised at the centre: the point of largest response is `τ·x` with
@@ -75,6 +77,12 @@ impl ImageAxes {
         Self { jacobian, scaled, follows: clamped == tangent }
     }
 
+    /// Covariance of the splat's depth with the place in the image, px times world units.
+    fn with_depth(&self, placed: &CameraSplat) -> DVec2 {
+        let depth = placed.axes.row(2) * placed.scale;
+        DVec2::new(depth.dot(self.scaled[0]), depth.dot(self.scaled[1]))
+    }
+
     /// Factor of the inverse covariance, low-pass included.
     pub(super) fn conic(&self) -> Conic {
         Covariance2::new(self).conic()
@@ -101,6 +109,11 @@ impl Covariance2 {
             half_l: DVec2::ZERO,
             w: 0.0,
         }
+    }
+
+    /// The inverse covariance times a vector.
+    fn solved(&self, v: DVec2) -> DVec2 {
+        DVec2::new(self.yy * v.x - self.xy * v.y, self.xx * v.y - self.xy * v.x) / self.det
     }
 
     /// Pixels whose centres lie in the box of the ellipse of the alpha cut.

@@ -29,8 +29,9 @@ pub(super) struct ConicRecord {
     pub p_x: f32,
     pub p_y: f32,
     pub q_y: f32,
-    /// Half the linear term `l` of the conic's denominator, per unit of `δ`.
-    pub half_l: [f32; 2],
+    /// Per unit of `δ`: half the linear term `l` of the conic's denominator (exact), or what the depth of
+    /// the splat's surface changes by (projected), world units.
+    pub linear: [f32; 2],
     /// `w`, scaled so that `w·N` is what it was.
     pub w: f32,
     /// Smallest exponent of 2 that passes the alpha cut, and that `exp2` can take.

@@ -352,7 +352,7 @@ fn respond<V: Vector>(
     share: V,
     min_front: f32,
 ) -> Response<V> {
-    let [l_x, l_y] = splat.half_l;
+    let [l_x, l_y] = splat.linear;
     let front = share + (V::splat(l_x) * x + V::splat(l_y) * y);
     let front = front.max(V::splat(min_front));
     // Opposite to the centre front and numerator are both 0.

@@ -1,6 +1,7 @@
 //! What the scene preset takes of the machine's memory.
 
 use super::config::{COMPONENT_BYTES, SceneConfig};
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
 use crate::observation::surface::SurfacePoint;
 use crate::train::memory::{MemoryEstimate, PIXEL_BYTES};
@@ -14,7 +15,7 @@ const SCENE_COPY_BYTES: usize = 230;
 /// record, its sums in the picture and its step.
 const PHOTOGRAPH_SPLAT_BYTES: usize = 480;
 /// The photograph of a frame in memory.
-const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<[f32; 4]>();
+const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<MeasuredPixel>();
 /// Lists and sums of the picture that a photograph is compared with, whatever its size.
 const PHOTOGRAPH_BYTES: u64 = 58_000_000;
 /// The program itself, and what its threads and decoders need of a frame besides.

@@ -7,6 +7,7 @@ use vbgs_studio::dataset::calibration::{Calibration, ColorCamera, FrameGain};
 use vbgs_studio::dataset::frame::DepthKind;
 use vbgs_studio::dataset::surface::{PixelStatus, Sensor, SurfaceSettings};
 use vbgs_studio::dataset::{LoadOptions, open};
+use vbgs_studio::math::measured_pixel::MeasuredPixel;
 
 fn full() -> Calibration {
     Calibration {
@@ -167,6 +168,57 @@ fn points_hidden_from_the_colour_camera_are_dropped() {
     assert_eq!(hidden(0.1), 0);
     let covered = hidden(-0.1);
     assert!((3..=5).contains(&covered), "{covered} columns are hidden");
+}
+
+/// What a photograph learns of depth: its own pixels', or what another camera sees of them.
+#[test]
+fn pixels_of_photographs_know_how_far_their_surface_is() {
+    let edge = frame(DepthKind::Z, |column, row| match (column, row) {
+        (_, 0) => 0.0,
+        (0..20, _) => 1.0,
+        _ => 3.0,
+    });
+    let k = edge.camera.intrinsics;
+    let depths = |color_camera: Option<ColorCamera>| {
+        let calibration = Calibration { color_camera, ..Calibration::NONE };
+        let settings = SurfaceSettings { photograph: true, ..with(calibration) };
+        let pixels = prepare(&edge, &settings).1.photograph.unwrap().pixels;
+        let depth = |pixel: &MeasuredPixel| (pixel.per_tolerance > 0.0).then_some(pixel.depth);
+        (pixels.data[18 * WIDTH].per_tolerance, pixels.map(depth))
+    };
+    let (per_tolerance, own) = depths(None);
+    let is_own = |(i, depth): (usize, &Option<f32>)| match (i % WIDTH, i / WIDTH) {
+        (_, 0) => depth.is_none(),
+        (0..20, _) => *depth == Some(1.0),
+        _ => *depth == Some(3.0),
+    };
+    assert!(own.data.iter().enumerate().all(is_own));
+    assert!((per_tolerance - 1.0 / 0.05).abs() < 1e-4, "three centimetres, and two a metre");
+    // From the left, six and two pixels to the right: the near wall hides a part of the far one.
+    let beside = ColorCamera {
+        focal: [k.fx, k.fy],
+        principal: [k.cx, k.cy],
+        offset: [-0.1, 0.0, 0.0],
+        rotation: [0.0; 3],
+        size: None,
+    };
+    let (_, seen) = depths(Some(beside));
+    let [near, far] = [0.1 * k.fx, 0.1 * k.fx / 3.0].map(|shift| shift.round() as usize);
+    assert!(near >= 4 && far >= 1 && near > far);
+    for column in (0..WIDTH).filter(|column| column.abs_diff(20 + near) > 1) {
+        let expected = match column {
+            _ if column + 1 < near => None,
+            _ if column < 20 + near => Some(1.0),
+            _ => Some(3.0),
+        };
+        if column.abs_diff(near) > 1 {
+            assert_eq!(*seen.at(column, 18), expected, "{column}");
+        }
+    }
+    // Twice as fine, and no pixel is left out between those of the depth image.
+    let finer = ColorCamera { focal: [2.0 * k.fx, 2.0 * k.fy], offset: [0.0; 3], ..beside };
+    let (_, fine) = depths(Some(finer));
+    assert!((0..WIDTH).all(|column| fine.at(column, 18).is_some()));
 }
 
 #[test]

@@ -12,7 +12,9 @@ use vbgs_studio::model::scene::state::{
     QUANTUM, SceneState, StoredSums, VisibilityCounts, WideRow,
 };
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
-use vbgs_studio::model::scene::waiting::{PhotographView, WaitingPhotograph};
+use vbgs_studio::model::scene::waiting::{
+    DepthScale, PhotographView, WaitingDepths, WaitingPhotograph,
+};
 use vbgs_studio::model::splat::exposure::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
 use vbgs_studio::model::splat::viewpoint::Viewpoint;
@@ -98,8 +100,13 @@ fn photographed() -> Vec<u8> {
     let waiting = |frame: u8| WaitingPhotograph {
         view: PhotographView::new(frame.into(), &camera, [1.0, 1.1, 0.9], 0.1, [2, 1]),
         pixels: (0..12).map(|i| [frame, i, 200, 255 - i]).collect(),
+        depths: Some(WaitingDepths {
+            scale: DepthScale::new([0.03, 0.02]),
+            steps: (0..12).map(|i| 1000 * i + u16::from(frame)).collect(),
+        }),
     };
-    let waiting = vec![waiting(7), waiting(3)];
+    // One of a frame whose depths nobody kept.
+    let waiting = vec![waiting(7), waiting(3), WaitingPhotograph { depths: None, ..waiting(5) }];
     let mut photometric = PhotometricState { waiting, ..PhotometricState::default() };
     photometric.grow(N);
     state.photometric = Some(photometric);
@@ -113,6 +120,10 @@ fn photographs_that_wait_come_back_or_are_refused() {
     let StoredModel::Scene(state) = &read.checkpoint.model else { unreachable!() };
     let waiting = &state.photometric.as_ref().unwrap().waiting;
     assert_eq!((waiting[1].view.frame, waiting[1].pixels[5]), (3.0, [3, 5, 200, 250]));
+    let depths = waiting[1].depths.as_ref().unwrap();
+    assert_eq!((depths.steps[5], depths.scale.margin), (5003, [0.03f32, 0.02].map(f64::from)));
+    assert!((depths.scale.depth(5003) - 5003.0 * 0.03 / 16.0).abs() < 1e-5);
+    assert!(waiting[2].depths.is_none());
     assert!(to_bytes(&read.checkpoint) == bytes);
     let numbers = size_of::<PhotographView>() / 8;
     // By their place in a row: frame, size, pinhole, pose, gain, near, rows.
@@ -145,11 +156,34 @@ fn photographs_that_wait_come_back_or_are_refused() {
         let at = 8 * (numbers + 1);
         s.content[at..at + 8].copy_from_slice(&65536f64.to_le_bytes());
     });
-    assert_refused(&larger, &["PHPX", "131084 elements", "24"]);
-    let short = edited(&bytes, b"PHPX", |s| s.content.truncate(4 * 23));
-    assert_refused(&short, &["PHPX", "24 elements", "23"]);
+    assert_refused(&larger, &["PHPX", "131096 elements", "36"]);
+    let short = edited(&bytes, b"PHPX", |s| s.content.truncate(4 * 35));
+    assert_refused(&short, &["PHPX", "36 elements", "35"]);
     let part = edited(&bytes, b"PHWA", |s| s.content.truncate(8 * numbers - 8));
     assert_refused(&part, &["PHWA", "whole rows"]);
+}
+
+#[test]
+fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
+    let bytes = photographed();
+    for (place, name) in [(0, "step"), (1, "margin"), (2, "margin")] {
+        let damaged = edited(&bytes, b"PHDS", |s| {
+            let at = 8 * (3 + place);
+            s.content[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+        });
+        assert_refused(&damaged, &["PHDS[component 1", name, "NaN"]);
+    }
+    let fewer = edited(&bytes, b"PHDS", |s| s.content.truncate(8 * 6));
+    assert_refused(&fewer, &["PHDS", "9 elements", "6"]);
+    let short = edited(&bytes, b"PHDP", |s| s.content.truncate(2 * 23));
+    assert_refused(&short, &["PHDP", "24 elements", "23"]);
+    // As files were before depths were compared.
+    let mut sections = raw::sections(&bytes);
+    sections.retain(|section| section.tag != *b"PHDS" && section.tag != *b"PHDP");
+    let before = parse(&raw::file(&sections, VERSION)).unwrap();
+    let StoredModel::Scene(state) = &before.checkpoint.model else { unreachable!() };
+    let waiting = &state.photometric.as_ref().unwrap().waiting;
+    assert!(waiting.len() == 3 && waiting.iter().all(|waiting| waiting.depths.is_none()));
 }
 
 /// There may be 64 MB of them, which a scene holds already.
@@ -160,6 +194,7 @@ fn photographs_that_wait_are_written_without_a_copy() {
     let waiting = &mut state.photometric.as_mut().unwrap().waiting[0];
     waiting.view.size = [4096.0, 512.0];
     waiting.pixels = vec![[1, 2, 3, 4]; waiting.view.n_pixels()].into();
+    waiting.depths.as_mut().unwrap().steps = vec![7; waiting.view.n_pixels()].into();
     let pixels = size_of_val(&waiting.pixels[..]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.vbgs");
@@ -186,6 +221,10 @@ fn photographs_that_no_file_may_have_are_not_written() {
     assert!(gain.contains("PHWA[component 1, gain]"), "{gain}");
     let pixels = refused(|waiting| waiting.pixels = vec![[0; 4]; 11].into());
     assert!(pixels.contains("PHWA[component 1, size]: expected 12 pixels, found 11"), "{pixels}");
+    let steps = refused(|waiting| waiting.depths.as_mut().unwrap().steps = vec![1; 13].into());
+    assert!(steps.contains("PHDP[component 1, size]: expected 12 depths, found 13"), "{steps}");
+    let scale = refused(|waiting| waiting.depths.as_mut().unwrap().scale.step = -1.0);
+    assert!(scale.contains("PHDS[component 1, step]"), "{scale}");
 }
 
 /// A scene before its first frame.

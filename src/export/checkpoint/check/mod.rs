@@ -4,7 +4,7 @@ mod mixture;
 mod scene;
 
 pub(super) use mixture::mixture;
-pub(super) use scene::{scene, waiting};
+pub(super) use scene::{scales, scene, waiting};
 
 use super::error::{Defect, tag_text};
 use super::tag;

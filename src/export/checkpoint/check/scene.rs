@@ -7,7 +7,7 @@ use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbound
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
-use crate::model::scene::waiting::PhotographView;
+use crate::model::scene::waiting::{DepthScale, PhotographView, WaitingPhotograph};
 use crate::model::splat::viewpoint::Viewpoint;
 
 /// Every sum by name.
@@ -92,6 +92,18 @@ pub(in super::super) fn waiting<'a>(
     Ok(())
 }
 
+/// Scales of their depths that are some.
+pub(in super::super) fn scales<'a>(
+    scales: impl Iterator<Item = &'a DepthScale>,
+) -> Result<(), Defect> {
+    for (at, scale) in scales.enumerate() {
+        if let Some((name, expected, found)) = scale.defect() {
+            return Err(value(tag::PHOTO_SCALES, at, name, &expected, found));
+        }
+    }
+    Ok(())
+}
+
 /// Splats that a renderer can draw, precisions that are some, and photographs that can wait.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     waiting(state.waiting.iter().map(|waiting| &waiting.view))?;
@@ -99,6 +111,14 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     if let Some((at, odd)) = all.find(|(_, w)| w.pixels.len() != w.view.n_pixels()) {
         let expected = format!("{} pixels", odd.view.n_pixels());
         return Err(value(tag::PHOTO_WAITING, at, "size", &expected, odd.pixels.len() as f64));
+    }
+    let depths = || state.waiting.iter().filter_map(|waiting| waiting.depths.as_ref());
+    scales(depths().map(|depths| &depths.scale))?;
+    let steps = |waiting: &WaitingPhotograph| waiting.depths.as_ref().map(|d| d.steps.len());
+    let mut all = state.waiting.iter().filter_map(|w| Some((w, steps(w)?))).enumerate();
+    if let Some((at, (odd, n))) = all.find(|(_, (w, n))| *n != w.view.n_pixels()) {
+        let expected = format!("{} depths", odd.view.n_pixels());
+        return Err(value(tag::PHOTO_DEPTHS, at, "size", &expected, n as f64));
     }
     let looks = state.splats.iter().zip(&state.appearance);
     let precisions = state.form.iter().zip(&state.color);

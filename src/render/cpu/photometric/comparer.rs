@@ -5,15 +5,15 @@ use super::row::RowChoice;
 use super::view::PreparedView;
 use super::walk::PixelRule;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 
 /// Compares photographs with splats: the processor, or a device beside it.
 pub trait PhotometricComparer: Send + Sync {
     /// What it runs on, for reports.
     fn name(&self) -> String;
 
-    /// Compares the chosen rows of a photograph with the picture of the view's splats. Its pixels are
-    /// sRGB-encoded red, green and blue over black, and how much of them surfaces cover: NaN where that
-    /// is not known and what is mostly covered counts as covered.
+    /// Compares the chosen rows of a photograph with the picture of the view's splats. What is
+    /// mostly covered counts as covered where the coverage is not known.
     ///
     /// # Errors
     /// [`ComparerError`] if the device is lost, has no memory for the view, or does not answer. Nothing
@@ -21,7 +21,7 @@ pub trait PhotometricComparer: Send + Sync {
     fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowChoice,
     ) -> Result<Compared<'a>, ComparerError>;

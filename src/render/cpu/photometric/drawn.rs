@@ -9,6 +9,7 @@ use super::super::record::{ConicRecord, Gradient, Records};
 use super::super::tile::{
     GROUPS, LANE_COLUMNS, Passed, Plane, covered, offset_color, pass, row_is_finished, untouched,
 };
+use super::target::{TargetTile, rows_of};
 use crate::math::simd::{LANES, Vector};
 use crate::render::constants::TILE;
 
@@ -35,6 +36,8 @@ pub(super) struct DrawnTile {
     /// Negative once a pixel is finished, and where there is none.
     pub transmittance: Plane,
     pub color: [Plane; 3],
+    /// Wrongness of what is drawn, where depth is known.
+    pub wrong: Plane,
     open_rows: u32,
     /// Splats that pixels show, nearest first.
     pub shown: Vec<Shown>,
@@ -49,6 +52,7 @@ impl Default for DrawnTile {
             top: 0,
             transmittance: empty,
             color: [empty; 3],
+            wrong: empty,
             open_rows: 0,
             shown: Vec::new(),
             hits: Vec::new(),
@@ -68,6 +72,7 @@ impl DrawnTile {
                 let group = row * GROUPS + half;
                 self.transmittance[group] = untouched(half * LANES, columns);
                 self.color.iter_mut().for_each(|plane| plane[group] = [0.0; LANES]);
+                self.wrong[group] = [0.0; LANES];
             }
         }
     }
@@ -77,16 +82,23 @@ impl DrawnTile {
         [self.left, self.top]
     }
 
-    /// Draws the listed splats, nearest first; the first of all has the place `first` in the row's list.
+    /// Draws the listed splats, nearest first, and how wrong they are beside what was measured; the first
+    /// of all has the place `first` in the row's list.
     #[inline(always)]
-    pub(super) fn draw<V: Vector>(&mut self, list: &[u32], all: &Records, first: usize) {
+    pub(super) fn draw<V: Vector>(
+        &mut self,
+        list: &[u32],
+        all: &Records,
+        first: usize,
+        target: &TargetTile,
+    ) {
         for &index in list {
             if self.open_rows == 0 {
                 break;
             }
             let index = index as usize;
             let before = self.hits.len();
-            self.draw_splat::<V>(&all.records[index], all.gradients.get(index));
+            self.draw_splat::<V>(&all.records[index], all.gradients.get(index), target);
             if self.hits.len() > before {
                 self.shown.push(Shown { place: first + index, end: self.hits.len() });
             }
@@ -94,7 +106,12 @@ impl DrawnTile {
     }
 
     #[inline(always)]
-    fn draw_splat<V: Vector>(&mut self, splat: &ConicRecord, gradient: Option<&Gradient>) {
+    fn draw_splat<V: Vector>(
+        &mut self,
+        splat: &ConicRecord,
+        gradient: Option<&Gradient>,
+        target: &TargetTile,
+    ) {
         let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
         let x =
@@ -104,7 +121,7 @@ impl DrawnTile {
             let mut stopped = false;
             for half in groups.clone() {
                 let group = row * GROUPS + half;
-                stopped |= self.draw_group::<V>(group, splat, gradient, [x[half], y]);
+                stopped |= self.draw_group::<V>(group, splat, gradient, [x[half], y], target);
             }
             if stopped && row_is_finished(&self.transmittance, row) {
                 self.open_rows &= !(1 << row);
@@ -120,6 +137,7 @@ impl DrawnTile {
         splat: &ConicRecord,
         gradient: Option<&Gradient>,
         offset: [V; 2],
+        target: &TargetTile,
     ) -> bool {
         let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
         let [p, q] = whitened(splat, offset);
@@ -130,21 +148,15 @@ impl DrawnTile {
             let color = color_at(splat, gradient, k, offset);
             (V::load(&plane[group]) + weight * color).store(&mut plane[group]);
         }
+        if target.has_depth {
+            let wrong = weight * target.wrongness(group, splat, offset);
+            (V::load(&self.wrong[group]) + wrong).store(&mut self.wrong[group]);
+        }
         let mut hit = Hit { free: [0.0; LANES], group: group as u32 };
         free.store(&mut hit.free);
         self.hits.push(hit);
         stopped
     }
-}
-
-/// Rows with a bit in `mask`, ascending.
-#[inline(always)]
-pub(super) fn rows_of(mut mask: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let row = (mask != 0).then(|| mask.trailing_zeros() as usize)?;
-        mask &= mask - 1;
-        Some(row)
-    })
 }
 
 /// Offsets from a splat's centre in units of its own width.

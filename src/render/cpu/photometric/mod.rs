@@ -16,6 +16,7 @@ mod moments;
 mod packed;
 mod row;
 mod sums;
+mod target;
 mod view;
 mod walk;
 
@@ -33,6 +34,7 @@ pub(in crate::render) use walk::{MIN_WEIGHT, SEEN};
 
 use super::lists::ViewLists;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::Isa;
 use crate::render::constants::TILE;
 use compared::SumOrder;
@@ -57,7 +59,7 @@ impl PhotometricComparer for PhotometricWalk {
     fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowChoice,
     ) -> Result<Compared<'a>, ComparerError> {
@@ -70,7 +72,7 @@ impl PhotometricWalk {
     pub fn walk<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowChoice,
     ) -> Compared<'a> {
@@ -87,7 +89,7 @@ impl PhotometricWalk {
     fn walk_rows(
         &mut self,
         lists: &ViewLists,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowChoice,
     ) {

@@ -23,6 +23,10 @@ pub(in crate::render) struct PackedSplat {
     color: [f32; 3],
     /// Change of colour by channel, per px.
     across: [[f32; 2]; 3],
+    /// Change of depth per px, and depth at the centre, world units.
+    depth_across: [f32; 2],
+    depth: f32,
+    padding: u32,
 }
 
 /// Where the sums of a splat lie among those of all pairs of splat and tile: tile by tile, row by row.
@@ -161,6 +165,9 @@ fn packed(record: &ConicRecord, gradient: &Gradient) -> PackedSplat {
         opacity: record.opacity,
         color: record.color,
         across: gradient.across,
+        depth_across: record.linear,
+        depth: record.reach,
+        padding: 0,
     }
 }
 

@@ -4,8 +4,10 @@ use super::super::raster::{BATCH, Batch};
 use super::super::record::Records;
 use super::drawn::DrawnTile;
 use super::sums::{ImageSums, N_IMAGE_SUMS};
+use super::target::TargetTile;
 use super::walk::{PixelRule, SecondWalk};
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::{Kernel, Vector};
 use crate::render::constants::TILE;
 
@@ -55,6 +57,7 @@ pub(super) struct WalkCanvas {
     /// Covered pixels that count.
     pub pixels: f64,
     batches: Vec<Batch>,
+    target: TargetTile,
     drawn: DrawnTile,
     walk: SecondWalk,
 }
@@ -65,7 +68,7 @@ pub(super) struct WalkRow<'a> {
     /// Visible records of the row, nearest first.
     pub list: &'a [u32],
     pub row: usize,
-    pub photograph: &'a Image<[f32; 4]>,
+    pub photograph: &'a Image<MeasuredPixel>,
     pub rule: PixelRule,
     pub rows: RowChoice,
     pub canvas: &'a mut WalkCanvas,
@@ -89,14 +92,15 @@ impl Kernel for WalkRow<'_> {
             if canvas.batches.iter().all(|batch| batch.by_tile.get(index).is_empty()) {
                 continue;
             }
-            let WalkCanvas { sums, batches, drawn, walk, .. } = &mut *canvas;
+            let WalkCanvas { sums, batches, target, drawn, walk, .. } = &mut *canvas;
+            target.fill(photograph, [left, top], mask, rule.depth > 0.0);
             drawn.begin([left, top], width - left, mask);
             for (batch, first) in batches.iter().zip((0..).step_by(BATCH)) {
-                drawn.draw::<V>(batch.by_tile.get(index), &batch.records, first);
+                drawn.draw::<V>(batch.by_tile.get(index), &batch.records, first, target);
             }
-            walk.begin::<V>(drawn, photograph, rule, mask);
+            walk.begin::<V>(drawn, target, rule, mask);
             let (error, pixels) = walk.error();
-            walk.walk::<V>(drawn, batches, sums);
+            walk.walk::<V>(drawn, batches, target, sums);
             canvas.squared_error += error;
             canvas.pixels += pixels;
         }

@@ -13,10 +13,10 @@
 use super::super::raster::{BATCH, Batch};
 use super::super::record::{ConicRecord, Gradient};
 use super::super::tile::{GROUPS, LANE_COLUMNS, Plane, capped};
-use super::drawn::{DrawnTile, Hit, color_at, rows_of, whitened};
+use super::drawn::{DrawnTile, Hit, color_at, whitened};
 use super::moments::{HitTerms, sum_hits};
 use super::sums::ImageSums;
-use crate::math::image::Image;
+use super::target::{TargetTile, rows_of};
 use crate::math::simd::{EVERY_BIT, LANES, Vector};
 use crate::render::constants::{ALPHA_CAP, TILE};
 
@@ -35,6 +35,8 @@ pub struct PixelRule {
     pub tau: f32,
     /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
     pub coverage: f32,
+    /// The same of a pixel whose splats all lie far from the depth that was measured of it.
+    pub depth: f32,
 }
 
 /// A tile between the walks; one after the other, in the same memory. Pixels beyond the image show no splat,
@@ -55,8 +57,12 @@ pub(super) struct SecondWalk {
     end: Plane,
     /// Weighted coverage that lacks.
     lacking: Plane,
-    /// See [`PixelRule::coverage`].
+    /// Wrongness that lies behind what was walked over, and the weighted one of all.
+    wrong: Plane,
+    wronged: Plane,
+    /// See [`PixelRule`].
     coverage: f32,
+    depth: f32,
     /// Squared differences of covered pixels that count, and how many these are.
     error: (f64, f64),
 }
@@ -74,35 +80,30 @@ impl Default for SecondWalk {
             share: empty,
             end: empty,
             lacking: empty,
+            wrong: empty,
+            wronged: empty,
             coverage: 0.0,
+            depth: 0.0,
             error: (0.0, 0.0),
         }
     }
 }
 
 impl SecondWalk {
-    /// Begins anew with a tile that was drawn in the rows of `mask`, against the photograph: colour over
-    /// black and coverage of each pixel.
+    /// Begins anew with a tile that was drawn in the rows of `mask`, against what was measured of it.
     #[inline(always)]
     pub(super) fn begin<V: Vector>(
         &mut self,
         tile: &DrawnTile,
-        photograph: &Image<[f32; 4]>,
+        target: &TargetTile,
         rule: PixelRule,
         mask: u32,
     ) {
         [self.left, self.top] = tile.corner();
-        (self.coverage, self.error) = (rule.coverage, (0.0, 0.0));
+        (self.coverage, self.depth, self.error) = (rule.coverage, rule.depth, (0.0, 0.0));
         for row in rows_of(mask) {
-            let pixels = &photograph.data[(self.top + row) * photograph.width..];
-            let pixels = &pixels[self.left..photograph.width.min(self.left + TILE)];
-            for half in 0..GROUPS {
-                // By channel; nothing beyond the image.
-                let mut targets = [[0.0; LANES]; 4];
-                for (lane, pixel) in pixels.iter().skip(half * LANES).take(LANES).enumerate() {
-                    (0..4).for_each(|channel| targets[channel][lane] = pixel[channel]);
-                }
-                self.compare::<V>(tile, &targets, rule, row * GROUPS + half);
+            for group in row * GROUPS..(row + 1) * GROUPS {
+                self.compare::<V>(tile, target, rule, group);
             }
         }
     }
@@ -112,7 +113,7 @@ impl SecondWalk {
     fn compare<V: Vector>(
         &mut self,
         tile: &DrawnTile,
-        targets: &[[f32; LANES]; 4],
+        target: &TargetTile,
         rule: PixelRule,
         group: usize,
     ) {
@@ -129,7 +130,7 @@ impl SecondWalk {
         let mut squared = zero;
         for (k, residual) in residual.iter_mut().enumerate() {
             let color = V::load(&tile.color[k][group]);
-            *residual = V::load(&targets[k]) - color * fill;
+            *residual = V::load(&target.color[k][group]) - color * fill;
             squared = squared + *residual * *residual;
             (color * (fill + filled)).store(&mut self.behind[k][group]);
         }
@@ -139,14 +140,19 @@ impl SecondWalk {
             (rho * residual).store(&mut plane[group]);
         }
         // What is mostly covered lies inside a surface, as far as nobody knows better.
-        let target = V::load(&targets[3]);
+        let coverage = V::load(&target.coverage[group]);
         let (is_number, is_seen) =
-            (target.mask_at_most(target), V::splat(SEEN).mask_at_most(covered));
+            (coverage.mask_at_most(coverage), V::splat(SEEN).mask_at_most(covered));
         let is_known = V::select(is_number, V::splat(EVERY_BIT), is_seen);
-        let lacks = V::select(is_number, target, one) - covered;
+        let lacks = V::select(is_number, coverage, one) - covered;
         end.and(is_known).store(&mut self.end[group]);
         let lacking = rho * V::splat(rule.coverage) * lacks;
         lacking.and(is_known).store(&mut self.lacking[group]);
+        if target.has_depth {
+            let wrong = V::load(&tile.wrong[group]);
+            wrong.store(&mut self.wrong[group]);
+            (rho * V::splat(rule.depth) * wrong).store(&mut self.wronged[group]);
+        }
         fill.store(&mut self.fill[group]);
         (rho * covered.sqrt() * covered.sqrt().sqrt()).store(&mut self.share[group]);
         self.transmittance[group] = [1.0; LANES];
@@ -174,6 +180,7 @@ impl SecondWalk {
         &mut self,
         tile: &DrawnTile,
         batches: &[Batch],
+        target: &TargetTile,
         sums: &mut [ImageSums],
     ) {
         let mut terms = [HitTerms::<V>::none(); TILE * GROUPS];
@@ -184,7 +191,7 @@ impl SecondWalk {
             let (splat, gradient) = (&all.records[index], all.gradients.get(index));
             let hits = &tile.hits[first..shown.end];
             for (terms, hit) in terms.iter_mut().zip(hits) {
-                *terms = self.terms(hit, splat, gradient);
+                *terms = self.terms(hit, splat, gradient, target);
             }
             sum_hits(&terms[..hits.len().min(TILE * GROUPS)], &mut sums[shown.place]);
             first = shown.end;
@@ -198,6 +205,7 @@ impl SecondWalk {
         hit: &Hit,
         splat: &ConicRecord,
         gradient: Option<&Gradient>,
+        target: &TargetTile,
     ) -> HitTerms<V> {
         let group = hit.group as usize % (TILE * GROUPS); // as it is: the compiler then checks no bounds
         let x = self.left as f32 + 0.5 - splat.u;
@@ -232,6 +240,12 @@ impl SecondWalk {
         let closing = V::load(&self.end[group]) * per_open;
         along = along + closing * V::load(&self.lacking[group]);
         squared = squared + V::splat(self.coverage) * closing * closing;
+        if target.has_depth {
+            let wrongness = target.wrongness(group, splat, offset);
+            let wronging = self.wronging(wrongness, group, [weight, front, per_open]);
+            along = along - wronging * V::load(&self.wronged[group]);
+            squared = squared + V::splat(self.depth) * wronging * wronging;
+        }
         // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
         let root = weight.max(V::splat(MIN_WEIGHT)).sqrt();
         let share = V::load(&self.share[group]) / (root * root.sqrt());
@@ -243,5 +257,19 @@ impl SecondWalk {
             pulls,
             weight,
         }
+    }
+    /// What one more unit of alpha would change of the wrongness of eight pixels. It is one more channel,
+    /// which should show nothing. Where splats lie is for the points to say: only how much of them shows is
+    /// asked.
+    #[inline(always)]
+    fn wronging<V: Vector>(
+        &mut self,
+        wrongness: V,
+        group: usize,
+        [weight, front, per_open]: [V; 3],
+    ) -> V {
+        let behind = V::load(&self.wrong[group]) - weight * wrongness;
+        behind.store(&mut self.wrong[group]);
+        front * wrongness - behind * per_open
     }
 }

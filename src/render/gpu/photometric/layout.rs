@@ -1,6 +1,7 @@
 //! What the CPU and `photometric/*.wgsl` share byte for byte.
 
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::TILE;
 use crate::render::cpu::photometric::{ImageSums, PackedPlace, PackedSplat, PixelRule, RowChoice};
 use bytemuck::{Pod, Zeroable};
@@ -12,9 +13,9 @@ pub(super) const PLACE_BYTES: usize = size_of::<PackedPlace>();
 /// Bytes of a splat's sums.
 pub(super) const SUM_BYTES: usize = size_of::<ImageSums>();
 /// Bytes of a pixel of the photograph.
-pub(super) const COLOR_BYTES: usize = size_of::<[f32; 4]>();
+pub(super) const MEASURED_BYTES: usize = size_of::<MeasuredPixel>();
 /// Bytes of a pixel between the walks.
-pub(super) const PIXEL_BYTES: usize = 48;
+pub(super) const PIXEL_BYTES: usize = 64;
 
 /// `Frame` of `pixel.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -28,12 +29,12 @@ pub(super) struct Frame {
     full_coverage: f32,
     per_tau: f32,
     coverage: f32,
-    padding: u32,
+    depth: f32,
 }
 
 impl Frame {
     pub(super) fn new(
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         n_splats: usize,
         rule: PixelRule,
         rows: RowChoice,
@@ -47,7 +48,7 @@ impl Frame {
             full_coverage: rule.full_coverage,
             per_tau: 1.0 / (rule.tau * rule.tau),
             coverage: rule.coverage,
-            padding: 0,
+            depth: rule.depth,
         }
     }
 }

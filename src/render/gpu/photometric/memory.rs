@@ -1,6 +1,6 @@
 //! Buffers of the comparison, which grow with what is compared.
 
-use super::layout::{COLOR_BYTES, Frame, PIXEL_BYTES, PLACE_BYTES, SPLAT_BYTES, SUM_BYTES};
+use super::layout::{Frame, MEASURED_BYTES, PIXEL_BYTES, PLACE_BYTES, SPLAT_BYTES, SUM_BYTES};
 use crate::render::gpu::constants::N_QUARTERS;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
@@ -73,7 +73,7 @@ impl Load {
             Part::Places => splats * PLACE_BYTES as u64,
             Part::Starts => (tiles + 1) * WORD,
             Part::Entries | Part::Shown => entries * WORD,
-            Part::Photograph => pixels * COLOR_BYTES as u64,
+            Part::Photograph => pixels * MEASURED_BYTES as u64,
             Part::Pixels => tiles * lanes * PIXEL_BYTES as u64,
             Part::Errors => tiles * 8,
             Part::PartialSums => entries * u64::from(N_QUARTERS) * 16,

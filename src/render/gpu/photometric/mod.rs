@@ -22,6 +22,7 @@ use super::context::GpuCaps;
 use super::error::GpuError;
 use super::faults::GpuFaults;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::cpu::photometric::{
     Compared, ComparerError, PackedView, PhotometricComparer, PixelRule, PreparedView, RowChoice,
 };
@@ -123,7 +124,7 @@ impl PhotometricComparer for GpuComparer {
     fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowChoice,
     ) -> Result<Compared<'a>, ComparerError> {

@@ -1,8 +1,9 @@
 //! What a comparison reads, written straight into mapped memory.
 
-use super::layout::{COLOR_BYTES, Frame};
+use super::layout::{Frame, MEASURED_BYTES};
 use super::memory::{Load, Part, UPLOADED};
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::TILE;
 use crate::render::cpu::photometric::{PackedView, PixelRule, RowChoice};
 use crate::render::gpu::parallel_copy::copy;
@@ -13,13 +14,13 @@ use wgpu::WriteOnly;
 #[derive(Clone, Copy)]
 pub(super) struct Comparison<'a> {
     pub(super) packed: &'a PackedView,
-    pub(super) photograph: &'a Image<[f32; 4]>,
+    pub(super) photograph: &'a Image<MeasuredPixel>,
     pub(super) rule: PixelRule,
     pub(super) rows: RowChoice,
 }
 
 /// Columns and rows of tiles of a photograph.
-pub(super) fn tile_grid(photograph: &Image<[f32; 4]>) -> (usize, usize) {
+pub(super) fn tile_grid(photograph: &Image<MeasuredPixel>) -> (usize, usize) {
     (photograph.width.div_ceil(TILE), photograph.height.div_ceil(TILE))
 }
 
@@ -69,7 +70,7 @@ impl Comparison<'_> {
         let mut rest = to;
         for row in self.chosen_rows() {
             let pixels = &photograph.data[row * photograph.width..][..photograph.width];
-            let line = rest.split_off(..photograph.width * COLOR_BYTES);
+            let line = rest.split_off(..photograph.width * MEASURED_BYTES);
             line.unwrap_or_default().copy_from_slice(cast_slice(pixels));
         }
     }

@@ -4,6 +4,7 @@
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::photometric::{
     Compared, ComparerError, PhotometricComparer, PhotometricWalk, PixelRule, RowChoice,
@@ -98,7 +99,7 @@ impl Comparers {
         &mut self,
         splats: SplatView<'_>,
         learnt: &LearntView,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
     ) -> Compared<'_> {
         let LearntView { camera, near, rows, .. } = *learnt;
@@ -161,7 +162,7 @@ mod tests {
     use crate::model::splat::splats::Splat;
     use crate::render::cpu::photometric::PreparedView;
 
-    const RULE: PixelRule = PixelRule { full_coverage: 1.0, tau: 0.5, coverage: 1.0 };
+    const RULE: PixelRule = PixelRule { full_coverage: 1.0, tau: 0.5, coverage: 1.0, depth: 0.5 };
 
     /// The processor under another name, which fails from a photograph on.
     struct Failing {
@@ -177,7 +178,7 @@ mod tests {
         fn compare<'a>(
             &'a mut self,
             view: &PreparedView<'a>,
-            photograph: &Image<[f32; 4]>,
+            photograph: &Image<MeasuredPixel>,
             rule: PixelRule,
             rows: RowChoice,
         ) -> Result<Compared<'a>, ComparerError> {
@@ -190,7 +191,7 @@ mod tests {
     fn squared_error(comparers: &mut Comparers) -> f64 {
         let intrinsics = Intrinsics::from_horizontal_fov(24, 20, 0.8);
         let camera = Camera { intrinsics, pose: Pose::IDENTITY };
-        let photograph = Image::filled(24, 20, [0.25, 0.5, 0.5, 1.0]);
+        let photograph = Image::filled(24, 20, MeasuredPixel::flat([0.25, 0.5, 0.5, 1.0]));
         let mean = [0.0, 0.0, 2.0];
         let splat = Splat { mean, opacity: 0.9, scale: [0.3; 3], ..Splat::default() };
         let splats = [splat];

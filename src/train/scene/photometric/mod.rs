@@ -10,6 +10,7 @@ mod step;
 pub mod waiting;
 
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
@@ -36,7 +37,8 @@ const MIN_SEEN: f32 = 0.5;
 const MIN_TASK: usize = 512;
 
 fn pixel_rule(full_coverage: f32, rule: &PhotometricRule) -> PixelRule {
-    PixelRule { full_coverage, tau: rule.tau as f32, coverage: rule.coverage as f32 }
+    let [tau, coverage, depth] = [rule.tau, rule.coverage, rule.depth].map(|value| value as f32);
+    PixelRule { full_coverage, tau, coverage, depth }
 }
 
 /// Splats that learn from photographs, and the memory for it.
@@ -44,7 +46,7 @@ pub struct PhotometricLearner {
     state: PhotometricState,
     comparers: Comparers,
     /// A photograph that waited, in full.
-    image: Image<[f32; 4]>,
+    image: Image<MeasuredPixel>,
     repaired: u64,
 }
 
@@ -57,7 +59,7 @@ impl Default for PhotometricLearner {
 impl PhotometricLearner {
     /// One that goes on.
     pub fn restore(state: PhotometricState) -> Self {
-        let image = Image::filled(0, 0, [0.0; 4]);
+        let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
         Self { state, comparers: Comparers::default(), image, repaired: 0 }
     }
 
@@ -169,7 +171,8 @@ impl PhotometricLearner {
         let drawn = draws.below(self.state.waiting.len());
         let drawn = self.state.waiting.swap_remove(drawn);
         // Taken out meanwhile: learning from it needs all the rest.
-        let mut image = std::mem::replace(&mut self.image, Image::filled(0, 0, [0.0; 4]));
+        let mut image =
+            std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
         let unpacked = waiting::unpacked(&drawn, &mut image);
         let learnt = unpacked.map(|view| self.learn(&view, &image, full_coverage, rule));
         self.image = image;
@@ -203,7 +206,7 @@ impl PhotometricLearner {
     pub fn learn(
         &mut self,
         view: &LearntView,
-        photograph: &Image<[f32; 4]>,
+        photograph: &Image<MeasuredPixel>,
         full_coverage: f32,
         rule: &PhotometricRule,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {

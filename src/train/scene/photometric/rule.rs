@@ -33,6 +33,10 @@ pub struct PhotometricRule {
     pub tau: f64,
     /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
     pub coverage: f64,
+    /// The same of a pixel whose splats all lie far from the depth that was measured of it. None where
+    /// that was not asked yet.
+    #[serde(default)]
+    pub depth: f64,
     /// Largest step: of means in units of the largest scale, of logarithms of scales, of turns in
     /// radians; opacities and colours may go three times as far.
     pub trust: f64,
@@ -119,7 +123,8 @@ impl PhotometricRule {
 
     /// Bytes of photographs of so many pixels that wait at most.
     pub fn waiting_bytes(&self, pixels: usize) -> usize {
-        let of_one = pixels / self.rows_of(pixels) as usize * size_of::<[u8; 4]>();
+        let of_one =
+            pixels / self.rows_of(pixels) as usize * (size_of::<[u8; 4]>() + size_of::<u16>());
         of_one * self.most_waiting(of_one)
     }
 
@@ -128,12 +133,13 @@ impl PhotometricRule {
 
     /// One rule for all sensors.
     pub const DEFAULT: Self = Self {
-        noise: 5.0,
+        noise: 4.0,
         kept: 0.5,
         forgotten: 0.02,
         damping: 1.2,
         tau: 0.5,
-        coverage: 1.0,
+        coverage: 1.5,
+        depth: 0.5,
         trust: 0.2,
         rows: 1,
         young: 40.0,
@@ -144,7 +150,7 @@ impl PhotometricRule {
             turn: 0.3,
             opacity: 0.4,
             color: 0.3,
-            directional: 0.2,
+            directional: 0.3,
             gradient: 0.15,
         },
         most_opacity: MOST_OPACITY,

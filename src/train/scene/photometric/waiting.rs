@@ -3,45 +3,77 @@
 use super::comparers::LearntView;
 use super::noise::DRAWN_CONTRADICTION;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::rng::{Purpose, Rng};
-use crate::model::scene::waiting::{PhotographView, UNKNOWN_COVERAGE, WaitingPhotograph};
+use crate::model::scene::waiting::{
+    DepthScale, PhotographView, UNKNOWN_COVERAGE, WaitingDepths, WaitingPhotograph,
+};
 use crate::render::cpu::photometric::RowChoice;
 
 /// Levels of a colour, and of a coverage that is known.
 const COLOR_LEVELS: f32 = 255.0;
 const COVERAGE_LEVELS: f32 = (UNKNOWN_COVERAGE - 1) as f32;
 
-/// A photograph before exposure, as it waits: the rows that are to be learnt, in 8 bits.
-pub fn packed(view: PhotographView, pixels: &Image<[f32; 4]>) -> WaitingPhotograph {
+/// A photograph before exposure, as it waits: the rows that are to be learnt, colours in 8 bits and depths
+/// in 16, where surfaces within `margin` of them are the measured ones.
+pub fn packed(
+    view: PhotographView,
+    pixels: &Image<MeasuredPixel>,
+    margin: [f32; 2],
+) -> WaitingPhotograph {
     let level = |x: f32, levels: f32| (x.clamp(0.0, 1.0) * levels).round() as u8;
-    let pixel = |&[r, g, b, covered]: &[f32; 4]| {
-        let [r, g, b] = [r, g, b].map(|x| level(x, COLOR_LEVELS));
-        let is_known = !covered.is_nan();
-        [r, g, b, if is_known { level(covered, COVERAGE_LEVELS) } else { UNKNOWN_COVERAGE }]
+    let pixel = |pixel: &MeasuredPixel| {
+        let [r, g, b] = pixel.color.map(|x| level(x, COLOR_LEVELS));
+        let is_known = !pixel.coverage.is_nan();
+        [r, g, b, if is_known { level(pixel.coverage, COVERAGE_LEVELS) } else { UNKNOWN_COVERAGE }]
     };
-    let rows = view.kept_rows().flat_map(|row| &pixels.data[row * pixels.width..][..pixels.width]);
-    WaitingPhotograph { view, pixels: rows.map(pixel).collect() }
+    let scale = DepthScale::new(margin);
+    let steps = |pixel: &MeasuredPixel| match pixel.per_tolerance > 0.0 {
+        true => scale.steps(pixel.depth),
+        false => 0,
+    };
+    let kept = |row: usize| &pixels.data[row * pixels.width..][..pixels.width];
+    let rows = || view.kept_rows().flat_map(kept);
+    let depths = scale.defect().is_none().then(|| rows().map(steps).collect());
+    WaitingPhotograph {
+        view,
+        pixels: rows().map(pixel).collect(),
+        depths: depths.map(|steps| WaitingDepths { scale, steps }),
+    }
 }
 
 /// How a photograph that waited is looked at, and its pixels in the scene's exposure; rows that it lacks
 /// stay as they are in `image`. `None` for a pose that is none, which files are refused for.
-pub fn unpacked(waiting: &WaitingPhotograph, image: &mut Image<[f32; 4]>) -> Option<LearntView> {
+pub fn unpacked(
+    waiting: &WaitingPhotograph,
+    image: &mut Image<MeasuredPixel>,
+) -> Option<LearntView> {
     // Rebuilt from its numbers whether or not they were in a file meanwhile: the same bits.
     let camera = waiting.view.camera().ok()?;
     let [width, height] = [camera.intrinsics.width, camera.intrinsics.height].map(|n| n as usize);
     if (image.width, image.height) != (width, height) {
-        *image = Image::filled(width, height, [0.0; 4]);
+        *image = Image::filled(width, height, MeasuredPixel::UNKNOWN);
     }
     let gain = waiting.view.gain.map(|gain| gain as f32);
     let pixel = |&[r, g, b, covered]: &[u8; 4]| {
         let exposed = |x: u8, gain: f32| f32::from(x) / COLOR_LEVELS * gain;
         let known = f32::from(covered) / COVERAGE_LEVELS;
         let covered = if covered == UNKNOWN_COVERAGE { f32::NAN } else { known };
-        [exposed(r, gain[0]), exposed(g, gain[1]), exposed(b, gain[2]), covered]
+        let [r, g, b] = [exposed(r, gain[0]), exposed(g, gain[1]), exposed(b, gain[2])];
+        MeasuredPixel::flat([r, g, b, covered])
     };
-    for (row, kept) in waiting.view.kept_rows().zip(waiting.pixels.chunks_exact(width.max(1))) {
+    let line = width.max(1);
+    for (row, kept) in waiting.view.kept_rows().zip(waiting.pixels.chunks_exact(line)) {
         let pixels = image.data[row * width..][..width].iter_mut();
         pixels.zip(kept).for_each(|(out, kept)| *out = pixel(kept));
+    }
+    if let Some(WaitingDepths { scale, steps }) = &waiting.depths {
+        let margin = scale.margin.map(|length| length as f32);
+        for (row, kept) in waiting.view.kept_rows().zip(steps.chunks_exact(line)) {
+            let pixels = image.data[row * width..][..width].iter_mut();
+            let known = pixels.zip(kept).filter(|(_, steps)| **steps > 0);
+            known.for_each(|(out, &steps)| *out = out.at_depth(scale.depth(steps), margin));
+        }
     }
     let [every, first] = waiting.view.rows;
     let rows = RowChoice::new(every as u32, first as u64);
@@ -66,22 +98,36 @@ mod tests {
     fn photographs_come_out_as_they_went_in() {
         let intrinsics = Intrinsics::from_horizontal_fov(5, 9, 0.8);
         let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+        let margin = [0.03, 0.02];
         let pixel = |i: usize| {
             let covered = [0.0, 0.5, 1.0, f32::NAN][i % 4];
-            [i as f32 / 255.0, 1.0, 0.5, covered]
+            let pixel = MeasuredPixel::flat([i as f32 / 255.0, 1.0, 0.5, covered]);
+            // One is not known, others lie too far, or nowhere.
+            let depth = [0.0, 1.0 + 0.1 * i as f32, 1e4][i % 3];
+            pixel.at_depth(depth, margin)
         };
         let photograph = Image::from_vec(5, 9, (0..45).map(pixel).collect());
         let view = PhotographView::new(3, &camera, [2.0, 1.0, 0.5], 0.0, [4, 1]);
-        let waiting = packed(view, &photograph);
+        let waiting = packed(view, &photograph, margin);
         assert_eq!(waiting.pixels.len(), view.n_pixels());
-        let mut image = Image::filled(1, 1, [0.0; 4]);
+        let mut image = Image::filled(1, 1, MeasuredPixel::UNKNOWN);
         let learnt = unpacked(&waiting, &mut image).unwrap();
         for (i, found) in image.data.iter().enumerate() {
-            let [r, g, b, covered] = if matches!(i / 5, 1 | 5) { pixel(i) } else { [0.0; 4] };
-            let expected = [2.0 * r, g, 0.5 * b, covered];
-            let is_near =
-                |(a, b): (&f32, f32)| (a - b).abs() < 1.0 / 254.0 || a.is_nan() && b.is_nan();
-            assert!(found.iter().zip(expected).all(is_near), "{i}: {found:?} for {expected:?}");
+            if !matches!(i / 5, 1 | 5) {
+                assert_eq!((found.color, found.per_tolerance), ([0.0; 3], 0.0), "{i}");
+                continue;
+            }
+            let expected = pixel(i);
+            let [r, g, b] = expected.color;
+            let pairs = found.color.iter().zip([2.0 * r, g, 0.5 * b]);
+            let is_near = pairs.into_iter().all(|(a, b)| (a - b).abs() < 1.0 / 254.0);
+            let coverages = [found.coverage, expected.coverage];
+            let is_covered = coverages.iter().all(|x| x.is_nan())
+                || (coverages[0] - coverages[1]).abs() < 1.0 / 254.0;
+            assert!(is_near && is_covered, "{i}: {found:?} for {expected:?}");
+            let depth = if i % 3 == 1 { expected.depth } else { 0.0 };
+            assert!((found.depth - depth).abs() < 0.03 / 16.0, "{i}: {found:?} for {expected:?}");
+            assert_eq!(found.per_tolerance > 0.0, i % 3 == 1, "{i}");
         }
         assert_eq!((learnt.rows.every(), learnt.rows.first()), (4, 1));
     }

@@ -125,8 +125,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         } else {
             let rows = [rows.every(), rows.first()];
             let view = PhotographView::new(self.frames, &camera, gain, near, rows);
-            let waiting = packed(view, &photograph.pixels);
-            let most = rule.most_waiting(size_of_val(&waiting.pixels[..]));
+            let waiting = packed(view, &photograph.pixels, frame.tolerance.margin);
+            let most = rule.most_waiting(waiting.bytes());
             photometric.put_off(waiting);
             photometric.learn_one_beyond(most, full_coverage, &rule)
         };

@@ -1,0 +1,87 @@
+//! What was measured of a tile's pixels, eight at a time, and how wrong a splat's place is beside it.
+
+use super::super::record::ConicRecord;
+use super::super::tile::{GROUPS, Plane};
+use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::simd::{LANES, Vector};
+use crate::render::constants::TILE;
+
+/// A tile of a photograph; one after the other, in the same memory. Rows that are not chosen hold what
+/// other tiles left.
+pub(super) struct TargetTile {
+    pub color: [Plane; 3],
+    pub coverage: Plane,
+    pub depth: Plane,
+    pub per_tolerance: Plane,
+    /// Whether depth is to be compared, and known of any pixel.
+    pub has_depth: bool,
+}
+
+impl Default for TargetTile {
+    fn default() -> Self {
+        let empty = [[0.0; LANES]; TILE * GROUPS];
+        Self {
+            color: [empty; 3],
+            coverage: empty,
+            depth: empty,
+            per_tolerance: empty,
+            has_depth: false,
+        }
+    }
+}
+
+impl TargetTile {
+    /// Becomes the chosen rows of the tile at pixel `(left, top)`; nothing beyond the image.
+    pub(super) fn fill(
+        &mut self,
+        photograph: &Image<MeasuredPixel>,
+        [left, top]: [usize; 2],
+        mask: u32,
+        compares_depth: bool,
+    ) {
+        let beyond = MeasuredPixel { coverage: 0.0, ..MeasuredPixel::UNKNOWN };
+        self.has_depth = false;
+        for row in rows_of(mask) {
+            let pixels = &photograph.data[(top + row) * photograph.width..];
+            let pixels = &pixels[left..photograph.width.min(left + TILE)];
+            for column in 0..TILE {
+                let pixel = pixels.get(column).unwrap_or(&beyond);
+                let (group, lane) = (row * GROUPS + column / LANES, column % LANES);
+                for (plane, color) in self.color.iter_mut().zip(pixel.color) {
+                    plane[group][lane] = color;
+                }
+                self.coverage[group][lane] = pixel.coverage;
+                self.depth[group][lane] = pixel.depth;
+                self.per_tolerance[group][lane] = pixel.per_tolerance;
+                self.has_depth |= compares_depth && pixel.per_tolerance > 0.0;
+            }
+        }
+    }
+
+    /// How wrong a splat's place is in eight pixels, offsets from its centre in px: 0 where it lies at the
+    /// measured depth or none is known, ½ at the tolerance, 1 far from it (`photometric.md`, Depth).
+    #[inline(always)]
+    pub(super) fn wrongness<V: Vector>(
+        &self,
+        group: usize,
+        splat: &ConicRecord,
+        [x, y]: [V; 2],
+    ) -> V {
+        let across = V::splat(splat.linear[0]) * x + V::splat(splat.linear[1]) * y;
+        let far = V::splat(splat.reach) + across - V::load(&self.depth[group]);
+        let far = far * V::load(&self.per_tolerance[group]);
+        let squared = far * far;
+        squared / (V::splat(1.0) + squared)
+    }
+}
+
+/// Rows with a bit in `mask`, ascending.
+#[inline(always)]
+pub(super) fn rows_of(mut mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let row = (mask != 0).then(|| mask.trailing_zeros() as usize)?;
+        mask &= mask - 1;
+        Some(row)
+    })
+}
