@@ -17,6 +17,9 @@ const STEPS_PER_MARGIN: f64 = 16.0;
 /// Level of a coverage that is not known; all others are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
+/// A number that is none: its name, what was expected, and what was found.
+pub type NumberDefect = (&'static str, String, f64);
+
 /// Where a photograph was taken from, and which part of it is kept: numbers, as checkpoints hold them.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -74,7 +77,7 @@ impl PhotographView {
     }
 
     /// The first of its numbers that is none of a photograph's, by name, with what was expected.
-    pub fn defect(&self) -> Option<(&'static str, String, f64)> {
+    pub fn defect(&self) -> Option<NumberDefect> {
         use NumberRange::{Finite, NotNegative, Positive, PowerOfTwo, Whole};
         let ([every, first], [width, height]) = (self.rows, self.size);
         let ([red, green, blue], [fx, fy, cx, cy]) = (self.gain, self.pinhole);
@@ -179,7 +182,7 @@ impl DepthScale {
     }
 
     /// The first of its numbers that is none, by name.
-    pub fn defect(&self) -> Option<(&'static str, String, f64)> {
+    pub fn defect(&self) -> Option<NumberDefect> {
         use NumberRange::{NotNegative, Positive};
         let [least, linear] = self.margin;
         let numbers = [

@@ -16,6 +16,9 @@ use crate::observation::surface::SurfacePoint;
 // Every part looks through the owners of all points for its own: more parts, more reading.
 pub const PARTS: usize = 16;
 
+/// Points looked at for where to cut.
+const SAMPLED: usize = 1024;
+
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]
 pub struct Matched<'a> {
@@ -65,7 +68,8 @@ pub fn accumulate<W: SumScalar>(
 ) {
     // Threads finish in any order: results are sorted by their first component afterwards.
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
-    component_sums.for_each_part(PARTS, |first, rows, _| {
+    let firsts = firsts(frame.owners, component_sums.len());
+    component_sums.for_each_run(&firsts, |first, rows, _| {
         let part = Isa::best().run(Part { first, rows, seed_positions, frame, h, rule });
         if let Ok(mut parts) = parts.lock() {
             parts.push((first, part));
@@ -79,6 +83,19 @@ pub fn accumulate<W: SumScalar>(
         // Wide rows are shared, so they are added to when all threads are done.
         wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
     }
+}
+
+/// Where the components of parts begin that have about as many points each: a frame sees neighbours, which
+/// were born one after the other, so parts of as many components would leave most threads without work.
+fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
+    let some = owners.iter().step_by(owners.len() / SAMPLED + 1).map(|&owner| owner as usize);
+    let mut some: Vec<usize> = some.filter(|&owner| owner < n_components).collect();
+    some.sort_unstable();
+    let cut = |part: usize| some.get(part * some.len() / PARTS).copied();
+    let mut firsts: Vec<usize> = (1..PARTS).filter_map(cut).collect();
+    firsts.insert(0, 0);
+    firsts.dedup();
+    firsts
 }
 
 /// What the components of a part received.
@@ -192,6 +209,27 @@ mod tests {
                 ..SurfacePoint::default()
             })
             .collect()
+    }
+
+    #[test]
+    fn parts_have_about_as_many_points() {
+        // All but some of the points belong to the last hundredth of the components.
+        let owners: Vec<u32> = (0..50_000u32)
+            .map(|i| match i % 50 {
+                0 => u32::MAX,
+                1 => i / 2,
+                _ => 99_000 + i % 1000,
+            })
+            .collect();
+        let firsts = firsts(&owners, 100_000);
+        assert!(firsts[0] == 0 && firsts.len() > PARTS / 2 && firsts.is_sorted_by(|a, b| a < b));
+        let ends = firsts[1..].iter().copied().chain([100_000]);
+        let n_points = |(&first, end): (&usize, usize)| {
+            owners.iter().filter(|&&owner| (first..end).contains(&(owner as usize))).count()
+        };
+        let most = firsts.iter().zip(ends).map(n_points).max().unwrap();
+        assert!(most < 2 * owners.len() / PARTS, "{most}");
+        assert_eq!(super::firsts(&[], 10), [0]);
     }
 
     /// One component that stands at the origin and gets all points of every frame.

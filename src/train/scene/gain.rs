@@ -11,7 +11,7 @@ const MIN_POINTS: f64 = 20.0;
 /// Fewest points that determine a frame's gain.
 pub const MIN_MATCHES: f64 = 5000.0;
 /// Points of one partial sum: sums do not depend on the number of threads.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 512;
 
 /// Per channel the factor that makes the frame's colours as bright as those of its points' components,
 /// `Σ c̄ / Σ c`; 1 where fewer than `fewest` points are known, or either sum is nothing: no exposure makes

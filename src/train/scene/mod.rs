@@ -42,6 +42,7 @@ mod point_slots;
 mod ray_search;
 mod refine;
 mod rigid_equations;
+mod runs;
 mod seed_groups;
 mod seed_positions;
 pub mod spacing;

@@ -7,7 +7,7 @@ use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points that are gathered for by one thread at a time.
-const CHUNK: usize = 256;
+const CHUNK: usize = 64;
 /// Most points that share their seeds: consecutive ones are neighbours in the picture.
 pub const GROUP: usize = 8;
 /// How far points may move before the seeds near them are gathered anew, units of what is in reach.

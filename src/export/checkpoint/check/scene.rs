@@ -7,7 +7,7 @@ use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbound
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
-use crate::model::scene::waiting::{DepthScale, PhotographView, WaitingPhotograph};
+use crate::model::scene::waiting::{DepthScale, NumberDefect, PhotographView, WaitingPhotograph};
 use crate::model::splat::viewpoint::Viewpoint;
 
 /// Every sum by name.
@@ -84,24 +84,25 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
 pub(in super::super) fn waiting<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
-    for (at, view) in views.enumerate() {
-        if let Some((name, expected, found)) = view.defect() {
-            return Err(value(tag::PHOTO_WAITING, at, name, &expected, found));
-        }
-    }
-    Ok(())
+    no_defects(tag::PHOTO_WAITING, views.map(PhotographView::defect))
 }
 
 /// Scales of their depths that are some.
 pub(in super::super) fn scales<'a>(
     scales: impl Iterator<Item = &'a DepthScale>,
 ) -> Result<(), Defect> {
-    for (at, scale) in scales.enumerate() {
-        if let Some((name, expected, found)) = scale.defect() {
-            return Err(value(tag::PHOTO_SCALES, at, name, &expected, found));
-        }
+    no_defects(tag::PHOTO_SCALES, scales.map(DepthScale::defect))
+}
+
+fn no_defects(
+    tag: [u8; 4],
+    defects: impl Iterator<Item = Option<NumberDefect>>,
+) -> Result<(), Defect> {
+    let mut found = defects.enumerate().filter_map(|(at, defect)| Some((at, defect?)));
+    match found.next() {
+        None => Ok(()),
+        Some((at, (name, expected, found))) => Err(value(tag, at, name, &expected, found)),
     }
-    Ok(())
 }
 
 /// Splats that a renderer can draw, precisions that are some, and photographs that can wait.
