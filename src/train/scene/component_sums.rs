@@ -304,13 +304,12 @@ impl<W: SumScalar> ComponentSums<W> {
         self.for_each_run(&Vec::from_iter((0..self.rows.len()).step_by(n)), f);
     }
 
-    /// The same on the runs that begin at some rows, ascending: the first at 0, the last ends with the rows.
+    /// The same on the runs that begin at some rows, ascending, one run a task: the first at 0, the last to the end.
     pub fn for_each_run(
         &mut self,
         firsts: &[usize],
         f: impl Fn(usize, &mut [SumRow<W>], WideRows<'_>) + Sync,
     ) {
-        // One run a task: they differ in what is to be done.
         let runs = runs(&mut self.rows, firsts).into_par_iter().with_max_len(1);
         runs.for_each(|(first, rows)| f(first, rows, WideRows(&self.wide)));
     }
