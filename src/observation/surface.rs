@@ -67,7 +67,8 @@ pub struct Observation {
     pub origin: DVec3,
     /// Intrinsics and pose of the depth image.
     pub camera: Camera,
-    /// Points in tiles of 8×8 pixels, rows of tiles from the top, in a tile row by row.
+    /// Points in tiles eight rows high and eight looked-at pixels wide, rows of tiles from the top, in a tile row
+    /// by row.
     pub points: Vec<SurfacePoint>,
     /// Pixels that each point stands for.
     pub point_weight: u32,

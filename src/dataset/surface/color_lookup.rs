@@ -1,12 +1,11 @@
 //! Colours of points: their own pixel's, or what a colour camera of its own saw there.
 
-use super::occluders::Occluders;
-use super::planes::Planes;
 use super::projection::Projection;
+use super::seen::SeenDepths;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
-use crate::observation::surface::DepthTolerance;
+use crate::math::simd::{LANES, Vector};
 use glam::{Vec2, Vec3};
 
 /// Colours of one frame's points.
@@ -18,47 +17,61 @@ pub(super) struct ColorLookup<'a> {
     gain: Vec3,
 }
 
-/// A colour camera that stands beside the depth camera.
-struct Beside<'a> {
-    camera: Projection,
-    occluders: &'a Occluders,
-    margin: [f32; 2],
+/// A colour camera that stands beside the depth camera, and what it sees of the frame.
+pub(super) struct Beside<'a> {
+    pub camera: &'a Projection,
+    pub depths: &'a SeenDepths,
+    /// How far apart depths of one surface may be.
+    pub margin: [f32; 2],
+}
+
+/// Where a colour camera sees eight points; says nothing where there is none.
+#[derive(Default)]
+pub(super) struct SeenLanes {
+    /// Pixel coordinates.
+    at: [[f32; LANES]; 2],
+    /// Depth along its axis, world units, and how far behind another surface it counts as hidden.
+    depth: [f32; LANES],
+    margin: [f32; LANES],
 }
 
 impl<'a> ColorLookup<'a> {
-    /// `occluders` are filled with the frame if its colours are not registered.
-    pub fn new(
-        frame: &'a Frame,
-        planes: &Planes,
-        calibration: &Calibration,
-        tolerance: &DepthTolerance,
-        occluders: &'a mut Occluders,
-    ) -> Self {
+    /// `beside` is the camera that took the frame's colours, if they are not registered.
+    pub fn new(frame: &'a Frame, calibration: &Calibration, beside: Option<Beside<'a>>) -> Self {
         let gain = Vec3::from_array(calibration.gain(&frame.name).map(|g| g as f32));
-        let image = &frame.color;
-        let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
-        let beside = color_camera.map(|camera| {
-            let camera = Projection::new(&camera);
-            occluders.fill(planes, [image.width, image.height], &camera);
-            Beside { camera, occluders, margin: tolerance.margin }
-        });
         // A table instead of up to twelve divisions a point.
         let channel = std::array::from_fn(|byte| byte as f32 / 255.0);
-        Self { image, beside, channel, gain }
+        Self { image: &frame.color, beside, channel, gain }
     }
 
-    /// Colour of a pixel of the depth image, whose point in the depth camera's frame is given;
-    /// `None` where the colour camera does not see it.
+    /// Where the colour camera sees points of the depth camera's frame.
     #[inline(always)]
-    pub fn color(&self, pixel: usize, point: Vec3) -> Option<[f32; 3]> {
+    pub fn seen_lanes<V: Vector>(&self, points: [V; 3]) -> SeenLanes {
+        let Some(Beside { camera, margin, .. }) = &self.beside else { return SeenLanes::default() };
+        let points = camera.turned_lanes(points);
+        let [u, v] = camera.project_lanes(points);
+        let [constant, linear] = *margin;
+        SeenLanes {
+            at: [u.to_array(), v.to_array()],
+            depth: points[2].to_array(),
+            margin: (V::splat(constant) + V::splat(linear) * points[2]).to_array(),
+        }
+    }
+
+    /// Colour of a pixel of the depth image, one of eight points; `None` where the colour camera does not
+    /// see it.
+    #[inline(always)]
+    pub fn color(&self, pixel: usize, seen: &SeenLanes, lane: usize) -> Option<[f32; 3]> {
         let color = match &self.beside {
             None => self.texel(pixel),
-            Some(Beside { camera, occluders, margin: [constant, linear] }) => {
-                let point = camera.turned(point);
-                if occluders.hide(camera, point, constant + linear * point.z) {
+            Some(Beside { depths, .. }) => {
+                let (at, depth) = ([seen.at[0][lane], seen.at[1][lane]], seen.depth[lane]);
+                let texels = Texels::around(self.image, Vec2::from_array(at))?;
+                // Of any of its texels: it would take a share of what stands before it.
+                if depth <= 0.0 || depths.hide(texels.at, depth - seen.margin[lane]) {
                     return None;
                 }
-                self.bilinear(camera.project(point)?)?
+                self.bilinear(&texels)
             }
         };
         // Clamped as a camera clips; a colour above 1 would be none.
@@ -67,13 +80,32 @@ impl<'a> ColorLookup<'a> {
 
     #[inline(always)]
     fn texel(&self, pixel: usize) -> Vec3 {
-        let [r, g, b, _] = self.image.data[pixel].map(|byte| self.channel[usize::from(byte)]);
-        Vec3::new(r, g, b)
+        let [r, g, b, _] = self.image.data[pixel];
+        let channel = &self.channel;
+        Vec3::new(channel[usize::from(r)], channel[usize::from(g)], channel[usize::from(b)])
     }
 
     #[inline(always)]
-    fn bilinear(&self, at: Vec2) -> Option<Vec3> {
-        let Image { width, height, .. } = self.image;
+    fn bilinear(&self, Texels { at, share }: &Texels) -> Vec3 {
+        let above = mix(self.texel(at[0]), self.texel(at[1]), share.x);
+        let under = mix(self.texel(at[2]), self.texel(at[3]), share.x);
+        mix(above, under, share.y)
+    }
+}
+
+/// Four texels between whose centres a place lies.
+struct Texels {
+    /// The upper two, then the lower two.
+    at: [usize; 4],
+    /// Of the right ones, and of the lower ones.
+    share: Vec2,
+}
+
+impl Texels {
+    /// Around pixel coordinates; `None` where there are no four.
+    #[inline(always)]
+    fn around(image: &Image<[u8; 4]>, at: Vec2) -> Option<Self> {
+        let Image { width, height, .. } = image;
         let corner = at - 0.5;
         let last = Vec2::new(*width as f32 - 1.0, *height as f32 - 1.0);
         // Negated, so that NaN is outside.
@@ -81,14 +113,12 @@ impl<'a> ColorLookup<'a> {
             return None;
         }
         let (x, y) = (corner.x as usize, corner.y as usize);
-        let t = corner - Vec2::new(x as f32, y as f32);
+        let share = corner - Vec2::new(x as f32, y as f32);
         // At the last column and row the neighbour weighs nothing, but must exist.
         let right = usize::from(x + 1 < *width);
         let below = if y + 1 < *height { *width } else { 0 };
         let i = y * width + x;
-        let above = mix(self.texel(i), self.texel(i + right), t.x);
-        let under = mix(self.texel(i + below), self.texel(i + below + right), t.x);
-        Some(mix(above, under, t.y))
+        Some(Self { at: [i, i + right, i + below, i + below + right], share })
     }
 }
 

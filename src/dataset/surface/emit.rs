@@ -1,14 +1,13 @@
-//! Fitted pixels to points (`dataset.md`, Surface points).
+//! Fitted pixels to points (`dataset.md`, Surface points), eight at a time as they were fitted.
 //!
 //! The fit leaves, of every pixel's plane, inverse depth and its two steps relative to the
 //! measured ones. Depth and normal follow from these; a pixel is then kept or gets its status in
 //! the order of the recipe. Colour comes last, since a colour camera beside the depth camera is
 //! asked for the place of the point, not of the pixel.
 
-use super::color_lookup::ColorLookup;
+use super::color_lookup::{ColorLookup, SeenLanes};
 use super::fit::Fitted;
-use super::occluders::Occluders;
-use super::planes::Planes;
+use super::planes::{Planes, load};
 use super::sampling::PixelSampling;
 use super::sensor::Profile;
 use super::settings::SurfaceSettings;
@@ -16,9 +15,8 @@ use super::status::PixelStatus;
 use crate::dataset::frame::Frame;
 use crate::dataset::unproject::MAX_COORDINATE;
 use crate::math::image::Image;
-use crate::math::simd::LANES;
+use crate::math::simd::{EVERY_BIT, Kernel, LANES, Vector, dot, scaled, turned};
 use crate::observation::surface::SurfacePoint;
-use glam::{Mat3, Vec3};
 use std::ops::Range;
 
 /// Makes the points of one frame.
@@ -26,31 +24,22 @@ pub(super) struct Emitter<'a> {
     planes: &'a Planes,
     settings: &'a SurfaceSettings,
     colors: ColorLookup<'a>,
-    rotation: Mat3,
+    /// From the camera's axes to the world's, by rows.
+    turn: [[f32; 3]; 3],
     /// Of the camera, relative to the origin.
-    centre: Vec3,
+    centre: [f32; 3],
     focal: [f32; 2],
     per_focal: f32,
     least_cosine: f32,
 }
 
-/// A pixel's surface in the camera's frame, scaled by its measured depth.
-struct Tilt {
-    /// Depth over that measured.
-    stretch: f32,
-    /// Away from the camera, of any length.
-    normal: Vec3,
-    /// Product of the normal with the ray.
-    along: f32,
-}
-
 impl<'a> Emitter<'a> {
     pub fn new(
-        frame: &'a Frame,
+        frame: &Frame,
         planes: &'a Planes,
         settings: &'a SurfaceSettings,
         profile: &Profile,
-        occluders: &'a mut Occluders,
+        colors: ColorLookup<'a>,
     ) -> Self {
         let pose = &frame.camera.pose;
         let k = &frame.camera.intrinsics;
@@ -58,124 +47,230 @@ impl<'a> Emitter<'a> {
         Self {
             planes,
             settings,
-            colors: ColorLookup::new(
-                frame,
-                planes,
-                settings.calibration(),
-                &profile.tolerance,
-                occluders,
-            ),
-            rotation: pose.rotation().as_mat3(),
-            centre: (pose.centre() - settings.origin).as_vec3(),
+            colors,
+            turn: pose.rotation().as_mat3().transpose().to_cols_array_2d(),
+            centre: (pose.centre() - settings.origin).as_vec3().to_array(),
             focal: [k.fx as f32, k.fy as f32],
             per_focal: (1.0 / k.fx) as f32,
             // Below every cosine where the filter is left out: one comparison serves both.
             least_cosine: if settings.cosine { cosine } else { f32::NEG_INFINITY },
         }
     }
+}
 
-    /// Appends the points of a row of tiles and says what became of its pixels.
-    pub fn emit(
-        &self,
-        fitted: &Fitted,
-        rows: Range<usize>,
-        points: &mut Vec<SurfacePoint>,
-        statuses: &mut Image<PixelStatus>,
-    ) {
-        let blocks = self.planes.blocks();
-        let sampling = self.settings.sampling;
+/// Appends the points of a row of tiles and says what became of its pixels.
+pub(super) struct EmitRows<'a> {
+    pub emitter: &'a Emitter<'a>,
+    pub fitted: &'a Fitted,
+    pub rows: Range<usize>,
+    pub points: &'a mut Vec<SurfacePoint>,
+    pub statuses: &'a mut Image<PixelStatus>,
+}
+
+impl Kernel for EmitRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { emitter, fitted, rows, points, statuses } = self;
+        let sampling = emitter.settings.sampling;
+        let step = sampling.column_step();
+        let blocks = emitter.planes.blocks(step);
         if !sampling.is_every() {
             leave_out(sampling, rows.clone(), statuses);
         }
         for block in 0..blocks {
             for row in rows.clone().step_by(sampling.row_step()) {
                 let at = (row - rows.start) * blocks + block;
-                // Set bits only: blocks at the rim of an object hold few usable pixels.
                 let mut left = fitted.usable[at];
+                // Blocks at the rim of an object hold few usable pixels, most beyond it none.
+                if left == 0 {
+                    continue;
+                }
+                let first = block * LANES * step;
+                let lanes = match step {
+                    1 => emitter.lanes::<V, 1>(fitted, at, [first, row]),
+                    _ => emitter.lanes::<V, 2>(fitted, at, [first, row]),
+                };
+                // In the order of pixels: births depend on the order of points.
                 while left != 0 {
-                    // In the order of pixels: births depend on the order of points.
                     let lane = left.trailing_zeros() as usize;
                     left &= left - 1;
-                    let is_accepted = fitted.accepted[at] >> lane & 1 == 1;
-                    let tilt = is_accepted.then_some(at * LANES + lane);
-                    let column = block * LANES + lane;
-                    let status = &mut statuses.data[row * statuses.width + column];
-                    match self.point(fitted, tilt, column, row) {
+                    let pixel = row * statuses.width + first + lane * step;
+                    match lanes.point(&emitter.colors, lane, pixel) {
                         Ok(point) => points.push(point),
-                        Err(why) => *status = why,
+                        Err(why) => statuses.data[pixel] = why,
                     }
                 }
             }
         }
     }
+}
 
-    /// `tilt` is the place of the pixel's plane, if one explains it.
+impl Emitter<'_> {
+    /// What eight pixels would become, every `STEP`-th from `corner` on; `at` is their block among the fitted.
     #[inline(always)]
-    fn point(
+    fn lanes<V: Vector, const STEP: usize>(
         &self,
         fitted: &Fitted,
-        tilt: Option<usize>,
-        column: usize,
-        row: usize,
-    ) -> Result<SurfacePoint, PixelStatus> {
-        let at = self.planes.at(column, row);
-        let ray = Vec3::new(self.planes.slope_x[column], self.planes.slope_y[row], 1.0);
-        let per_z = ray.length();
-        let tilt = match tilt {
-            Some(place) => self.tilt(fitted, place, ray),
-            None if self.settings.flying_pixels => return Err(PixelStatus::Flying),
-            None => Tilt { stretch: 1.0, normal: ray, along: per_z * per_z },
-        };
-        let normal_length = tilt.normal.length();
+        at: usize,
+        corner: [usize; 2],
+    ) -> PointLanes {
+        let one = V::splat(1.0);
+        let [column, row] = corner;
+        let ray = [
+            load::<V, STEP>(&self.planes.slope_x[column..]),
+            V::splat(self.planes.slope_y[row]),
+            one,
+        ];
+        let per_z = dot(ray, ray).sqrt();
+        let surface = self.surface(fitted, at, ray, per_z);
+        let normal_length = dot(surface.normal, surface.normal).sqrt();
         // The cosine is `along / (|n|·|ray|)`; multiplied out, nothing is divided.
-        if tilt.along <= self.least_cosine * (normal_length * per_z) {
-            return Err(PixelStatus::Slant);
-        }
-        let z = self.planes.z[at] * tilt.stretch;
-        let local = ray * z;
-        let position = self.rotation * local + self.centre;
-        // Negated, so that NaN is too far as well.
-        if !position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
-            return Err(PixelStatus::Far);
-        }
-        let pixel = row * self.planes.slope_x.len() + column;
-        let color = self.colors.color(pixel, local).ok_or(PixelStatus::NoColor)?;
+        let least = V::splat(self.least_cosine) * (normal_length * per_z);
+        let planes = self.planes.at(column, row);
+        let z = load::<V, STEP>(&self.planes.z[planes..]) * surface.stretch;
+        let local = scaled(ray, z);
+        let [x, y, ahead] = turned(&self.turn, local);
+        let [right, down, front] = self.centre;
+        let position = [x + V::splat(right), y + V::splat(down), ahead + V::splat(front)];
+        let far = !(within(position[0]) & within(position[1]) & within(position[2])) as u8;
         let range = z * per_z;
-        Ok(SurfacePoint {
-            position: position.to_array(),
-            range,
-            color,
-            noise: self.planes.noise[at] * per_z,
-            normal: (self.rotation * (tilt.normal * (-1.0 / normal_length))).to_array(),
-            footprint: range * self.per_focal,
-            direction: (self.rotation * (ray * (1.0 / per_z))).to_array(),
-            pixel: pixel as u32,
-        })
+        let normal = scaled(surface.normal, V::splat(-1.0) / normal_length);
+        PointLanes {
+            flying: if self.settings.flying_pixels { !fitted.accepted[at] } else { 0 },
+            slant: surface.along.at_most(least) as u8,
+            far,
+            seen: self.colors.seen_lanes(local),
+            position: to_arrays(position),
+            range: range.to_array(),
+            noise: (load::<V, STEP>(&self.planes.noise[planes..]) * per_z).to_array(),
+            normal: to_arrays(turned(&self.turn, normal)),
+            footprint: (range * V::splat(self.per_focal)).to_array(),
+            direction: to_arrays(turned(&self.turn, scaled(ray, one / per_z))),
+        }
     }
 
-    /// Turned away from the camera, so that the product with the ray is what remains of
-    /// the inverse depth itself.
+    /// Turned away from the camera, so that the product with the ray is what remains of the inverse depth
+    /// itself.
     #[inline(always)]
-    fn tilt(&self, fitted: &Fitted, place: usize, ray: Vec3) -> Tilt {
-        let along = 1.0 + fitted.excess[place];
-        let (x, y) = (fitted.step_x[place] * self.focal[0], fitted.step_y[place] * self.focal[1]);
+    fn surface<V: Vector>(&self, fitted: &Fitted, at: usize, ray: [V; 3], per_z: V) -> Surface<V> {
+        let one = V::splat(1.0);
+        let place = at * LANES;
+        let along = one + V::load(&fitted.excess[place..]);
+        let x = V::load(&fitted.step_x[place..]) * V::splat(self.focal[0]);
+        let y = V::load(&fitted.step_y[place..]) * V::splat(self.focal[1]);
+        let normal = [x, y, along - x * ray[0] - y * ray[1]];
         // The plane gives the normal even where depth stays as measured.
-        let stretch = if self.settings.plane_fit { 1.0 / along } else { 1.0 };
-        Tilt { stretch, normal: Vec3::new(x, y, along - x * ray.x - y * ray.y), along }
+        let stretch = if self.settings.plane_fit { one / along } else { one };
+        let planar = Surface { stretch, normal, along };
+        if self.settings.flying_pixels {
+            return planar;
+        }
+        let mut accepted = [0.0; LANES];
+        for (lane, accepted_lane) in accepted.iter_mut().enumerate() {
+            *accepted_lane = if fitted.accepted[at] >> lane & 1 == 1 { EVERY_BIT } else { 0.0 };
+        }
+        let accepted = V::load(&accepted);
+        Surface {
+            stretch: V::select(accepted, planar.stretch, one),
+            normal: [
+                V::select(accepted, planar.normal[0], ray[0]),
+                V::select(accepted, planar.normal[1], ray[1]),
+                V::select(accepted, planar.normal[2], ray[2]),
+            ],
+            along: V::select(accepted, planar.along, per_z * per_z),
+        }
     }
 }
 
+/// Surfaces of eight pixels in the camera's frame, scaled by their measured depth.
+struct Surface<V> {
+    /// Depth over that measured.
+    stretch: V,
+    /// Away from the camera, of any length.
+    normal: [V; 3],
+    /// Product of the normal with the ray.
+    along: V,
+}
+
+/// Eight points: as in [`SurfacePoint`], lane by lane, and a bit for each that is none.
+struct PointLanes {
+    flying: u8,
+    slant: u8,
+    far: u8,
+    /// Where the colour camera sees them.
+    seen: SeenLanes,
+    position: [[f32; LANES]; 3],
+    range: [f32; LANES],
+    noise: [f32; LANES],
+    normal: [[f32; LANES]; 3],
+    footprint: [f32; LANES],
+    direction: [[f32; LANES]; 3],
+}
+
+impl PointLanes {
+    /// One of them, or why it is none.
+    #[inline(always)]
+    fn point(
+        &self,
+        colors: &ColorLookup<'_>,
+        lane: usize,
+        pixel: usize,
+    ) -> Result<SurfacePoint, PixelStatus> {
+        let has = |bits: u8| bits >> lane & 1 == 1;
+        if has(self.flying) {
+            return Err(PixelStatus::Flying);
+        }
+        if has(self.slant) {
+            return Err(PixelStatus::Slant);
+        }
+        if has(self.far) {
+            return Err(PixelStatus::Far);
+        }
+        let color = colors.color(pixel, &self.seen, lane).ok_or(PixelStatus::NoColor)?;
+        Ok(SurfacePoint {
+            position: of_lane(&self.position, lane),
+            range: self.range[lane],
+            color,
+            noise: self.noise[lane],
+            normal: of_lane(&self.normal, lane),
+            footprint: self.footprint[lane],
+            direction: of_lane(&self.direction, lane),
+            pixel: pixel as u32,
+        })
+    }
+}
+
+/// Lanes that are near enough for f32; NaN is not.
+#[inline(always)]
+fn within<V: Vector>(x: V) -> u32 {
+    x.at_most(V::splat(MAX_COORDINATE)) & V::splat(-MAX_COORDINATE).at_most(x)
+}
+
+#[inline(always)]
+fn to_arrays<V: Vector>([x, y, z]: [V; 3]) -> [[f32; LANES]; 3] {
+    [x.to_array(), y.to_array(), z.to_array()]
+}
+
+#[inline(always)]
+fn of_lane([x, y, z]: &[[f32; LANES]; 3], lane: usize) -> [f32; 3] {
+    [x[lane], y[lane], z[lane]]
+}
+
 /// Marks the usable pixels of some rows, the first an even one, that are not looked at.
+#[inline(always)]
 fn leave_out(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
-    let width = statuses.width;
+    let (width, step) = (statuses.width, sampling.column_step());
     for row in rows {
         let is_used = row.is_multiple_of(sampling.row_step());
-        let lanes = if is_used { sampling.lanes() } else { 0 };
         for (column, status) in statuses.data[row * width..][..width].iter_mut().enumerate() {
-            let is_left_out = lanes >> (column % LANES) & 1 == 0;
-            if is_left_out && *status == PixelStatus::Kept {
-                *status = PixelStatus::LeftOut;
-            }
+            let is_left_out = !is_used || column % step != 0;
+            // Written in any case: such a loop is vector code.
+            *status = match is_left_out && *status == PixelStatus::Kept {
+                true => PixelStatus::LeftOut,
+                false => *status,
+            };
         }
     }
 }

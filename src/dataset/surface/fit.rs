@@ -11,7 +11,7 @@
 //! Tried on Lego and dropped (`dataset.md`, Tried and dropped): points weighted by their cosine or its square,
 //! which gain nothing over a threshold; windows of other sizes (see `recipe`).
 
-use super::planes::{NOTHING, Planes};
+use super::planes::{NOTHING, Planes, load};
 use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
 use super::sampling::PixelSampling;
 use super::sensor::Profile;
@@ -27,10 +27,10 @@ const FAR: f32 = 1e30;
 /// Between [`FAR`] and every residual of a neighbour that the gate lets in.
 const ANY: f32 = 1e29;
 
-/// Planes of some rows of pixels, in blocks of eight.
+/// Planes of some rows of pixels, in blocks of eight that are not left out.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Fitted {
-    /// Bit `i` of a block is set if its pixel `i` is usable and not left out.
+    /// Bit `i` of a block is set if its pixel `i` is usable.
     pub usable: Vec<u8>,
     /// Bit `i` of a block is set if its pixel `i` is usable and a plane explains it.
     pub accepted: Vec<u8>,
@@ -56,22 +56,31 @@ impl Kernel for FitRows<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
+        match self.sampling.column_step() {
+            1 => self.fit::<V, 1>(),
+            _ => self.fit::<V, 2>(),
+        }
+    }
+}
+
+impl FitRows<'_> {
+    #[inline(always)]
+    fn fit<V: Vector, const STEP: usize>(self) {
         let Self { planes, rows, sampling, profile, out } = self;
         let limits = Limits::<V>::new(profile);
-        let blocks = planes.blocks();
+        let blocks = planes.blocks(STEP);
         out.resize(rows.len() * blocks);
         // Rows of tiles begin at even rows.
         for (line, row) in rows.enumerate().step_by(sampling.row_step()) {
             for block in 0..blocks {
-                let at = planes.at(block * LANES, row);
+                let at = planes.at(block * LANES * STEP, row);
                 // Nothing is the largest f32; half of it lies between it and every legal depth.
-                let usable = V::load(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
+                let usable = load::<V, STEP>(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
                 let to = line * blocks + block;
-                let used = usable as u8 & sampling.lanes();
-                out.usable[to] = used;
-                if used != 0 {
+                out.usable[to] = usable as u8;
+                if usable != 0 {
                     out.accepted[to] =
-                        fit_block(planes, at, usable, &limits, out, to * LANES) as u8;
+                        fit_block::<V, STEP>(planes, at, usable, &limits, out, to * LANES) as u8;
                 }
             }
         }
@@ -112,9 +121,9 @@ impl<V: Vector> Limits<V> {
     }
 }
 
-/// Fits eight pixels whose first is `at`; the usable lanes that a plane explains.
+/// Fits eight pixels, every `STEP`-th from `at` on; the usable lanes that a plane explains.
 #[inline(always)]
-fn fit_block<V: Vector>(
+fn fit_block<V: Vector, const STEP: usize>(
     planes: &Planes,
     at: usize,
     usable: u32,
@@ -122,9 +131,9 @@ fn fit_block<V: Vector>(
     out: &mut Fitted,
     to: usize,
 ) -> u32 {
-    let noise = V::load(&planes.noise[at..]);
-    let inverse = V::load(&planes.inverse[at..]);
-    let residuals = window(planes, at, noise, limits.steepness);
+    let noise = load::<V, STEP>(&planes.noise[at..]);
+    let inverse = load::<V, STEP>(&planes.inverse[at..]);
+    let residuals = window::<V, STEP>(planes, at, noise, limits.steepness);
     let mut sums = inliers(&residuals, [V::splat(0.0); 3], V::splat(ANY));
     let mut sound = usable & sums.are_enough();
     for _ in 1..ROUNDS {
@@ -155,9 +164,14 @@ fn fit_block<V: Vector>(
 /// Inverse depths around eight pixels, relative to theirs, in units of `q / z²`; [`FAR`] where the
 /// gate shuts a neighbour out.
 #[inline(always)]
-fn window<V: Vector>(planes: &Planes, at: usize, noise: V, steepness: V) -> [V; WINDOW] {
-    let z = V::load(&planes.z[at..]);
-    let inverse = V::load(&planes.inverse[at..]);
+fn window<V: Vector, const STEP: usize>(
+    planes: &Planes,
+    at: usize,
+    noise: V,
+    steepness: V,
+) -> [V; WINDOW] {
+    let z = load::<V, STEP>(&planes.z[at..]);
+    let inverse = load::<V, STEP>(&planes.inverse[at..]);
     let per_unit = z * z / noise;
     let far = V::splat(FAR);
     // Wider with distance: a slanted plane moves away from the pixel's depth step by step, and the
@@ -170,12 +184,12 @@ fn window<V: Vector>(planes: &Planes, at: usize, noise: V, steepness: V) -> [V; 
     let mut residuals = [far; WINDOW];
     for row in 0..SIDE {
         let start = at + row * planes.stride() - RADIUS * planes.stride() - RADIUS;
-        let depths = &planes.z[start..start + SIDE - 1 + LANES];
-        let inverses = &planes.inverse[start..start + SIDE - 1 + LANES];
+        let depths = &planes.z[start..start + SIDE - 1 + STEP * LANES];
+        let inverses = &planes.inverse[start..start + SIDE - 1 + STEP * LANES];
         for column in 0..SIDE {
             let gate = gates[row.abs_diff(RADIUS).max(column.abs_diff(RADIUS))];
-            let inside = abs(V::load(&depths[column..]) - z).mask_at_most(gate);
-            let residual = (V::load(&inverses[column..]) - inverse) * per_unit;
+            let inside = abs(load::<V, STEP>(&depths[column..]) - z).mask_at_most(gate);
+            let residual = (load::<V, STEP>(&inverses[column..]) - inverse) * per_unit;
             residuals[row * SIDE + column] = V::select(inside, residual, far);
         }
     }

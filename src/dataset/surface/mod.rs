@@ -5,7 +5,7 @@
 //! |---|---|
 //! | codes to depth, noise and the status of every pixel | `planes` |
 //! | a plane around every pixel, in blocks of eight | `fit` |
-//! | depth, normal, colour of the pixels that are kept | `emit`, `color_lookup`, `occluders` |
+//! | depth, normal, colour of the pixels that are kept | `emit`, `color_lookup`, `seen` |
 //!
 //! Inverse depth, because it is affine in the pixel on a plane: the fit is linear and exact there,
 //! where depth itself would bend. A fit also is the filter of flying pixels: what mixes two surfaces
@@ -20,12 +20,12 @@ pub mod status;
 mod color_lookup;
 mod emit;
 mod fit;
-mod occluders;
 mod photographed;
 mod planes;
 mod preparer;
 mod projection;
 mod recipe;
+mod seen;
 
 pub use preparer::Preparer;
 pub use sampling::PixelSampling;

@@ -16,7 +16,7 @@ use crate::dataset::depth::{
 use crate::dataset::frame::Frame;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
-use crate::math::simd::LANES;
+use crate::math::simd::{LANES, Vector};
 
 /// Depth where nothing is known; beyond every legal one.
 pub(super) const NOTHING: f32 = f32::MAX;
@@ -30,7 +30,7 @@ pub(super) struct Planes {
     pub inverse: Vec<f32>,
     /// Noise half-width in units of z; says nothing where `z` is nothing.
     pub noise: Vec<f32>,
-    /// Slopes of the columns' rays.
+    /// Slopes of the columns' rays; zeros up to two whole vectors.
     pub slope_x: Vec<f32>,
     /// Slopes of the rows' rays.
     pub slope_y: Vec<f32>,
@@ -55,10 +55,10 @@ impl Planes {
         self.stride
     }
 
-    /// Vectors that cover a row of pixels.
+    /// Vectors that cover a row of pixels, of which one in every `step` is used.
     #[inline(always)]
-    pub fn blocks(&self) -> usize {
-        self.size[0].div_ceil(LANES)
+    pub fn blocks(&self, step: usize) -> usize {
+        self.size[0].div_ceil(LANES * step)
     }
 
     /// Replaces the planes by a frame's depth. Writes the measured range of every pixel, and its
@@ -100,7 +100,7 @@ impl Planes {
         if self.size != [width, height] {
             self.size = [width, height];
             // Whole vectors and a border: the last block reads past its row, never past the planes.
-            self.stride = self.blocks() * LANES + 2 * RADIUS;
+            self.stride = self.blocks(2) * 2 * LANES + 2 * RADIUS;
             let n = self.stride * (height + 2 * RADIUS);
             for plane in [&mut self.z, &mut self.inverse, &mut self.noise] {
                 plane.clear();
@@ -111,6 +111,7 @@ impl Planes {
         }
         self.slope_x.clear();
         self.slope_x.extend((0..width).map(|column| k.ray(column, 0).x as f32));
+        self.slope_x.resize(self.blocks(2) * 2 * LANES, 0.0);
         self.slope_y.clear();
         self.slope_y.extend((0..height).map(|row| k.ray(0, row).y as f32));
     }
@@ -159,6 +160,12 @@ impl Planes {
             }
         }
     }
+}
+
+/// Eight values, every `STEP`-th of a row: one or two.
+#[inline(always)]
+pub(super) fn load<V: Vector, const STEP: usize>(values: &[f32]) -> V {
+    if STEP == 1 { V::load(values) } else { V::load_even(values) }
 }
 
 /// A row of what is filled.

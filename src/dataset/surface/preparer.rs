@@ -1,11 +1,13 @@
 //! Frames to observations, stage by stage.
 
-use super::emit::Emitter;
+use super::color_lookup::{Beside, ColorLookup};
+use super::emit::{EmitRows, Emitter};
 use super::fit::{FitRows, Fitted};
-use super::occluders::Occluders;
-use super::photographed::photograph;
+use super::photographed::{registered, seen_beside};
 use super::planes::Planes;
+use super::projection::Projection;
 use super::recipe::TILE;
+use super::seen::{SeeFrame, SeenDepths};
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
 use crate::dataset::error::FrameError;
@@ -34,7 +36,7 @@ pub struct Preparer {
     isa: Isa,
     planes: Planes,
     fitted: Fitted,
-    occluders: Occluders,
+    seen: SeenDepths,
     statuses: Image<PixelStatus>,
 }
 
@@ -51,7 +53,7 @@ impl Preparer {
             isa,
             planes: Planes::default(),
             fitted: Fitted::default(),
-            occluders: Occluders::default(),
+            seen: SeenDepths::default(),
             statuses,
         }
     }
@@ -69,36 +71,52 @@ impl Preparer {
     ) -> Result<SurfaceCounts, FrameError> {
         let depth = frame.depth_to_use()?;
         let profile = settings.profile(depth, &frame.camera.intrinsics);
-        let Self { isa, planes, fitted, occluders, statuses } = self;
+        let Self { isa, planes, fitted, seen, statuses } = self;
         let (width, height) = depth.size();
         resize(&mut out.ranges, width, height);
         resize(statuses, width, height);
         let calibration = settings.calibration();
-        // Whole before the first fit: windows read beyond their tile, occluders come from anywhere.
+        // Whole before the first fit: windows read beyond their tile, what hides a surface comes from anywhere.
         planes.fill(frame, depth, &profile, calibration, &mut out.ranges, statuses);
+        let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
+        let camera = color_camera.as_ref().map(Projection::new);
+        if let (Some(color_camera), Some(camera)) = (&color_camera, &camera) {
+            let k = &frame.camera.intrinsics;
+            let [x, y] = color_camera.focal;
+            let footprint = (x / k.fx).max(y / k.fy) as f32;
+            let size = [frame.color.width, frame.color.height];
+            isa.run(SeeFrame { planes, camera, footprint, size, out: seen });
+        }
+        let margin = profile.tolerance.margin;
+        let beside = camera.as_ref().map(|camera| Beside { camera, depths: seen, margin });
+        let colors = ColorLookup::new(frame, calibration, beside);
+        let emitter = Emitter::new(frame, planes, settings, &profile, colors);
         out.points.clear();
-        let emitter = Emitter::new(frame, planes, settings, &profile, occluders);
         // A row of tiles at a time: what was fitted is still in the cache when points are made.
         for top in (0..height).step_by(TILE) {
             let rows = top..height.min(top + TILE);
-            let sampling = settings.sampling;
-            isa.run(FitRows {
+            let fit = FitRows {
                 planes,
                 rows: rows.clone(),
-                sampling,
+                sampling: settings.sampling,
                 profile: &profile,
                 out: fitted,
-            });
-            emitter.emit(fitted, rows, &mut out.points, statuses);
+            };
+            isa.run(fit);
+            let points = &mut out.points;
+            isa.run(EmitRows { emitter: &emitter, fitted, rows, points, statuses });
         }
         out.point_weight = settings.sampling.weight();
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;
-        let profile = &profile;
-        out.photograph = settings
-            .photograph
-            .then(|| photograph(frame, planes, calibration, profile, &out.ranges));
+        out.photograph = settings.photograph.then(|| {
+            let gain = calibration.gain(&frame.name);
+            match &color_camera {
+                None => registered(frame, planes, gain),
+                Some(camera) => seen_beside(frame, seen, camera, gain),
+            }
+        });
         Ok(SurfaceCounts::of(&statuses.data))
     }
 

@@ -2,35 +2,42 @@
 //! hidden surfaces both project by it.
 
 use crate::dataset::calibration::ColorCamera;
-use glam::{Mat3, Vec2, Vec3};
+use crate::math::simd::{Vector, turned};
 
 /// A colour camera in f32.
 pub(super) struct Projection {
-    turn: Mat3,
-    offset: Vec3,
-    focal: Vec2,
-    principal: Vec2,
+    /// From the depth camera's axes to the colour camera's, by rows.
+    turn: [[f32; 3]; 3],
+    offset: [f32; 3],
+    focal: [f32; 2],
+    principal: [f32; 2],
 }
 
 impl Projection {
     pub fn new(camera: &ColorCamera) -> Self {
         Self {
-            turn: camera.color_from_depth().as_mat3(),
-            offset: Vec3::from_array(camera.offset.map(|v| v as f32)),
-            focal: Vec2::from_array(camera.focal.map(|v| v as f32)),
-            principal: Vec2::from_array(camera.principal.map(|v| v as f32)),
+            turn: camera.color_from_depth().transpose().to_cols_array_2d().map(single),
+            offset: single(camera.offset),
+            focal: single(camera.focal),
+            principal: single(camera.principal),
         }
     }
 
-    /// A point of the depth camera's frame in the colour camera's.
+    /// Points of the depth camera's frame in the colour camera's.
     #[inline(always)]
-    pub fn turned(&self, point: Vec3) -> Vec3 {
-        self.turn * (point - self.offset)
+    pub fn turned_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 3] {
+        let [right, down, ahead] = self.offset;
+        turned(&self.turn, [x - V::splat(right), y - V::splat(down), z - V::splat(ahead)])
     }
 
-    /// Pixel coordinates of a point of the colour camera's frame; `None` behind the camera.
+    /// Pixel coordinates of points of the colour camera's frame; say nothing of those behind the camera.
     #[inline(always)]
-    pub fn project(&self, point: Vec3) -> Option<Vec2> {
-        (point.z > 0.0).then(|| self.focal * point.truncate() / point.z + self.principal)
+    pub fn project_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 2] {
+        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
+        [V::splat(fx) * x / z + V::splat(cx), V::splat(fy) * y / z + V::splat(cy)]
     }
+}
+
+fn single<const N: usize>(values: [f64; N]) -> [f32; N] {
+    values.map(|value| value as f32)
 }

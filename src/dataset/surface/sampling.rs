@@ -50,11 +50,8 @@ impl PixelSampling {
         if self.is_every() { 1 } else { 2 }
     }
 
-    /// A bit for each of eight neighbouring pixels of a row that is used.
-    pub(super) fn lanes(self) -> u8 {
-        match self {
-            Self::Every | Self::Half => u8::MAX,
-            Self::Quarter => 0b0101_0101,
-        }
+    /// The same of columns.
+    pub(super) fn column_step(self) -> usize {
+        if self == Self::Quarter { 2 } else { 1 }
     }
 }

@@ -66,6 +66,17 @@ impl Vector for Avx2 {
     }
 
     #[inline(always)]
+    fn load_even(values: &[f32]) -> Self {
+        let (low, high) = (Self::load(values), Self::load(&values[LANES..]));
+        unsafe {
+            // Of both halves of either; then their pairs change places.
+            let mixed = _mm256_shuffle_ps::<0b10_00_10_00>(low.0, high.0);
+            let pairs = _mm256_permute4x64_pd::<0b11_01_10_00>(_mm256_castps_pd(mixed));
+            Self(_mm256_castpd_ps(pairs))
+        }
+    }
+
+    #[inline(always)]
     fn store(self, values: &mut [f32]) {
         let values = &mut values[..LANES];
         unsafe { _mm256_storeu_ps(values.as_mut_ptr(), self.0) }
@@ -130,6 +141,15 @@ impl Vector for Avx2 {
     #[inline(always)]
     fn signs(self) -> u32 {
         unsafe { _mm256_movemask_ps(self.0) as u32 }
+    }
+
+    #[inline(always)]
+    fn truncated(self) -> [i32; LANES] {
+        let mut lanes = [0; LANES];
+        unsafe {
+            _mm256_storeu_si256(lanes.as_mut_ptr().cast(), _mm256_cvttps_epi32(self.0));
+        }
+        lanes
     }
 
     #[inline(always)]

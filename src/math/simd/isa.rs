@@ -94,14 +94,18 @@ mod tests {
                 V::select(a.mask_at_most(b), a, b),
                 a.scale_by_bits(V::splat(f32::from_bits(3))),
             ];
+            let both: Vec<f32> = self.0.iter().chain(self.1).copied().collect();
             let columns = V::transposed([a, b, a + b, a, b, a - b, a, b]);
             let sums = V::lane_sums([a, b, a + b, a, b, a - b, a, b]);
-            let vectors = vectors.into_iter().chain(columns).chain([sums]);
+            let even = V::load_even(&both);
+            let vectors = vectors.into_iter().chain(columns).chain([sums, even]);
             let vectors: Vec<V> = vectors.collect();
             let lanes = vectors.iter().flat_map(|v| v.to_array()).map(f32::to_bits);
             let some = a.compress(0b1010_0110).to_array().map(f32::to_bits);
             let some = some.into_iter().take(4);
-            lanes.chain([a.at_most(b), a.agrees(b, !0xFFFF), a.signs()]).chain(some).collect()
+            let truncated = (b.min(V::splat(1e6)) * V::splat(1.25)).truncated();
+            let masks = [a.at_most(b), a.agrees(b, !0xFFFF), a.signs()];
+            lanes.chain(masks).chain(some).chain(truncated.map(|lane| lane as u32)).collect()
         }
     }
 
@@ -118,8 +122,11 @@ mod tests {
         assert_eq!(expected[120..128], second.map(f32::to_bits));
         let sum = b.iter().sum::<f32>();
         assert_eq!(expected[177], sum.to_bits());
-        assert_eq!(expected[184..187], [0b0110_0011, 0b1100_0001, 0b0010_0010]);
-        assert_eq!(expected[187..], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
+        let even = [a[0], a[2], a[4], a[6], b[0], b[2], b[4], b[6]];
+        assert_eq!(expected[184..192], even.map(f32::to_bits));
+        assert_eq!(expected[192..195], [0b0110_0011, 0b1100_0001, 0b0010_0010]);
+        assert_eq!(expected[195..199], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
+        assert_eq!(expected[199..], [0, 1_250_000, -3, 1, -1, 5, 0, 1].map(|lane| lane as u32));
         if let Some(avx2) = Isa::avx2() {
             assert_eq!(avx2.run(Everything(&a, &b)), expected);
         }

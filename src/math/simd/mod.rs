@@ -8,7 +8,11 @@
 mod avx2;
 mod isa;
 mod portable;
+mod rows;
+mod triples;
 mod vector;
 
 pub use isa::{FORCE_VARIABLE, Isa};
+pub use rows::{gather_rows, load_rows, scatter_rows};
+pub use triples::{dot, scaled, turned};
 pub use vector::{EVERY_BIT, Kernel, LANES, Vector};

@@ -41,6 +41,15 @@ impl Vector for Portable {
     }
 
     #[inline(always)]
+    fn load_even(values: &[f32]) -> Self {
+        let mut lanes = [0.0; LANES];
+        for (lane, pair) in lanes.iter_mut().zip(values[..2 * LANES].chunks_exact(2)) {
+            *lane = pair[0];
+        }
+        Self(f32x8::new(lanes))
+    }
+
+    #[inline(always)]
     fn store(self, values: &mut [f32]) {
         values[..LANES].copy_from_slice(self.0.as_array());
     }
@@ -97,6 +106,11 @@ impl Vector for Portable {
     #[inline(always)]
     fn signs(self) -> u32 {
         self.0.to_bitmask() & 0xFF
+    }
+
+    #[inline(always)]
+    fn truncated(self) -> [i32; LANES] {
+        self.0.trunc_int().to_array()
     }
 
     #[inline(always)]

@@ -16,6 +16,8 @@ pub trait Vector:
     fn splat(value: f32) -> Self;
     /// The first eight values.
     fn load(values: &[f32]) -> Self;
+    /// Every other of the first sixteen values, from the first on.
+    fn load_even(values: &[f32]) -> Self;
     /// Overwrites the first eight values.
     fn store(self, values: &mut [f32]);
     /// The smaller of each pair; of no use where a lane is NaN.
@@ -40,6 +42,8 @@ pub trait Vector:
     fn select(mask: Self, yes: Self, no: Self) -> Self;
     /// Lane `i` sets bit `i` if its sign bit is set, as it is where a mask is.
     fn signs(self) -> u32;
+    /// Lanes without what is behind the point; says nothing of lanes beyond an `i32`.
+    fn truncated(self) -> [i32; LANES];
     /// Adds the integer in the bits of each lane of `exponent` to the exponent of the lane: times a
     /// power of two, as long as the result is a normal number.
     fn scale_by_bits(self, exponent: Self) -> Self;
@@ -56,6 +60,7 @@ pub trait Vector:
         sums
     }
     /// The lanes as an array, first to last.
+    #[inline(always)]
     fn to_array(self) -> [f32; LANES] {
         let mut lanes = [0.0; LANES];
         self.store(&mut lanes);

@@ -33,8 +33,8 @@ impl Conic {
         let sharpness = placed.scale.recip();
         let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
         let g0 = white(tangent.x0);
-        let a = tangent.steps.map(white);
-        let b = a.map(|a| a.cross(g0));
+        let a = [white(tangent.steps[0]), white(tangent.steps[1])];
+        let b = [a[0].cross(g0), a[1].cross(g0)];
         let (gg, bb) = (g0.length_squared(), b[0].length_squared());
         let (per_g, per_b) = (gg.sqrt().recip(), bb.sqrt().recip());
         // |B₁×B₂|² = |g₀|²·(g₀·(A₁×A₂))², and that triple product is det M times the steps' own.

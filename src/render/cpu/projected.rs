@@ -52,47 +52,34 @@ pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuVi
     gradient
 }
 
-/// A splat's axes in the image.
-pub(super) struct ImageAxes {
-    /// Rows of the Jacobian `J` of the projection at the splat's centre, px per world unit.
-    pub jacobian: [DVec3; 2],
-    /// Rows of `J R Q diag(s)`: the standard deviations along each axis, px.
-    pub scaled: [DVec3; 2],
-    /// Whether the Jacobian follows the centre, which it does near the image alone.
-    pub follows: bool,
-}
+/// Rows of `J R Q diag(s)`, with the Jacobian `J` of the projection at the splat's centre: the standard
+/// deviations along each axis, px.
+struct ImageAxes([DVec3; 2]);
 
 impl ImageAxes {
-    pub(super) fn new(view: &CpuView, placed: &CameraSplat) -> Self {
+    fn new(view: &CpuView, placed: &CameraSplat) -> Self {
         let (k, z) = (&view.intrinsics, placed.m.z);
         let tangent = placed.m.truncate() / z;
         // Only the Jacobian's point is clamped, not the centre: far outside, the linearisation
         // would blow splats up (`rendering.md`, Projected renderer).
         let clamped = tangent.max(view.tangent_lo).min(view.tangent_hi);
-        let jacobian = [
-            DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z),
-            DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z),
-        ];
-        let scaled = jacobian.map(|row| placed.axes.transpose_mul_vec3(row) * placed.scale);
-        Self { jacobian, scaled, follows: clamped == tangent }
+        let across = DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z);
+        let down = DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z);
+        let scaled = |row: DVec3| placed.axes.transpose_mul_vec3(row) * placed.scale;
+        Self([scaled(across), scaled(down)])
     }
 
     /// Covariance of the splat's depth with the place in the image, px times world units.
     fn with_depth(&self, placed: &CameraSplat) -> DVec2 {
         let depth = placed.axes.row(2) * placed.scale;
-        DVec2::new(depth.dot(self.scaled[0]), depth.dot(self.scaled[1]))
-    }
-
-    /// Factor of the inverse covariance, low-pass included.
-    pub(super) fn conic(&self) -> Conic {
-        Covariance2::new(self).conic()
+        DVec2::new(depth.dot(self.0[0]), depth.dot(self.0[1]))
     }
 }
 
 impl Covariance2 {
     /// `J S Jᵀ + 0.3·I`.
     fn new(axes: &ImageAxes) -> Self {
-        let [w_x, w_y] = axes.scaled;
+        let [w_x, w_y] = axes.0;
         let (xx, yy) = (w_x.length_squared(), w_y.length_squared());
         // Lagrange's identity: the determinant as a sum of positive terms does not cancel.
         let det = w_x.cross(w_y).length_squared() + LOW_PASS_PX2 * (xx + yy + LOW_PASS_PX2);

@@ -43,13 +43,15 @@ impl Matched<'_> {
         let per_h = R::of(1.0 / h);
         // Merged components reach points beyond `h`, and refinement moves points: without a bound
         // their terms could overflow a row.
-        let offset = [0, 1, 2].map(|axis| {
+        let offset = |axis: usize| {
             let offset = real(point.position[axis]) - real(seed[axis])
                 + real(shift) * real(point.direction[axis]);
             clamp(offset * per_h, MAX_OFFSET)
-        });
+        };
+        let offset = [offset(0), offset(1), offset(2)];
         // A gain above 1 must not lift a colour beyond what terms are bounded by.
-        let color = [0, 1, 2].map(|i| real((point.color[i] * self.gain[i]).min(1.0)));
+        let color = |i: usize| real((point.color[i] * self.gain[i]).min(1.0));
+        let color = [color(0), color(1), color(2)];
         // A power of two: rounds no term.
         let weight = R::of(f64::from(self.weight));
         terms(offset, color, point.normal, point.direction).map(|term| weight * term)

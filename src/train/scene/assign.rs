@@ -5,9 +5,10 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid};
-use super::ray_search::seed_along_ray;
+use super::ray_search::SearchRays;
 use super::seed_groups::SeedGroups;
 use super::spacing::Spacing;
+use crate::math::simd::Isa;
 use crate::model::scene::points_device::OPEN;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
@@ -70,9 +71,7 @@ fn keep_components(
         keep_within(grid, spacing, points, owners);
     }
     if spacing.searches_rays() {
-        for (point, owner) in points.iter().zip(owners.iter_mut()).filter(|(_, o)| **o == NONE) {
-            *owner = seed_along_ray(grid, spacing, point).unwrap_or(NONE);
-        }
+        Isa::best().run(SearchRays { grid, spacing, points, seeds: owners });
     }
     for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
         *owner = components.of_seed(*owner);

@@ -6,12 +6,12 @@
 //! is lost: all three draw the same picture within 0.005 dB.
 
 use super::runs::runs;
+use super::wide_sums::WideSums;
 use crate::math::real::Real;
 use crate::model::scene::bounds::{self, Slack, make_definite, restrain};
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// The number that a sum of one component is kept in.
 pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
@@ -193,7 +193,7 @@ impl<W: SumScalar> SumRow<W> {
 
 /// What rows could not hold.
 #[derive(Clone, Copy)]
-pub struct WideRows<'a>(&'a BTreeMap<u32, [f64; N_SUMS]>);
+pub struct WideRows<'a>(&'a WideSums);
 
 impl<'a> WideRows<'a> {
     /// `N`, `Σ d` and `Σ n` of a component.
@@ -205,8 +205,7 @@ impl<'a> WideRows<'a> {
 
     #[inline(always)]
     fn reader<W: SumScalar>(self, id: usize, row: &'a SumRow<W>) -> impl Fn(usize) -> f64 + 'a {
-        // Most scenes have no wide rows, and this is asked for every component and frame.
-        let wide = if self.0.is_empty() { None } else { self.0.get(&(id as u32)) };
+        let wide = self.0.get(id as u32);
         move |i| row.sums[i].value() + wide.map_or(0.0, |wide| wide[i])
     }
 }
@@ -214,12 +213,12 @@ impl<'a> WideRows<'a> {
 /// Rows of all components. What a row cannot hold spills into a wider one.
 pub struct ComponentSums<W> {
     rows: Vec<SumRow<W>>,
-    wide: BTreeMap<u32, [f64; N_SUMS]>,
+    wide: WideSums,
 }
 
 impl<W: SumScalar> Default for ComponentSums<W> {
     fn default() -> Self {
-        Self { rows: Vec::new(), wide: BTreeMap::new() }
+        Self { rows: Vec::new(), wide: WideSums::default() }
     }
 }
 
@@ -247,7 +246,7 @@ impl<W: SumScalar> ComponentSums<W> {
     /// Everything a component has received.
     pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
         let mut sums = self.rows[id].sums.map(W::value);
-        if let Some(wide) = self.wide.get(&(id as u32)) {
+        if let Some(wide) = self.wide.get(id as u32) {
             for (sum, wide) in sums.iter_mut().zip(wide) {
                 *sum += wide;
             }
@@ -273,7 +272,7 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
         // On all threads, since training waits.
         let order = order.par_iter().with_min_len(4096);
-        let is_wide = |id: u32| self.wide.contains_key(&id) || is_full(self.row(id as usize));
+        let is_wide = |id: u32| self.wide.get(id).is_some() || is_full(self.row(id as usize));
         let wide = order.clone().enumerate().filter(|(_, id)| is_wide(**id));
         let wide = wide.map(|(at, &id)| WideRow { id: at as u32, sums: self.sums(id as usize) });
         let wide: Vec<WideRow> = wide.collect();
@@ -353,7 +352,7 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
         self.rows[dropped].sums = [W::default(); N_SUMS];
-        self.wide.remove(&(dropped as u32));
+        self.wide.remove(dropped as u32);
         let row = &mut self.rows[kept];
         row.visibility = row.visibility.plus(visibility);
         if row.sums[0].value() + sums[0] < W::FULL {
@@ -379,7 +378,7 @@ impl<W: SumScalar> ComponentSums<W> {
         let emptied = ids.split_off(most.min(ids.len()));
         for id in &emptied {
             self.rows[*id as usize].sums = [W::default(); N_SUMS];
-            self.wide.remove(id);
+            self.wide.remove(*id);
         }
         emptied
     }
@@ -402,7 +401,7 @@ impl<W: SumScalar> ComponentSums<W> {
     /// Gives a component other sums, as large as it has, in place of its own.
     fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
         let row = &mut self.rows[id].sums;
-        match self.wide.get_mut(&(id as u32)) {
+        match self.wide.get_mut(id as u32) {
             Some(wide) => (*row, *wide) = ([W::default(); N_SUMS], *sums),
             None => *row = sums.map(W::of_sum),
         }
@@ -410,9 +409,7 @@ impl<W: SumScalar> ComponentSums<W> {
 
     /// Adds sums that are too large for a row.
     pub fn add_wide(&mut self, id: u32, sums: [f64; N_SUMS]) {
-        let wide = self.wide.entry(id).or_insert([0.0; N_SUMS]);
-        // Sums of integer quanta below 2⁵³: exact in f64, hence the same in any order.
-        wide.iter_mut().zip(sums).for_each(|(wide, sum)| *wide += sum);
+        self.wide.add(id, &sums);
     }
 }
 

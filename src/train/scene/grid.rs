@@ -160,12 +160,9 @@ impl SeedGrid {
 
     /// First nodes of the blocks that some cells lie in.
     #[inline(always)]
-    fn heads_of(&self, cells: CellBox) -> impl Iterator<Item = u32> {
+    fn heads_of(&self, cells: CellBox) -> Heads<'_> {
         let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> self.block_bits));
-        let rows = (low[2]..=high[2]).flat_map(move |z| (low[1]..=high[1]).map(move |y| [y, z]));
-        rows.flat_map(move |[y, z]| {
-            (low[0]..=high[0]).map(move |x| self.heads[self.bucket([x, y, z])])
-        })
+        Heads { grid: self, low, high, next: low }
     }
 
     /// Every seed in the blocks that some cells lie in, and some from elsewhere, to `visit`.
@@ -204,21 +201,42 @@ impl SeedGrid {
 
     /// The nearest seed within a cell's width of a place; of equals the oldest.
     pub fn nearest(&self, position: [f32; 3]) -> Option<u32> {
-        if !self.reaches(position) {
-            return None;
-        }
-        // `NONE` is above every id, so that a seed at exactly a cell's width counts.
-        let (mut best, mut found) = (self.cell * self.cell, NONE);
-        let cell = self.cell_of(position);
-        let around = CellBox { low: cell.map(|c| c - 1), high: cell.map(|c| c + 1) };
-        self.visit_blocks(around, |id, seed| {
-            let d2 = squared_distance(position, seed);
-            // The order of buckets must not decide between equals.
-            if d2 < best || (d2 == best && id < found) {
-                (best, found) = (d2, id);
-            }
-        });
+        let found = Isa::best().run(Nearest { grid: self, position });
         (found != NONE).then_some(found)
+    }
+
+    /// The nearest seed no farther than `reach`, a cell's width at most, from a place; of equals the oldest;
+    /// [`NONE`] without one.
+    #[inline(always)]
+    pub fn nearest_within<V: Vector>(&self, position: [f32; 3], reach: f32) -> u32 {
+        if !self.reaches(position) {
+            return NONE;
+        }
+        let [x, y, z] = position;
+        let place = [V::splat(x), V::splat(y), V::splat(z)];
+        // `NONE` is above every id, so that a seed at exactly this distance counts.
+        let (mut best, mut found) = (reach * reach, NONE);
+        // A little more, as distances are rounded.
+        let radius = reach * (1.0 + 1e-5);
+        let corners = [[x - radius, y - radius, z - radius], [x + radius, y + radius, z + radius]];
+        for mut next in self.heads_of(self.cells_between(corners)) {
+            while let Some(node) = self.nodes.get(next as usize) {
+                let squared = node.squared_distances(place);
+                let mut near = squared.at_most(V::splat(best));
+                let squared = squared.to_array();
+                while near != 0 {
+                    let i = near.trailing_zeros() as usize % NODE;
+                    near &= near - 1;
+                    // The order of buckets must not decide between equals.
+                    let is_older = squared[i] == best && node.ids[i] < found;
+                    if squared[i] < best || is_older {
+                        (best, found) = (squared[i], node.ids[i]);
+                    }
+                }
+                next = node.next;
+            }
+        }
+        found
     }
 
     /// The seed at exactly this place.
@@ -249,9 +267,62 @@ impl Node {
         }
     }
 
+    /// Squared distances of its seeds from a place, summed x, y, z; NaN behind the last.
+    #[inline(always)]
+    fn squared_distances<V: Vector>(&self, [x, y, z]: [V; 3]) -> V {
+        let [u, v, w] = &self.along;
+        let (dx, dy, dz) = (x - V::load(u), y - V::load(v), z - V::load(w));
+        dx * dx + dy * dy + dz * dz
+    }
+
     #[inline(always)]
     fn position(&self, i: usize) -> [f32; 3] {
         [self.along[0][i], self.along[1][i], self.along[2][i]]
+    }
+}
+
+/// First nodes of blocks between two corners. By hand: what iterators are put together of is not compiled for a
+/// kernel's instructions.
+struct Heads<'a> {
+    grid: &'a SeedGrid,
+    low: [i32; 3],
+    high: [i32; 3],
+    next: [i32; 3],
+}
+
+impl Iterator for Heads<'_> {
+    type Item = u32;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<u32> {
+        let Self { grid, low, high, next } = self;
+        if next[2] > high[2] || low[1] > high[1] || low[0] > high[0] {
+            return None;
+        }
+        let head = grid.heads[grid.bucket(*next)];
+        next[0] += 1;
+        for axis in 0..2 {
+            if next[axis] > high[axis] {
+                next[axis] = low[axis];
+                next[axis + 1] += 1;
+            }
+        }
+        Some(head)
+    }
+}
+
+/// The nearest seed within a cell's width.
+struct Nearest<'a> {
+    grid: &'a SeedGrid,
+    position: [f32; 3],
+}
+
+impl Kernel for Nearest<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<V: Vector>(self) -> u32 {
+        self.grid.nearest_within::<V>(self.position, self.grid.cell)
     }
 }
 

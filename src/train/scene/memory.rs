@@ -14,8 +14,8 @@ const SCENE_COPY_BYTES: usize = 230;
 /// What learning from photographs takes of a component beside two copies of what they taught: its
 /// record, its sums in the picture and its step.
 const PHOTOGRAPH_SPLAT_BYTES: usize = 480;
-/// The photograph of a frame in memory.
-const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<MeasuredPixel>();
+/// The photograph of a frame in memory: colours and depths.
+const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<[u8; 4]>() + size_of::<f32>();
 /// Lists and sums of the picture that a photograph is compared with, whatever its size.
 const PHOTOGRAPH_BYTES: u64 = 58_000_000;
 /// The program itself, and what its threads and decoders need of a frame besides.
@@ -35,7 +35,9 @@ impl SceneConfig {
             Some(rule) => {
                 let copies = if rule.shuffle_buffer > 0 { 3 } else { 2 };
                 let of_splat = copies * PhotometricState::BYTES + PHOTOGRAPH_SPLAT_BYTES;
-                [of_splat, frames_at_once * PHOTOGRAPH_PIXEL_BYTES]
+                // One is compared at a time.
+                let of_pixel = frames_at_once * PHOTOGRAPH_PIXEL_BYTES + size_of::<MeasuredPixel>();
+                [of_splat, of_pixel]
             }
             None => [0; 2],
         };

@@ -46,3 +46,4 @@ mod runs;
 mod seed_groups;
 mod seed_positions;
 pub mod spacing;
+mod wide_sums;

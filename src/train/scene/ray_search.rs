@@ -1,27 +1,60 @@
 //! The surface of a point that no seed is near enough for: depth errs along the ray, so that is where its surface
 //! may be (`scene.md`, Ray search).
 
-use super::grid::SeedGrid;
+use super::grid::{NONE, SeedGrid};
 use super::spacing::Spacing;
+use crate::math::simd::{Kernel, Vector};
 use crate::observation::surface::SurfacePoint;
 
 /// Distance of the places that are looked at, shares of a point's reach: balls about them overlap.
 const STEP: f32 = 0.7;
 
-/// The nearest seed within reach of a place on the point's ray, the nearest such place first; of two as near
-/// the one behind, since what is in front would have hidden it.
-pub fn seed_along_ray(grid: &SeedGrid, spacing: Spacing, point: &SurfacePoint) -> Option<u32> {
+/// Gives points without a seed the nearest one within reach of a place on their ray, the nearest such place
+/// first; of two as near the one behind, since what is in front would have hidden it. The others keep theirs.
+pub struct SearchRays<'a> {
+    pub grid: &'a SeedGrid,
+    pub spacing: Spacing,
+    pub points: &'a [SurfacePoint],
+    /// By point its seed, or [`NONE`].
+    pub seeds: &'a mut [u32],
+}
+
+impl Kernel for SearchRays<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        for (point, seed) in self.points.iter().zip(self.seeds) {
+            if *seed == NONE {
+                *seed = seed_along_ray::<V>(self.grid, self.spacing, point);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn seed_along_ray<V: Vector>(grid: &SeedGrid, spacing: Spacing, point: &SurfacePoint) -> u32 {
     let (reach, far) = (spacing.reach(point), spacing.reach_along_ray(point));
-    let steps = (1..).map(|i| STEP * reach * i as f32).take_while(|t| *t <= far);
-    steps.flat_map(|t| [t, -t]).find_map(|t| {
-        let place = [0, 1, 2].map(|i| point.position[i] + t * point.direction[i]);
-        grid.nearest(place).filter(|&seed| grid.is_within(seed, place, reach))
-    })
+    let ([x, y, z], [right, down, ahead]) = (point.position, point.direction);
+    let mut step = 1.0;
+    while STEP * reach * step <= far {
+        let t = STEP * reach * step;
+        for t in [t, -t] {
+            let place = [x + t * right, y + t * down, z + t * ahead];
+            let seed = grid.nearest_within::<V>(place, reach);
+            if seed != NONE {
+                return seed;
+            }
+        }
+        step += 1.0;
+    }
+    NONE
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::simd::Isa;
 
     #[test]
     fn a_point_finds_the_surface_that_its_noise_allows() {
@@ -32,7 +65,14 @@ mod tests {
             let direction = [0.0, 0.0, 1.0];
             let point =
                 SurfacePoint { position: [x, 0.0, z], direction, noise, ..Default::default() };
-            seed_along_ray(&grid, spacing, &point)
+            let mut seeds = [NONE];
+            Isa::best().run(SearchRays {
+                grid: &grid,
+                spacing,
+                points: &[point],
+                seeds: &mut seeds,
+            });
+            (seeds[0] != NONE).then_some(seeds[0])
         };
         assert_eq!(found(3.05, 0.0, 0.015), Some(wall), "four half-widths are 60 mm");
         assert_eq!(found(2.95, 0.01, 0.015), Some(wall), "from the front too");

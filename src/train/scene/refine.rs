@@ -34,9 +34,8 @@ pub fn shift<W: SumScalar>(
     if -slope < MIN_COSINE * length {
         return 0.0;
     }
-    let offset =
-        [0, 1, 2].map(|i| f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n);
-    let distance = dot(normal, offset) / slope;
+    let along = |i: usize| f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n;
+    let distance = dot(normal, [along(0), along(1), along(2)]) / slope;
     if distance.abs() > limit {
         return 0.0;
     }

@@ -139,7 +139,7 @@ fn a_photograph_has_the_size_of_its_image_whatever_a_calibration_says() {
         let photograph = out.photograph.unwrap();
         let k = photograph.intrinsics;
         assert_eq!([k.width, k.height].map(|n| n as usize), [WIDTH, HEIGHT]);
-        assert_eq!((photograph.pixels.width, photograph.pixels.height), (WIDTH, HEIGHT));
+        assert_eq!((photograph.colors.width, photograph.colors.height), (WIDTH, HEIGHT));
         assert_eq!([k.fx, k.cy], [sx * camera.focal[0], sy * camera.principal[1]]);
     }
 }
@@ -182,7 +182,8 @@ fn pixels_of_photographs_know_how_far_their_surface_is() {
     let depths = |color_camera: Option<ColorCamera>| {
         let calibration = Calibration { color_camera, ..Calibration::NONE };
         let settings = SurfaceSettings { photograph: true, ..with(calibration) };
-        let pixels = prepare(&edge, &settings).1.photograph.unwrap().pixels;
+        let out = prepare(&edge, &settings).1;
+        let pixels = out.photograph.unwrap().exposed([1.0; 3], out.tolerance.margin);
         let depth = |pixel: &MeasuredPixel| (pixel.per_tolerance > 0.0).then_some(pixel.depth);
         (pixels.data[18 * WIDTH].per_tolerance, pixels.map(depth))
     };

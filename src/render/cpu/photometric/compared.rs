@@ -1,10 +1,10 @@
 //! A photograph that was compared with a picture, and what that says of each splat.
 
 use super::blocks::ParameterSums;
-use super::lift::{N_LINEAR, linearize};
+use super::lift::SplatLanes;
 use super::sums::{ImageSums, N_IMAGE_SUMS, WEIGHT};
 use super::view::PreparedView;
-use crate::math::simd::{LANES, Vector};
+use crate::math::simd::{LANES, Vector, gather_rows};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 
@@ -68,29 +68,15 @@ impl<'a> Compared<'a> {
     /// without a splat are 0.
     #[inline(always)]
     pub fn lift<V: Vector>(&self, splats: &[(SeenSplat, Splat, Appearance)]) -> ParameterSums<V> {
-        let mut linear = [[0.0; LANES]; N_LINEAR];
-        let mut sums = [[0.0; LANES]; N_IMAGE_SUMS];
+        let view = &self.view.view;
+        let mut lanes = SplatLanes::new();
+        let mut sums = [&[0.0; N_IMAGE_SUMS]; LANES];
         for (lane, (seen, splat, appearance)) in splats.iter().take(LANES).enumerate() {
             let gradients = &self.view.lists.records.gradients;
             let gradient = gradients.get(seen.record as usize).copied().unwrap_or_default();
-            let of_splat = linearize(&self.view.view, splat, appearance, &gradient);
-            let of_splat = of_splat.unwrap_or([0.0; N_LINEAR]);
-            for (lanes, value) in linear.iter_mut().zip(of_splat) {
-                lanes[lane] = value;
-            }
-            for (lanes, value) in sums.iter_mut().zip(self.sums[seen.place as usize]) {
-                lanes[lane] = value;
-            }
+            lanes.set(lane, view, (splat, appearance), &gradient);
+            sums[lane] = &self.sums[seen.place as usize];
         }
-        ParameterSums::new(&load(&linear), &load(&sums))
+        ParameterSums::new(&lanes.linearize(view), &gather_rows(sums))
     }
-}
-
-#[inline(always)]
-fn load<V: Vector, const N: usize>(rows: &[[f32; LANES]; N]) -> [V; N] {
-    let mut lanes = [V::splat(0.0); N];
-    for (lanes, row) in lanes.iter_mut().zip(rows) {
-        *lanes = V::load(row);
-    }
-    lanes
 }

@@ -1,19 +1,18 @@
 //! How a splat's own parameters move what the image shows of it (`photometric.md`, Lift): the Jacobian of
-//! its projection, once per splat and in f64.
+//! its projection, of eight splats at a time, one in each lane.
 //!
 //! A change of a parameter moves the centre by `du` and the covariance by `dΣ`. With the whitening
 //! `L`, `Σ⁻¹ = LᵀL` and `z = Lδ`: `d(−½|z|²) = zᵀ(L du) + ½ zᵀ(L dΣ Lᵀ)z`. Colour is linear in its own
 //! coefficients; as the mean moves it moves along. How a splat's plane, on which the colour gradient
 //! is read, turns with the splat is left out.
 
-use super::super::conic::Conic;
-use super::super::exact::pinhole_tangent;
-use super::super::projected::ImageAxes;
 use super::super::record::Gradient;
-use super::super::view::{CameraSplat, CpuView};
+use super::super::view::CpuView;
+use crate::math::simd::{EVERY_BIT, LANES, Vector, dot, load_rows, scaled, turned};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use glam::{DMat2, DVec2, DVec3};
+use crate::render::constants::LOW_PASS_PX2;
+use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 
 /// Where each group of a linearisation begins. By axis of the mean the coefficients of `d ln α` on
@@ -30,123 +29,328 @@ pub(super) const PLACES: usize = DIRECTION + 3;
 /// Numbers of a linearisation.
 pub(super) const N_LINEAR: usize = PLACES + 6;
 
-/// The linearisation of a splat in a view, in the order of the constants above; `None` of one that the
-/// view does not show. `gradient` is that of its record.
-pub(super) fn linearize(
-    view: &CpuView,
-    splat: &Splat,
-    appearance: &Appearance,
-    gradient: &Gradient,
-) -> Option<[f32; N_LINEAR]> {
-    let placed = view.place(splat)?;
-    let axes = ImageAxes::new(view, &placed);
-    let conic = axes.conic();
-    let moves = [0, 1, 2].map(|axis| moved(view, &placed, &axes, view.camera_from_world.col(axis)));
-    let mut linear = [0.0; N_LINEAR];
-    by_form(&placed, &axes, &conic, &moves, &mut linear);
-    let direction = view.world_from_camera * placed.m.normalize();
-    let moving = moving_color(appearance, gradient, direction, placed.m.length(), &moves);
-    let places = places(view, &placed, &conic).map(|place| place.to_array());
-    let rest = moving.into_iter().chain([direction.to_array()]).chain(places).flatten();
-    for (to, value) in linear[MOVING..].iter_mut().zip(rest) {
-        *to = value as f32;
-    }
-    Some(linear)
+/// Of a record's unit: `p²` there is `½ log₂e` times the squared Mahalanobis distance.
+const UNIT: f64 = 2.0 * LN_2;
+
+/// Eight splats as a view shows them; lanes without one hold any that is finite.
+pub(super) struct SplatLanes {
+    /// Centre in camera axes, world units.
+    centre: [[f32; LANES]; 3],
+    /// Rotation `w x y z`, of any length.
+    rotation: [[f32; LANES]; 4],
+    /// Standard deviations, world units.
+    scale: [[f32; LANES]; 3],
+    /// Change of each channel over the image, per px.
+    across: [[[f32; LANES]; 2]; 3],
+    /// Change of each channel with the direction.
+    directional: [[[f32; LANES]; 3]; 3],
 }
 
-fn by_form(
-    placed: &CameraSplat,
-    axes: &ImageAxes,
-    conic: &Conic,
-    moves: &[Move; 3],
-    linear: &mut [f32; N_LINEAR],
-) {
-    let Conic { p_x, p_y, q_y, .. } = *conic;
-    // The records' unit: `p²` there is `½ log₂e` times what it is here.
-    let unit = 2.0 * LN_2;
-    let root = unit.sqrt();
-    let quadratic = |[xx, xy, yy]: [f64; 3]| {
-        [
-            0.5 * unit * (p_x * p_x * xx + 2.0 * p_x * p_y * xy + p_y * p_y * yy),
-            unit * q_y * (p_x * xy + p_y * yy),
-            0.5 * unit * q_y * q_y * yy,
-        ]
-    };
-    let mut set = |at: usize, values: &[f64]| {
-        for (to, value) in linear[at..].iter_mut().zip(values) {
-            *to = *value as f32;
+impl SplatLanes {
+    /// Eight times one that any view shows.
+    pub(super) fn new() -> Self {
+        let [zeros, ones] = [[0.0; LANES], [1.0; LANES]];
+        Self {
+            centre: [zeros, zeros, ones],
+            rotation: [ones, zeros, zeros, zeros],
+            scale: [ones; 3],
+            across: [[zeros; 2]; 3],
+            directional: [[zeros; 3]; 3],
         }
-    };
-    let [w_x, w_y] = axes.scaled;
-    let product = |i: usize, j: usize| {
-        [2.0 * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], 2.0 * w_y[i] * w_y[j]]
-    };
-    for (axis, &(shift, change)) in moves.iter().enumerate() {
-        let [pp, pq, qq] = quadratic(change);
-        let (p, q) = (root * (p_x * shift.x + p_y * shift.y), root * q_y * shift.y);
-        set(BY_MEAN + 5 * axis, &[p, q, pp, pq, qq]);
-        set(BY_SHAPE + 3 * axis, &quadratic(product(axis, axis)));
-        // Turning about an axis mixes the two others, and their variances differ by that much.
-        let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-        let (s_i, s_j) = (placed.scale[i], placed.scale[j]);
-        let factor = (s_i * s_i - s_j * s_j) / (s_i * s_j);
-        set(BY_SHAPE + 9 + 3 * axis, &quadratic(product(i, j).map(|x| factor * x)));
+    }
+
+    /// Puts a splat that the view shows into a lane; `gradient` is that of its record.
+    #[inline(always)]
+    pub(super) fn set(
+        &mut self,
+        lane: usize,
+        view: &CpuView,
+        (splat, appearance): (&Splat, &Appearance),
+        gradient: &Gradient,
+    ) {
+        // The camera is subtracted in f64: far from the origin f32 would lose the difference.
+        let mean = DVec3::from_array(splat.mean.map(f64::from));
+        let centre = (view.camera_from_world * (mean - view.centre)).as_vec3();
+        let scale = view.look.scales(splat).as_vec3();
+        for axis in 0..3 {
+            self.centre[axis][lane] = centre[axis];
+            self.scale[axis][lane] = scale[axis];
+        }
+        for (lanes, value) in self.rotation.iter_mut().zip(splat.rotation) {
+            lanes[lane] = value;
+        }
+        for channel in 0..3 {
+            for axis in 0..2 {
+                self.across[channel][axis][lane] = gradient.across[channel][axis];
+            }
+            for axis in 0..3 {
+                self.directional[channel][axis][lane] = appearance.directional[channel][axis];
+            }
+        }
+    }
+
+    /// The linearisations, in the order of the constants above.
+    #[inline(always)]
+    pub(super) fn linearize<V: Vector>(&self, view: &CpuView) -> [V; N_LINEAR] {
+        let mut linear = [V::splat(0.0); N_LINEAR];
+        let camera = LiftCamera::new(view);
+        let shape = self.shape::<V>(&camera);
+        shape.by_form(&camera, &mut linear);
+        self.moving_color(&camera, &shape, &mut linear);
+        shape.places(&camera, &mut linear);
+        linear
+    }
+
+    #[inline(always)]
+    fn shape<V: Vector>(&self, camera: &LiftCamera) -> Shape<V> {
+        let [x, y, z] = load_rows(&self.centre);
+        let per_z = V::splat(1.0) / z;
+        let tangent = [x * per_z, y * per_z];
+        // Only the Jacobian's point is clamped, not the centre: see the projected renderer.
+        let (mut clamped, mut follows) = (tangent, V::splat(EVERY_BIT));
+        for (k, clamped) in clamped.iter_mut().enumerate() {
+            let [low, high] = [V::splat(camera.tangent_lo[k]), V::splat(camera.tangent_hi[k])];
+            follows = follows.and(low.mask_at_most(tangent[k]).and(tangent[k].mask_at_most(high)));
+            *clamped = clamped.max(low).min(high);
+        }
+        let axes = self.axes(camera);
+        let scale = load_rows(&self.scale);
+        let mut rows = [[V::splat(0.0); 2]; 2];
+        for k in 0..2 {
+            let along = V::splat(camera.focal[k]) * per_z;
+            rows[k] = [along, V::splat(0.0) - along * clamped[k]];
+        }
+        let scaled = [in_image(&axes, scale, 0, rows[0]), in_image(&axes, scale, 1, rows[1])];
+        let whitening = Whitening::new(&scaled);
+        Shape { per_z, tangent, follows, axes, scale, rows, scaled, whitening, depth: z }
+    }
+
+    /// Directions of the scales in camera axes.
+    #[inline(always)]
+    fn axes<V: Vector>(&self, camera: &LiftCamera) -> [[V; 3]; 3] {
+        let [w, x, y, z] = load_rows(&self.rotation);
+        let (one, two) = (V::splat(1.0), V::splat(2.0));
+        let double = two / (w * w + x * x + y * y + z * z);
+        let (dx, dy, dz) = (double * x, double * y, double * z);
+        let (xx, yy, zz) = (x * dx, y * dy, z * dz);
+        let (xy, xz, yz) = (x * dy, x * dz, y * dz);
+        let (wx, wy, wz) = (w * dx, w * dy, w * dz);
+        [
+            turned(&camera.from_world, [one - yy - zz, xy + wz, xz - wy]),
+            turned(&camera.from_world, [xy - wz, one - xx - zz, yz + wx]),
+            turned(&camera.from_world, [xz + wy, yz - wx, one - xx - yy]),
+        ]
+    }
+
+    /// By channel how the colour at a pixel changes as the mean moves along the world's axes: what varies
+    /// over the splat moves along, and the direction it is seen from turns.
+    #[inline(always)]
+    fn moving_color<V: Vector>(
+        &self,
+        camera: &LiftCamera,
+        shape: &Shape<V>,
+        linear: &mut [V; N_LINEAR],
+    ) {
+        let centre = load_rows::<V, 3>(&self.centre);
+        let per_distance = V::splat(1.0) / dot(centre, centre).sqrt();
+        let direction = scaled(turned(&camera.to_world, centre), per_distance);
+        linear[DIRECTION..][..3].copy_from_slice(&direction);
+        for k in 0..3 {
+            let w = load_rows::<V, 3>(&self.directional[k]);
+            let along = dot(direction, w);
+            let [x, y] = load_rows::<V, 2>(&self.across[k]);
+            for axis in 0..3 {
+                let turning = (w[axis] - direction[axis] * along) * per_distance;
+                let [u, v] = shape.shift(camera, axis);
+                linear[MOVING + 3 * k + axis] = turning - x * u - y * v;
+            }
+        }
     }
 }
 
-/// How the centre (px per world unit) and the covariance in the image (px² per world unit: xx, xy, yy)
-/// change with the mean.
-type Move = (DVec2, [f64; 3]);
-
-/// As the mean moves along a direction in camera axes.
-fn moved(view: &CpuView, placed: &CameraSplat, axes: &ImageAxes, along: DVec3) -> Move {
-    let (k, m) = (&view.intrinsics, placed.m);
-    let shift = DVec2::new(
-        k.fx * (along.x - m.x / m.z * along.z) / m.z,
-        k.fy * (along.y - m.y / m.z * along.z) / m.z,
-    );
-    // Rows of the Jacobian are `(f/z)·(e − t·e_z)` with the tangent `t`, which is held beyond the
-    // image; nearer makes both larger.
-    let turned = if axes.follows { shift } else { DVec2::ZERO };
-    let rows = [
-        axes.jacobian[0] * (-along.z / m.z) - DVec3::Z * (turned.x / m.z),
-        axes.jacobian[1] * (-along.z / m.z) - DVec3::Z * (turned.y / m.z),
-    ];
-    let [d_x, d_y] = rows.map(|row| placed.axes.transpose_mul_vec3(row) * placed.scale);
-    let [w_x, w_y] = axes.scaled;
-    (shift, [2.0 * w_x.dot(d_x), w_x.dot(d_y) + w_y.dot(d_x), 2.0 * w_y.dot(d_y)])
+/// What of a view moves splats, in f32.
+struct LiftCamera {
+    /// From the world's axes to the camera's and back, by rows.
+    from_world: [[f32; 3]; 3],
+    to_world: [[f32; 3]; 3],
+    focal: [f32; 2],
+    tangent_lo: [f32; 2],
+    tangent_hi: [f32; 2],
 }
 
-/// By channel how the colour at a pixel changes as the mean moves along the world's axes: what varies
-/// over the splat moves along, and the direction it is seen from turns.
-fn moving_color(
-    appearance: &Appearance,
-    gradient: &Gradient,
-    direction: DVec3,
-    distance: f64,
-    moves: &[Move; 3],
-) -> [[f64; 3]; 3] {
-    std::array::from_fn(|k| {
-        let [x, y] = gradient.across[k].map(f64::from);
-        let w = DVec3::from_array(appearance.directional[k].map(f64::from));
-        let turning = (w - direction * direction.dot(w)) / distance;
-        std::array::from_fn(|axis| {
-            let (shift, _) = moves[axis];
-            turning[axis] - x * shift.x - y * shift.y
-        })
-    })
+impl LiftCamera {
+    #[inline(always)]
+    fn new(view: &CpuView) -> Self {
+        let rows = |matrix: &DMat3| matrix.as_mat3().transpose().to_cols_array_2d();
+        Self {
+            from_world: rows(&view.camera_from_world),
+            to_world: rows(&view.world_from_camera),
+            focal: [view.intrinsics.fx as f32, view.intrinsics.fy as f32],
+            tangent_lo: view.tangent_lo.as_vec2().to_array(),
+            tangent_hi: view.tangent_hi.as_vec2().to_array(),
+        }
+    }
 }
 
-/// World vectors from the splat's centre to its plane, per unit of a record's `p` and `q`.
-fn places(view: &CpuView, placed: &CameraSplat, conic: &Conic) -> [DVec3; 2] {
-    let tangent = pinhole_tangent(placed, &view.intrinsics);
-    let exact = Conic::new(placed, &tangent);
-    let half = [exact.half_l.x, exact.half_l.y];
-    let steps: [DVec3; 2] = std::array::from_fn(|i| {
-        view.world_from_camera * ((tangent.steps[i] - tangent.x0 * half[i]) * tangent.reach)
-    });
-    let whitening = DMat2::from_cols(DVec2::new(conic.p_x, 0.0), DVec2::new(conic.p_y, conic.q_y));
-    // Offsets in px of one unit of the records' `p` and `q`.
-    let back = whitening.inverse() * (2.0 * LN_2).sqrt();
-    std::array::from_fn(|i| steps[0] * back.col(i).x + steps[1] * back.col(i).y)
+/// Eight splats in the image.
+struct Shape<V> {
+    depth: V,
+    per_z: V,
+    /// Of the centre.
+    tangent: [V; 2],
+    /// Mask: whether the Jacobian follows the centre, which it does near the image alone.
+    follows: V,
+    /// Directions of the scales in camera axes.
+    axes: [[V; 3]; 3],
+    scale: [V; 3],
+    /// Rows of the projection's Jacobian, px per world unit: across in its own axis, and ahead.
+    rows: [[V; 2]; 2],
+    /// By row the standard deviations along each axis, px.
+    scaled: [[V; 3]; 2],
+    whitening: Whitening<V>,
+}
+
+impl<V: Vector> Shape<V> {
+    /// How the centre changes in the image as the mean moves along an axis of the world, px per world unit.
+    #[inline(always)]
+    fn shift(&self, camera: &LiftCamera, axis: usize) -> [V; 2] {
+        let ahead = V::splat(camera.from_world[2][axis]);
+        let mut shift = self.tangent;
+        for (k, shift) in shift.iter_mut().enumerate() {
+            let along = V::splat(camera.from_world[k][axis]) - *shift * ahead;
+            *shift = V::splat(camera.focal[k]) * along * self.per_z;
+        }
+        shift
+    }
+
+    /// How the covariance does, px² per world unit: xx, xy, yy.
+    #[inline(always)]
+    fn change(&self, camera: &LiftCamera, axis: usize, shift: [V; 2]) -> [V; 3] {
+        let zero = V::splat(0.0);
+        let nearer = zero - V::splat(camera.from_world[2][axis]) * self.per_z;
+        let mut moved = [[zero; 3]; 2];
+        for k in 0..2 {
+            // Rows of the Jacobian are `(f/z)·(e − t·e_z)` with the tangent `t`, which is held beyond the
+            // image; nearer makes both larger.
+            let turned = shift[k].and(self.follows) * self.per_z;
+            let row = [self.rows[k][0] * nearer, self.rows[k][1] * nearer - turned];
+            moved[k] = in_image(&self.axes, self.scale, k, row);
+        }
+        let [w_x, w_y] = self.scaled;
+        let two = V::splat(2.0);
+        [
+            two * dot(w_x, moved[0]),
+            dot(w_x, moved[1]) + dot(w_y, moved[0]),
+            two * dot(w_y, moved[1]),
+        ]
+    }
+
+    #[inline(always)]
+    fn by_form(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
+        let root = V::splat(UNIT.sqrt() as f32);
+        let Whitening { p_x, p_y, q_y } = self.whitening;
+        for axis in 0..3 {
+            let shift = self.shift(camera, axis);
+            linear[BY_MEAN + 5 * axis] = root * (p_x * shift[0] + p_y * shift[1]);
+            linear[BY_MEAN + 5 * axis + 1] = root * q_y * shift[1];
+            let change = self.whitening.quadratic(self.change(camera, axis, shift));
+            linear[BY_MEAN + 5 * axis + 2..][..3].copy_from_slice(&change);
+            let wider = self.whitening.quadratic(self.product(axis, axis));
+            linear[BY_SHAPE + 3 * axis..][..3].copy_from_slice(&wider);
+            // Turning about an axis mixes the two others, and their variances differ by that much.
+            let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+            let (s_i, s_j) = (self.scale[i], self.scale[j]);
+            let factor = (s_i - s_j) * (s_i + s_j) / (s_i * s_j);
+            let turn = self.whitening.quadratic(self.product(i, j));
+            for (k, turn) in turn.into_iter().enumerate() {
+                linear[BY_SHAPE + 9 + 3 * axis + k] = factor * turn;
+            }
+        }
+    }
+
+    /// Two axes in the image, multiplied: xx, xy, yy.
+    #[inline(always)]
+    fn product(&self, i: usize, j: usize) -> [V; 3] {
+        let ([w_x, w_y], two) = (self.scaled, V::splat(2.0));
+        [two * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], two * w_y[i] * w_y[j]]
+    }
+
+    /// World vectors from the splat's centre to its plane: the point of largest response on the ray through
+    /// an offset of the image (`rendering.md`, Rational conic).
+    #[inline(always)]
+    fn places(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
+        let [x, y] = self.tangent;
+        let zero = V::splat(0.0);
+        // Along each axis in standard deviations: the ray of the centre, and what a pixel beside adds.
+        let (mut ray, mut steps) = ([zero; 3], [[zero; 3]; 2]);
+        for i in 0..3 {
+            let [right, down, ahead] = self.axes[i];
+            let sharpness = V::splat(1.0) / self.scale[i];
+            ray[i] = (x * right + y * down + ahead) * sharpness;
+            steps[0][i] = right * sharpness * V::splat(1.0 / camera.focal[0]);
+            steps[1][i] = down * sharpness * V::splat(1.0 / camera.focal[1]);
+        }
+        let per_ray = V::splat(1.0) / dot(ray, ray);
+        let mut worlds = [[zero; 3]; 2];
+        for k in 0..2 {
+            let half = dot(steps[k], ray) * per_ray;
+            let mut step = [zero - x * half, zero - y * half, zero - half];
+            step[k] = step[k] + V::splat(1.0 / camera.focal[k]);
+            worlds[k] = turned(&camera.to_world, scaled(step, self.depth));
+        }
+        // Offsets in px of one unit of the records' `p` and `q`: the inverse of the whitening.
+        let Whitening { p_x, p_y, q_y } = self.whitening;
+        let root = V::splat(UNIT.sqrt() as f32);
+        let (by_p, by_q) = (root / p_x, root / q_y);
+        let aside = zero - by_q * p_y / p_x;
+        for axis in 0..3 {
+            linear[PLACES + axis] = worlds[0][axis] * by_p;
+            linear[PLACES + 3 + axis] = worlds[0][axis] * aside + worlds[1][axis] * by_q;
+        }
+    }
+}
+
+/// Factor of the inverse covariance in the image, low-pass included: upper triangle, per px.
+#[derive(Clone, Copy)]
+struct Whitening<V> {
+    p_x: V,
+    p_y: V,
+    q_y: V,
+}
+
+impl<V: Vector> Whitening<V> {
+    #[inline(always)]
+    fn new([w_x, w_y]: &[[V; 3]; 2]) -> Self {
+        let (one, low_pass) = (V::splat(1.0), V::splat(LOW_PASS_PX2 as f32));
+        let (xx, yy, xy) = (dot(*w_x, *w_x), dot(*w_y, *w_y), dot(*w_x, *w_y));
+        // Lagrange's identity: the determinant as a sum of positive terms does not cancel.
+        let cross = [
+            w_x[1] * w_y[2] - w_x[2] * w_y[1],
+            w_x[2] * w_y[0] - w_x[0] * w_y[2],
+            w_x[0] * w_y[1] - w_x[1] * w_y[0],
+        ];
+        let det = dot(cross, cross) + low_pass * (xx + yy + low_pass);
+        let yy = yy + low_pass;
+        let per_root = one / (yy * det).sqrt();
+        Self { p_x: yy * per_root, p_y: V::splat(0.0) - xy * per_root, q_y: one / yy.sqrt() }
+    }
+
+    /// `½ zᵀ(L dΣ Lᵀ)z` of a change of the covariance, by `p²`, `pq` and `q²` of records.
+    #[inline(always)]
+    fn quadratic(&self, [xx, xy, yy]: [V; 3]) -> [V; 3] {
+        let Self { p_x, p_y, q_y } = *self;
+        let (unit, half) = (V::splat(UNIT as f32), V::splat(0.5 * UNIT as f32));
+        let (mixed, below) = (p_x * xy + p_y * yy, q_y * yy);
+        [half * (p_x * (p_x * xx + p_y * xy) + p_y * mixed), unit * q_y * mixed, half * q_y * below]
+    }
+}
+
+/// The axes of splats along an axis of the image, whose row of the Jacobian counts what lies across, and ahead.
+#[inline(always)]
+fn in_image<V: Vector>(axes: &[[V; 3]; 3], scale: [V; 3], across: usize, row: [V; 2]) -> [V; 3] {
+    let mut image = scale;
+    for (image, axis) in image.iter_mut().zip(axes) {
+        *image = (row[0] * axis[across] + row[1] * axis[2]) * *image;
+    }
+    image
 }

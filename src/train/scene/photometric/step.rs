@@ -3,7 +3,7 @@
 
 use super::rule::{PhotometricRule, PriorDeviations};
 use crate::math::lane_cholesky::{at, factor, substitute};
-use crate::math::simd::{Kernel, LANES, Vector};
+use crate::math::simd::{Kernel, LANES, Vector, gather_rows, scatter_rows};
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
@@ -139,36 +139,29 @@ fn absorb<V: Vector, const N: usize, const P: usize>(
     weight: V,
     rule: &PhotometricRule,
 ) -> ([V; P], u32) {
-    let mut kept = [[0.0; LANES]; P];
     // Lanes without a splat are the unit matrix.
-    (0..N).for_each(|i| kept[at(i, i)] = [1.0; LANES]);
-    for (lane, &row) in rows.iter().enumerate() {
-        for (lanes, value) in kept.iter_mut().zip(&triangles[row]) {
-            lanes[lane] = *value;
-        }
-    }
+    let mut unit = [0.0; P];
+    (0..N).for_each(|i| unit[at(i, i)] = 1.0);
+    let row = |lane: usize| rows.get(lane).map_or(&unit, |&row| &triangles[row]);
+    let mut kept: [V; P] = gather_rows(std::array::from_fn(row));
     let (damping, gained) =
         (weight * V::splat(rule.damping as f32), weight * V::splat(rule.kept as f32));
-    let mut factors = [V::splat(0.0); P];
-    for ((damped, kept), curvature) in factors.iter_mut().zip(&kept).zip(curvature) {
-        *damped = V::load(kept) + damping * *curvature;
+    let mut factors = kept;
+    for (damped, curvature) in factors.iter_mut().zip(curvature) {
+        *damped = *damped + damping * *curvature;
     }
     let sound = factor::<V, N, P>(&mut factors);
     let remembered = V::splat((1.0 - rule.forgotten) as f32);
     for i in 0..N {
         for j in 0..=i {
-            let (old, zero) = (V::load(&kept[at(i, j)]), V::splat(0.0));
-            let prior = if i == j { V::load(&prior[i]) } else { zero };
+            let prior = if i == j { V::load(&prior[i]) } else { V::splat(0.0) };
             let back = V::splat(rule.forgotten as f32) * prior;
-            let new = remembered * old + back + gained * curvature[at(i, j)];
-            V::select(sound, new, prior).store(&mut kept[at(i, j)]);
+            let kept = &mut kept[at(i, j)];
+            let new = remembered * *kept + back + gained * curvature[at(i, j)];
+            *kept = V::select(sound, new, prior);
         }
     }
-    for (lane, &row) in rows.iter().enumerate() {
-        for (value, lanes) in triangles[row].iter_mut().zip(&kept) {
-            *value = lanes[lane];
-        }
-    }
+    scatter_rows(&kept, rows, triangles);
     (factors, sound.signs())
 }
 

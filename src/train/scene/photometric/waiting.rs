@@ -2,13 +2,15 @@
 
 use super::comparers::LearntView;
 use super::noise::DRAWN_CONTRADICTION;
-use crate::math::image::Image;
+use crate::math::image::{Image, unit_to_byte};
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::scene::waiting::{
     DepthScale, PhotographView, UNKNOWN_COVERAGE, WaitingDepths, WaitingPhotograph,
 };
+use crate::observation::photograph::Photograph;
 use crate::render::cpu::photometric::RowChoice;
+use rayon::prelude::*;
 
 /// Levels of a colour, and of a coverage that is known.
 const COLOR_LEVELS: f32 = 255.0;
@@ -18,28 +20,31 @@ const COVERAGE_LEVELS: f32 = (UNKNOWN_COVERAGE - 1) as f32;
 /// in 16, where surfaces within `margin` of them are the measured ones.
 pub fn packed(
     view: PhotographView,
-    pixels: &Image<MeasuredPixel>,
+    photograph: &Photograph,
     margin: [f32; 2],
 ) -> WaitingPhotograph {
-    let level = |x: f32, levels: f32| (x.clamp(0.0, 1.0) * levels).round() as u8;
-    let pixel = |pixel: &MeasuredPixel| {
-        let [r, g, b] = pixel.color.map(|x| level(x, COLOR_LEVELS));
-        let is_known = !pixel.coverage.is_nan();
-        [r, g, b, if is_known { level(pixel.coverage, COVERAGE_LEVELS) } else { UNKNOWN_COVERAGE }]
+    let level = |pixel: &MeasuredPixel| match pixel.coverage.is_nan() {
+        true => UNKNOWN_COVERAGE,
+        false => (pixel.coverage.clamp(0.0, 1.0) * COVERAGE_LEVELS + 0.5) as u8,
     };
     let scale = DepthScale::new(margin);
     let steps = |pixel: &MeasuredPixel| match pixel.per_tolerance > 0.0 {
         true => scale.steps(pixel.depth),
         false => 0,
     };
-    let kept = |row: usize| &pixels.data[row * pixels.width..][..pixels.width];
-    let rows = || view.kept_rows().flat_map(kept);
-    let depths = scale.defect().is_none().then(|| rows().map(steps).collect());
-    WaitingPhotograph {
-        view,
-        pixels: rows().map(pixel).collect(),
-        depths: depths.map(|steps| WaitingDepths { scale, steps }),
-    }
+    let (mut colors, mut depths) = (vec![[0; 4]; view.n_pixels()], vec![0; view.n_pixels()]);
+    let line = photograph.colors.width.max(1);
+    let rows: Vec<usize> = view.kept_rows().collect();
+    let out = colors.par_chunks_mut(line).zip(depths.par_chunks_mut(line));
+    out.zip(rows).for_each(|((colors, depths), row)| {
+        let pixels = photograph.row(row, margin);
+        for ((color, depth), pixel) in colors.iter_mut().zip(depths).zip(pixels) {
+            let [r, g, b] = pixel.color.map(unit_to_byte);
+            (*color, *depth) = ([r, g, b, level(&pixel)], steps(&pixel));
+        }
+    });
+    let depths = scale.defect().is_none().then(|| WaitingDepths { scale, steps: depths.into() });
+    WaitingPhotograph { view, pixels: colors.into(), depths }
 }
 
 /// How a photograph that waited is looked at, and its pixels in the scene's exposure; rows that it lacks
@@ -62,20 +67,17 @@ pub fn unpacked(
         let [r, g, b] = [exposed(r, gain[0]), exposed(g, gain[1]), exposed(b, gain[2])];
         MeasuredPixel::flat([r, g, b, covered])
     };
+    let [every, first] = waiting.view.rows.map(|n| n as usize);
     let line = width.max(1);
-    for (row, kept) in waiting.view.kept_rows().zip(waiting.pixels.chunks_exact(line)) {
-        let pixels = image.data[row * width..][..width].iter_mut();
-        pixels.zip(kept).for_each(|(out, kept)| *out = pixel(kept));
-    }
-    if let Some(WaitingDepths { scale, steps }) = &waiting.depths {
+    let rows = image.data.par_chunks_mut(line).skip(first).step_by(every.max(1)).enumerate();
+    rows.zip(waiting.pixels.par_chunks_exact(line)).for_each(|((row, pixels), kept)| {
+        pixels.iter_mut().zip(kept).for_each(|(out, kept)| *out = pixel(kept));
+        let Some(WaitingDepths { scale, steps }) = &waiting.depths else { return };
         let margin = scale.margin.map(|length| length as f32);
-        for (row, kept) in waiting.view.kept_rows().zip(steps.chunks_exact(line)) {
-            let pixels = image.data[row * width..][..width].iter_mut();
-            let known = pixels.zip(kept).filter(|(_, steps)| **steps > 0);
-            known.for_each(|(out, &steps)| *out = out.at_depth(scale.depth(steps), margin));
-        }
-    }
-    let [every, first] = waiting.view.rows;
+        let steps = steps.get(row * line..).unwrap_or_default();
+        let known = pixels.iter_mut().zip(steps).filter(|(_, steps)| **steps > 0);
+        known.for_each(|(out, &steps)| *out = out.at_depth(scale.depth(steps), margin));
+    });
     let rows = RowChoice::new(every as u32, first as u64);
     let (near, contradicts_from) = (waiting.view.near, DRAWN_CONTRADICTION);
     Some(LearntView { camera, near, rows, contradicts_from })
@@ -93,20 +95,26 @@ mod tests {
     use super::*;
     use crate::math::camera::{Camera, Intrinsics};
     use crate::math::pose::Pose;
+    use glam::{DQuat, DVec3};
 
     #[test]
     fn photographs_come_out_as_they_went_in() {
         let intrinsics = Intrinsics::from_horizontal_fov(5, 9, 0.8);
         let camera = Camera { intrinsics, pose: Pose::IDENTITY };
         let margin = [0.03, 0.02];
-        let pixel = |i: usize| {
-            let covered = [0.0, 0.5, 1.0, f32::NAN][i % 4];
-            let pixel = MeasuredPixel::flat([i as f32 / 255.0, 1.0, 0.5, covered]);
-            // One is not known, others lie too far, or nowhere.
-            let depth = [0.0, 1.0 + 0.1 * i as f32, 1e4][i % 3];
-            pixel.at_depth(depth, margin)
+        // One is not known, others lie too far, or nowhere.
+        let depth = |i: usize| [0.0, 1.0 + 0.1 * i as f32, 1e4][i % 3];
+        let color = |i: usize| [i as u8, 255, 128, [0, 127, 255][i % 3]];
+        let photograph = Photograph {
+            intrinsics,
+            offset: DVec3::ZERO,
+            turn: DQuat::IDENTITY,
+            colors: Image::from_vec(5, 9, (0..45).map(color).collect()),
+            gain: [1.0, 0.5, 1.0],
+            depths: Image::from_vec(5, 9, (0..45).map(depth).collect()),
+            shows_coverage: true,
         };
-        let photograph = Image::from_vec(5, 9, (0..45).map(pixel).collect());
+        let expected = photograph.exposed([2.0, 1.0, 0.5], margin);
         let view = PhotographView::new(3, &camera, [2.0, 1.0, 0.5], 0.0, [4, 1]);
         let waiting = packed(view, &photograph, margin);
         assert_eq!(waiting.pixels.len(), view.n_pixels());
@@ -117,9 +125,8 @@ mod tests {
                 assert_eq!((found.color, found.per_tolerance), ([0.0; 3], 0.0), "{i}");
                 continue;
             }
-            let expected = pixel(i);
-            let [r, g, b] = expected.color;
-            let pairs = found.color.iter().zip([2.0 * r, g, 0.5 * b]);
+            let expected = expected.data[i];
+            let pairs = found.color.iter().zip(expected.color);
             let is_near = pairs.into_iter().all(|(a, b)| (a - b).abs() < 1.0 / 254.0);
             let coverages = [found.coverage, expected.coverage];
             let is_covered = coverages.iter().all(|x| x.is_nan())

@@ -114,18 +114,18 @@ impl<W: SumScalar> SceneTrainer<W> {
         let full_coverage = self.config.splat_rule.full_coverage as f32;
         let camera = photograph.camera(&camera.pose);
         let near = following_near(nearest(&frame.points));
-        let every = rule.rows_of(photograph.pixels.data.len());
+        let every = rule.rows_of(photograph.colors.data.len());
         let rows = RowChoice::new(every, self.frames);
+        let margin = frame.tolerance.margin;
         let (changed, compared) = if rule.shuffle_buffer == 0 {
-            let exposed = photograph.exposed(gain);
-            let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
+            let pixels = photograph.exposed(gain, margin);
             let view = LearntView { camera, near, rows, contradicts_from: CONTRADICTION };
-            let (changed, outcome) = photometric.learn(&view, pixels, full_coverage, &rule);
+            let (changed, outcome) = photometric.learn(&view, &pixels, full_coverage, &rule);
             (changed, outcome.map(|outcome| self.of_this_frame(outcome)))
         } else {
             let rows = [rows.every(), rows.first()];
             let view = PhotographView::new(self.frames, &camera, gain, near, rows);
-            let waiting = packed(view, &photograph.pixels, frame.tolerance.margin);
+            let waiting = packed(view, photograph, margin);
             let most = rule.most_waiting(waiting.bytes());
             photometric.put_off(waiting);
             photometric.learn_one_beyond(most, full_coverage, &rule)

@@ -1,0 +1,92 @@
+//! Sums that rows could not hold, by component.
+
+use crate::model::scene::sums::N_SUMS;
+
+/// Of a component that has none.
+const NONE: u32 = u32::MAX;
+
+/// Wide sums of some components. They are asked for at every point of a frame: one look-up by number tells
+/// whether a component has any, and where.
+#[derive(Default)]
+pub struct WideSums {
+    /// Place among the rows by component, up to the last that has one.
+    places: Vec<u32>,
+    rows: Vec<(u32, [f64; N_SUMS])>,
+}
+
+impl WideSums {
+    /// Components that have wide sums.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Those of a component, if it has any.
+    #[inline(always)]
+    pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
+        let place = *self.places.get(id as usize)?;
+        self.rows.get(place as usize).map(|(_, sums)| sums)
+    }
+
+    /// Those of a component, if it has any.
+    pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {
+        let place = *self.places.get(id as usize)?;
+        self.rows.get_mut(place as usize).map(|(_, sums)| sums)
+    }
+
+    /// Adds to those of a component.
+    pub fn add(&mut self, id: u32, sums: &[f64; N_SUMS]) {
+        match self.get_mut(id) {
+            // Sums of integer quanta below 2⁵³: exact in f64, hence the same in any order.
+            Some(wide) => wide.iter_mut().zip(sums).for_each(|(wide, sum)| *wide += sum),
+            None => {
+                let n = self.places.len().max(id as usize + 1);
+                self.places.resize(n, NONE);
+                self.places[id as usize] = self.rows.len() as u32;
+                self.rows.push((id, *sums));
+            }
+        }
+    }
+
+    /// Takes those of a component away.
+    pub fn remove(&mut self, id: u32) {
+        let Some(place) = self.places.get_mut(id as usize) else { return };
+        let place = std::mem::replace(place, NONE) as usize;
+        if place < self.rows.len() {
+            self.rows.swap_remove(place);
+            if let Some((moved, _)) = self.rows.get(place) {
+                self.places[*moved as usize] = place as u32;
+            }
+        }
+    }
+}
+
+impl FromIterator<(u32, [f64; N_SUMS])> for WideSums {
+    fn from_iter<I: IntoIterator<Item = (u32, [f64; N_SUMS])>>(rows: I) -> Self {
+        let mut wide = Self::default();
+        rows.into_iter().for_each(|(id, sums)| wide.add(id, &sums));
+        wide
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_stay_with_their_component() {
+        let sums = |value: f64| [value; N_SUMS];
+        let mut wide: WideSums =
+            [(7, sums(1.0)), (2, sums(2.0)), (9, sums(3.0))].into_iter().collect();
+        wide.add(2, &sums(0.5));
+        wide.remove(7);
+        wide.remove(7);
+        wide.remove(100);
+        let found = [2, 7, 9, 100].map(|id| wide.get(id).map(|sums| sums[N_SUMS - 1]));
+        assert_eq!((found, wide.len()), ([Some(2.5), None, Some(3.0), None], 2));
+        wide.add(7, &sums(4.0));
+        *wide.get_mut(9).unwrap() = sums(5.0);
+        let found = [2, 7, 9].map(|id| wide.get(id).map(|sums| sums[0]));
+        assert_eq!(found, [Some(2.5), Some(4.0), Some(5.0)]);
+        assert!(wide.get_mut(8).is_none());
+    }
+}
