@@ -14,7 +14,7 @@ use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points that are searched for together.
-// As many as a tile of 8×8 pixels, in whose order points come.
+// As many as a tile of eight by eight pixels that are looked at, in whose order points come.
 const GROUP: usize = 64;
 /// Points that are compared with a seed at once.
 const WIDTH: usize = 16;
