@@ -320,7 +320,7 @@ fn other_origins_are_refused_or_said() {
 /// Quality by unit and place of the world, for a reader.
 #[test]
 #[ignore = "prints a table, a minute of training"]
-fn table_of_units_and_places() {
+fn figures_of_units_and_places() {
     println!("{:>8} {:>10} {:>8} {:>8}", "metre", "moved", "scene", "paper");
     for metre in [1e-4, 1.0, 1e4] {
         for moved in [0.0, 1e2, 1e3, 1e5, 1e7] {

@@ -313,9 +313,11 @@ impl<W: SumScalar> ComponentSums<W> {
         runs.for_each(|(first, rows)| f(first, rows, WideRows(&self.wide)));
     }
 
-    /// Adds sums of whole quanta to the rows of some components, in ascending order, in as many parts.
+    /// Adds sums of whole quanta to the rows of some components, in ascending order, in parts of as many of them.
     pub fn add_quanta(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]], parts: usize) {
-        self.for_each_part(parts, |first, rows, _| {
+        let firsts = ids.iter().step_by(ids.len().div_ceil(parts).max(1)).map(|&id| id as usize);
+        let firsts: Vec<usize> = std::iter::once(0).chain(firsts.skip(1)).collect();
+        self.for_each_run(&firsts, |first, rows, _| {
             let at = |id: usize| ids.partition_point(|&other| (other as usize) < id);
             let mine = at(first)..at(first + rows.len());
             for (&id, sums) in ids[mine.clone()].iter().zip(&sums[mine]) {
