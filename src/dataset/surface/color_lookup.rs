@@ -66,11 +66,10 @@ impl<'a> ColorLookup<'a> {
             None => self.texel(pixel),
             Some(Beside { depths, .. }) => {
                 let (at, depth) = ([seen.at[0][lane], seen.at[1][lane]], seen.depth[lane]);
-                let texels = Texels::around(self.image, Vec2::from_array(at))?;
-                // Of any of its texels: it would take a share of what stands before it.
-                if depth <= 0.0 || depths.hide(texels.at, depth - seen.margin[lane]) {
+                if depth <= 0.0 || depths.hide(at, depth, seen.margin[lane]) {
                     return None;
                 }
+                let texels = Texels::around(self.image, Vec2::from_array(at))?;
                 self.bilinear(&texels)
             }
         };

@@ -25,8 +25,8 @@ const MIN_SHARE: f64 = 0.3;
 const TILE: usize = 8;
 /// Lengths whose squares and inverses f32 holds: what the fast path can compute with.
 const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
-/// Pixels of the colour image that a pixel of the depth image covers at most, along a side.
-const MOST_COVERED: f64 = 16.0;
+/// Pixels of the colour image on a side of a cell of the depth test.
+const CELL: f64 = 2.0;
 /// Pixels of the window.
 const WINDOW: f64 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
 
@@ -260,7 +260,7 @@ struct Painter<'a> {
     image: &'a Image<[u8; 4]>,
     camera: Option<ColorCamera>,
     margin: [f64; 2],
-    /// Depth of the nearest surface by column and row of the colour image.
+    /// Depth of the nearest surface in cells of the colour image.
     nearest: HashMap<[i64; 2], f64>,
     gain: DVec3,
 }
@@ -274,16 +274,8 @@ impl<'a> Painter<'a> {
                 let point = frame.camera.intrinsics.ray(column, row) * *z;
                 if let Some(at) = camera.project(point) {
                     let depth = camera.turned(point).z;
-                    let k = &frame.camera.intrinsics;
-                    let larger = (camera.focal[0] / k.fx).max(camera.focal[1] / k.fy);
-                    let half = 0.5 * (larger * z / depth).clamp(1.0, MOST_COVERED);
-                    let [low, high] = [at - half + 0.5, at + half + 0.5].map(|at| at.floor());
-                    for row in low.y as i64..high.y as i64 {
-                        for column in low.x as i64..high.x as i64 {
-                            let nearest = nearest.entry([column, row]).or_insert(depth);
-                            *nearest = nearest.min(depth);
-                        }
-                    }
+                    let nearest = nearest.entry(cell(at)).or_insert(depth);
+                    *nearest = nearest.min(depth);
                 }
             }
         }
@@ -302,17 +294,10 @@ impl<'a> Painter<'a> {
                 let at = camera.project(point)?;
                 let depth = camera.turned(point).z;
                 let margin = self.margin[0] + self.margin[1] * depth;
-                let color = self.bilinear(at)?;
-                // Of any of the four texels that the colour is of.
-                let [x, y] = (at - 0.5).floor().as_i64vec2().to_array();
-                let beside = [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]];
-                let hides = |at: &[i64; 2]| {
-                    self.nearest.get(at).is_some_and(|nearest| depth > nearest + margin)
-                };
-                if beside.iter().any(hides) {
+                if self.nearest.get(&cell(at)).is_some_and(|nearest| depth > nearest + margin) {
                     return None;
                 }
-                color
+                self.bilinear(at)?
             }
         };
         Some((color * self.gain).min(DVec3::ONE).as_vec3().to_array())
@@ -337,4 +322,8 @@ impl<'a> Painter<'a> {
         let under = self.texel(x, below).lerp(self.texel(right, below), t.x);
         Some(above.lerp(under, t.y))
     }
+}
+
+fn cell(at: DVec2) -> [i64; 2] {
+    (at / CELL).floor().as_i64vec2().to_array()
 }
