@@ -69,8 +69,7 @@ impl<'a> ColorLookup<'a> {
                 if depth <= 0.0 || depths.hide(at, depth, seen.margin[lane]) {
                     return None;
                 }
-                let texels = Texels::around(self.image, Vec2::from_array(at))?;
-                self.bilinear(&texels)
+                self.bilinear(Vec2::from_array(at))?
             }
         };
         // Clamped as a camera clips; a colour above 1 would be none.
@@ -85,26 +84,8 @@ impl<'a> ColorLookup<'a> {
     }
 
     #[inline(always)]
-    fn bilinear(&self, Texels { at, share }: &Texels) -> Vec3 {
-        let above = mix(self.texel(at[0]), self.texel(at[1]), share.x);
-        let under = mix(self.texel(at[2]), self.texel(at[3]), share.x);
-        mix(above, under, share.y)
-    }
-}
-
-/// Four texels between whose centres a place lies.
-struct Texels {
-    /// The upper two, then the lower two.
-    at: [usize; 4],
-    /// Of the right ones, and of the lower ones.
-    share: Vec2,
-}
-
-impl Texels {
-    /// Around pixel coordinates; `None` where there are no four.
-    #[inline(always)]
-    fn around(image: &Image<[u8; 4]>, at: Vec2) -> Option<Self> {
-        let Image { width, height, .. } = image;
+    fn bilinear(&self, at: Vec2) -> Option<Vec3> {
+        let Image { width, height, .. } = self.image;
         let corner = at - 0.5;
         let last = Vec2::new(*width as f32 - 1.0, *height as f32 - 1.0);
         // Negated, so that NaN is outside.
@@ -112,12 +93,14 @@ impl Texels {
             return None;
         }
         let (x, y) = (corner.x as usize, corner.y as usize);
-        let share = corner - Vec2::new(x as f32, y as f32);
+        let t = corner - Vec2::new(x as f32, y as f32);
         // At the last column and row the neighbour weighs nothing, but must exist.
         let right = usize::from(x + 1 < *width);
         let below = if y + 1 < *height { *width } else { 0 };
         let i = y * width + x;
-        Some(Self { at: [i, i + right, i + below, i + below + right], share })
+        let above = mix(self.texel(i), self.texel(i + right), t.x);
+        let under = mix(self.texel(i + below), self.texel(i + below + right), t.x);
+        Some(mix(above, under, t.y))
     }
 }
 
