@@ -37,7 +37,7 @@ impl FrameExposure {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureLog {
     frames: Vec<FrameExposure>,
-    /// Distance between cameras at which a frame counts for less by `exp(−½)`, world units.
+    /// Distance between cameras at which what frames say correlates by one half, world units.
     reach: f64,
 }
 
@@ -47,8 +47,8 @@ impl ExposureLog {
         Self { frames, reach: DISTANCE * h }
     }
 
-    /// Factors on the scene's red, green and blue as seen from `pose`: the geometric mean of what
-    /// undoes the gains of the frames around it; 1 without frames.
+    /// Factors on the scene's red, green and blue as seen from `pose`: what undoes the gains of the frames
+    /// around it, predicted between them ([`regress`]); 1 without frames.
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         // Of logarithms, since gains are factors: half and twice as bright make as bright.
         let said = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));
@@ -74,11 +74,12 @@ mod tests {
 
     #[test]
     fn views_are_as_bright_as_the_frames_around_them() {
-        let log = log(&[(0.0, 0.5), (0.1, 2.0), (5.0, 4.0)]);
+        let log = log(&[(0.0, 0.5), (0.1, 2.0), (50.0, 1.0)]);
         let red = |x: f64| log.at(&looking(x))[0];
-        assert!((red(-1.0) - 2.0).abs() < 1e-3 && (red(9.0) - 0.25).abs() < 1e-6);
-        assert!((red(0.05) - 1.0).abs() < 1e-6, "half way between the first two");
-        assert!(red(0.02) > red(0.05) && red(0.05) > red(0.08));
+        assert!((red(0.05) - 1.0).abs() < 1e-3, "half way between the first two");
+        assert!((red(50.0) - 1.0).abs() < 0.02 && (red(-50.0) - 1.0).abs() < 1e-6);
+        assert!(red(0.0) > red(0.02) && red(0.02) > red(0.08) && red(0.08) > red(0.1));
+        assert!(red(0.0) > 1.5 && red(0.1) < 1.0 / 1.5, "{} {}", red(0.0), red(0.1));
         assert_eq!(log.at(&looking(0.0))[1], 1.0);
     }
 

@@ -1,13 +1,18 @@
 //! Where frames were taken from, and how much each of them says of a view near by.
 
+use crate::math::cholesky::Cholesky;
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-/// Angle between view directions, radians, at which a frame counts for less by `exp(−½)`.
-const ANGLE: f64 = 0.1;
-/// Distance between cameras, structural scales, at which a frame counts for less by `exp(−½)`.
-pub const DISTANCE: f64 = 4.0;
+/// Angle between view directions, radians, as far apart as [`DISTANCE`].
+const ANGLE: f64 = 0.3;
+/// Distance between cameras, structural scales, at which what two frames say correlates by one half.
+pub const DISTANCE: f64 = 12.0;
+/// Variance of what a single frame says by itself, as a share of how much it varies from place to place.
+const NOISE: f64 = 0.05;
+/// Most frames that say something of a view, the nearest ones: others add nothing.
+const MOST: usize = 16;
 
 /// Where a frame was taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -25,31 +30,99 @@ impl Viewpoint {
         Self { centre: pose.centre().to_array(), forward: pose.forward().to_array() }
     }
 
-    /// Squared distance from a pose, one for a frame that counts for less by `exp(−½)`.
-    fn squared_distance(&self, pose: &Pose, reach: f64) -> f64 {
-        let apart = DVec3::from_array(self.centre).distance(pose.centre()) / reach;
-        let angle = DVec3::from_array(self.forward).angle_between(pose.forward()) / ANGLE;
-        apart * apart + angle * angle
+    /// Distance from another, in place and direction together; one where either is as far as correlates by
+    /// one half.
+    fn distance(&self, other: &Self, reach: f64) -> f64 {
+        let [a, b] = [self, other].map(|view| DVec3::from_array(view.centre));
+        let [to, from] = [self, other].map(|view| DVec3::from_array(view.forward));
+        f64::hypot(a.distance(b) / reach, to.angle_between(from) / ANGLE)
     }
 }
 
-/// Mean over frames of what they say at `pose`, by Gaussian weights relative to the nearest frame's
-/// (Nadaraya and Watson's regression); `None` without frames. `reach` is the distance between cameras at
-/// which a frame counts for less by `exp(−½)`, world units.
+/// What frames say, at `pose` between them; `None` without frames. `reach` is the distance between cameras at
+/// which what they say correlates by one half, world units.
+///
+/// The best linear unbiased prediction by the nearest frames under a Matérn covariance of smoothness 3/2, mean
+/// unknown (ordinary kriging; Cressie 1993, section 3.2). A mean by distance alone would be drawn to whichever
+/// side has more frames, and flatten what changes from one frame to the next (`eval.md`, Poses of views).
 pub fn regress<T, const N: usize>(
     frames: &[T],
     pose: &Pose,
     reach: f64,
     said: impl Fn(&T) -> (Viewpoint, [f64; N]),
 ) -> Option<[f64; N]> {
-    let away = |frame: &T| said(frame).0.squared_distance(pose, reach);
-    let nearest = frames.iter().map(away).fold(f64::INFINITY, f64::min);
-    let (mut total, mut sums) = (0.0, [0.0; N]);
-    for frame in frames {
-        // Relative to the nearest frame: far from all of them every weight alone would underflow.
-        let weight = (0.5 * (nearest - away(frame))).exp();
-        total += weight;
-        sums.iter_mut().zip(said(frame).1).for_each(|(sum, value)| *sum += weight * value);
+    let here = Viewpoint::new(pose);
+    let away = |(i, frame)| (here.distance(&said(frame).0, reach), i);
+    let mut nearest: Vec<(f64, usize)> = frames.iter().enumerate().map(away).collect();
+    // Equally far ones in their order, so that the same frames are taken on any machine.
+    nearest.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    nearest.truncate(MOST);
+    let views: Vec<Viewpoint> = nearest.iter().map(|&(_, i)| said(&frames[i]).0).collect();
+    let n = views.len();
+    let noise = |i: usize, j: usize| if i == j { NOISE } else { 0.0 };
+    let among = |k: usize| {
+        let (i, j) = (k / n, k % n);
+        covariance(views[i].distance(&views[j], reach)) + noise(i, j)
+    };
+    let factor = Cholesky::new(n, &(0..n * n).map(among).collect::<Vec<f64>>())?;
+    let towards: Vec<f64> = nearest.iter().map(|&(away, _)| covariance(away)).collect();
+    let (by_place, by_mean) = (factor.solve(&towards), factor.solve(&vec![1.0; n]));
+    // Weights that sum to one, whatever the mean is.
+    let rest = (1.0 - by_place.iter().sum::<f64>()) / by_mean.iter().sum::<f64>();
+    let mut sums = [0.0; N];
+    for ((&(_, i), place), mean) in nearest.iter().zip(by_place).zip(by_mean) {
+        let weight = place + rest * mean;
+        sums.iter_mut().zip(said(&frames[i]).1).for_each(|(sum, value)| *sum += weight * value);
     }
-    (total > 0.0).then(|| sums.map(|sum| sum / total))
+    (n > 0).then_some(sums)
+}
+
+/// Matérn's correlation of smoothness 3/2.
+fn covariance(distance: f64) -> f64 {
+    let scaled = 3f64.sqrt() * distance;
+    (1.0 + scaled) * (-scaled).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn looking_ahead(x: f64) -> Pose {
+        Pose::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(x, 1.0, 0.0), DVec3::Z).unwrap()
+    }
+
+    fn at(frames: &[(f64, f64)], x: f64) -> f64 {
+        let said = |&(x, value): &(f64, f64)| (Viewpoint::new(&looking_ahead(x)), [value]);
+        let [value] = regress(frames, &looking_ahead(x), 0.3, said).unwrap();
+        value
+    }
+
+    #[test]
+    fn what_changes_along_the_way_is_followed_between_frames() {
+        let way: Vec<(f64, f64)> = (0..8).map(|i| (0.1 * f64::from(i), f64::from(i))).collect();
+        // Three frames more on one side of a place draw nothing towards themselves.
+        let crowded = [&way[..], &[(0.4, 4.0), (0.4, 4.0), (0.401, 4.0)]].concat();
+        for frames in [&way, &crowded] {
+            for x in [0.15, 0.25, 0.35, 0.45, 0.55] {
+                assert!((at(frames, x) - 10.0 * x).abs() < 0.1, "{x}: {}", at(frames, x));
+            }
+        }
+        assert!((at(&[(0.0, 1.0), (0.0, 3.0)], 0.0) - 2.0).abs() < 1e-12, "both err");
+    }
+
+    #[test]
+    fn far_from_all_frames_their_mean_is_said() {
+        let far = at(&[(0.0, 1.0), (5.0, 3.0)], 1000.0);
+        assert!((far - 2.0).abs() < 1e-9, "{far}");
+        assert!((at(&[(0.0, 7.0)], 3.0) - 7.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_nearest_of_many_frames_are_enough() {
+        let frames: Vec<(f64, f64)> =
+            (0..4000).map(|i| 0.01 * f64::from(i)).map(|x| (x, x.sin())).collect();
+        for x in [0.305, 7.777, 39.5] {
+            assert!((at(&frames, x) - x.sin()).abs() < 2e-3, "{x}: {}", at(&frames, x));
+        }
+    }
 }
