@@ -6,6 +6,7 @@
 //! One mean per cell: half as many or twice as many change the search by less than 7 %. Where few
 //! means have moved, they are taken from the old order and put into it again (`edits`).
 
+use super::cell_sort::CellSort;
 use super::columns::Columns;
 use super::edits::Edits;
 use super::error::IndexError;
@@ -22,7 +23,7 @@ const TRIM: f64 = 0.005;
 const MARGIN: f64 = 0.02;
 
 /// Means that one task of the build takes.
-const PART: usize = 1 << 14;
+const PART: usize = 1 << 12;
 
 /// Means in the order of the cells they lie in. Cells at the border extend to infinity.
 #[derive(Debug, Default)]
@@ -33,6 +34,7 @@ pub struct MeanGrid {
     means: Columns,
     /// Cell of every id, needed while the grid is built.
     cell_of_id: Vec<u32>,
+    cell_sort: CellSort,
     /// Coordinates the bounds are taken from, needed while the grid is built.
     sample: Vec<f32>,
     /// What the last [`MeanGrid::shift`] made of the entries before it, which `shifted` holds.
@@ -111,30 +113,13 @@ impl MeanGrid {
 
     /// Counting sort by cell, stable by id.
     fn sort(&mut self, means: &[[f32; 3]]) {
-        let Self { shape, start, means: sorted, cell_of_id, .. } = self;
-        start.clear();
-        // Counted two places late, summed one place late: filling a cell then moves the start of
-        // the next one to where it belongs.
-        start.resize(shape.n_cells() + 2, 0);
-        for &cell in cell_of_id.iter() {
-            start[cell as usize + 2] += 1;
-        }
-        let mut sum = 0;
-        for count in start.iter_mut() {
-            sum += *count;
-            *count = sum;
-        }
+        let Self { shape, start, means: sorted, cell_of_id, cell_sort, .. } = self;
         sorted.reserve(means.len());
         sorted.len = means.len();
         let Columns { x, y, z, tag: ids, len } = sorted;
         let (x, y, z, ids) = (&mut x[..*len], &mut y[..*len], &mut z[..*len], &mut ids[..*len]);
-        // Only ids are scattered; positions are then fetched in order, by all threads.
-        // On one thread; counting and scattering in parallel might save 1.4 ms (`train.md`, Speed).
-        for (id, &cell) in (0..).zip(cell_of_id.iter()) {
-            let next = &mut start[cell as usize + 1];
-            ids[*next as usize] = id;
-            *next += 1;
-        }
+        // Only ids are sorted; positions are then fetched in order.
+        cell_sort.sort(cell_of_id, shape.n_cells(), start, ids);
         let positions = x.par_chunks_mut(PART).zip(y.par_chunks_mut(PART));
         let positions = positions.zip(z.par_chunks_mut(PART)).zip(ids.par_chunks(PART));
         positions.for_each(|(((x, y), z), ids)| {

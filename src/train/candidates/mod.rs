@@ -11,6 +11,7 @@
 //! takes twice as long); chunks of 8 points; bounds for a whole tile (99 candidates instead of 57);
 //! finer grids where means crowd (a tenth, on such data only).
 
+mod cell_sort;
 mod columns;
 mod edits;
 mod error;

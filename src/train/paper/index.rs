@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Entries one task takes.
-const PART: usize = 1 << 14;
+const PART: usize = 1 << 12;
 /// Of so many components one may move for the others to keep their order.
 const FEW: usize = 64;
 /// Of so many components one may have moved since cells were made for all of them.

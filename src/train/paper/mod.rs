@@ -15,4 +15,5 @@ mod plain;
 pub mod reassign;
 pub mod scalar;
 mod slots;
+mod smallest;
 pub mod trainer;

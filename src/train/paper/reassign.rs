@@ -1,27 +1,21 @@
 //! Moving unused components onto badly explained points (`train.md`, Reassignment).
 //!
-//! The worst points are found by a sample's bound and one selection among what it lets through, not by
-//! sorting a frame. Drawing without replacement in rounds, as the reference does, has the law of an
-//! exponential race: every point gets a time from its own random number, and the first ones win. The race
-//! has no rounds, runs on all threads and gives equal points for any number of them.
+//! Drawing without replacement in rounds, as the reference does, has the law of an exponential race: every
+//! point gets a time from its own random number, and the first ones win. The race has no rounds, runs on all
+//! threads and gives equal points for any number of them.
 
 use super::config::{PaperConfig, ReassignPolicy};
+use super::smallest::{Ranked, Smallest};
 use crate::math::rng::Rng;
-use rayon::prelude::*;
 
-/// Draws one task takes at least.
-const PART: usize = 1 << 10;
-
-/// Parts of a frame that are looked through at once.
-// A fixed number, not one a thread: joined, they are the same list for any number of threads.
-const PARTS: usize = 16;
 /// Marks in a word.
 const BITS: usize = u64::BITS as usize;
 /// Points by which the bound of the lowest is guessed, about.
-const SAMPLED: usize = 1 << 12;
-/// Deviations of a sample's count by which the bound is farther than it tells: then one frame of 30,000 or
-/// so is looked through twice.
-const SURE: f64 = 4.0;
+const SCORES: usize = 1 << 11;
+/// Draws by which the bound of the first is guessed, about.
+const DRAWS: usize = 1 << 9;
+/// Share by which a time may be less than its bound says, by rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// How many components may move and among how many points destinations are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,34 +44,13 @@ impl Quota {
     }
 }
 
-/// A point and what it is ordered by, which takes the upper bits: one number compares faster than two.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Ranked(u128);
-
-impl Ranked {
-    fn new(order: u64, point: u32) -> Self {
-        Self(u128::from(order) << 32 | u128::from(point))
-    }
-
-    fn order(self) -> u64 {
-        (self.0 >> 32) as u64
-    }
-
-    fn point(self) -> u32 {
-        self.0 as u32
-    }
-}
-
 /// Chooses destinations, in memory kept from frame to frame.
 #[derive(Default)]
 pub struct DestinationChooser {
-    /// Points of each part of a frame.
-    parts: [Vec<Ranked>; PARTS],
-    sample: Vec<u64>,
     /// By the order of the score, reversed so that the lowest ELBO comes first.
-    lowest: Vec<Ranked>,
+    lowest: Smallest,
     /// By the order of the draw.
-    draws: Vec<Ranked>,
+    draws: Smallest,
     /// A bit for each point.
     marks: Vec<u64>,
     points: Vec<u32>,
@@ -90,10 +63,8 @@ impl DestinationChooser {
             return Self::default();
         };
         Self {
-            parts: std::array::from_fn(|_| Vec::with_capacity(2 * low_elbo)),
-            sample: Vec::with_capacity(SAMPLED),
-            lowest: Vec::with_capacity(2 * low_elbo),
-            draws: Vec::with_capacity(low_elbo),
+            lowest: Smallest::with_capacity(low_elbo, SCORES),
+            draws: Smallest::with_capacity(moves, DRAWS),
             marks: Vec::new(),
             points: Vec::with_capacity(moves),
         }
@@ -103,17 +74,16 @@ impl DestinationChooser {
     /// replacement among the points of lowest ELBO, that is of largest effective distance `q`.
     /// Points whose `q` is NaN are never chosen. `stream` gives every point its random number.
     pub fn destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
-        self.find_lowest(q, quota.low_elbo);
-        let is_drawn = self.lowest.len() > quota.moves;
-        if is_drawn {
-            self.draw(quota.moves, stream);
+        let Self { lowest, draws, marks, points } = self;
+        let mut chosen = find_lowest(lowest, q, quota.low_elbo);
+        if chosen.len() > quota.moves {
+            chosen = draw(draws, chosen, quota.moves, stream);
         }
-        let Self { lowest, draws, marks, points, .. } = self;
         // In the order of points: neighbours then get neighbouring components, which lie close in
         // memory. Marks are read off in that order, so nothing is sorted.
         marks.clear();
         marks.resize(q.len().div_ceil(BITS), 0);
-        for chosen in &*(if is_drawn { draws } else { lowest }) {
+        for chosen in chosen {
             let point = chosen.point() as usize;
             marks[point / BITS] |= 1 << (point % BITS);
         }
@@ -130,76 +100,49 @@ impl DestinationChooser {
 
     /// The `n` points of lowest ELBO (all, if there are fewer), ties by lowest index; in no order.
     pub fn lowest_elbo(&mut self, q: &[f64], n: usize) -> impl Iterator<Item = u32> {
-        self.find_lowest(q, n);
-        self.lowest.iter().map(|chosen| chosen.point())
-    }
-
-    fn find_lowest(&mut self, q: &[f64], n: usize) {
-        // Where all points may be chosen no bound has to be found.
-        let bound = if n < q.len() { likely_bound(&mut self.sample, q, n) } else { u64::MAX };
-        self.collect(q, bound);
-        if self.lowest.len() < n && bound < u64::MAX {
-            // The sample was not like the frame.
-            self.collect(q, u64::MAX);
-        }
-        if n < self.lowest.len() {
-            self.lowest.select_nth_unstable(n);
-            self.lowest.truncate(n);
-        }
-    }
-
-    /// Takes the points up to an order.
-    fn collect(&mut self, q: &[f64], bound: u64) {
-        let Self { parts, lowest, .. } = self;
-        let size = q.len().div_ceil(PARTS).max(1);
-        parts.par_iter_mut().enumerate().for_each(|(i, part)| {
-            part.clear();
-            let first = (i * size).min(q.len());
-            let scores = &q[first..(first + size).min(q.len())];
-            for (&q, point) in scores.iter().zip(first as u32..) {
-                let order = largest_first(q);
-                if order <= bound && !q.is_nan() {
-                    part.push(Ranked::new(order, point));
-                }
-            }
-        });
-        lowest.clear();
-        parts.iter().for_each(|part| lowest.extend_from_slice(part));
-    }
-
-    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
-    /// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
-    /// Sampling without replacement). Those of probability zero come last, in uniform order.
-    fn draw(&mut self, n: usize, stream: &Rng) {
-        let Self { lowest, draws, .. } = self;
-        let last = lowest.iter().map(|candidate| candidate.order()).max();
-        let best = last.map_or(f64::INFINITY, distance);
-        draws.resize(lowest.len(), Ranked(0));
-        let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
-        pairs.for_each(|(draw, candidate)| {
-            let uniform = stream.uniform_at(candidate.point().into());
-            // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
-            let gap = distance(candidate.order()) - best;
-            // The logarithm of `libm` has equal bits on every machine; the platform's need not.
-            let time = -libm::log(uniform) / gap;
-            let last = 1 << 63;
-            // A time is not negative, so its bits are in its order.
-            let order = if gap > 0.0 { time.to_bits() } else { last | uniform.to_bits() };
-            *draw = Ranked::new(order, candidate.point());
-        });
-        draws.select_nth_unstable(n);
-        draws.truncate(n);
+        find_lowest(&mut self.lowest, q, n).iter().map(|chosen| chosen.point())
     }
 }
 
-/// An order that `n` points or more do not exceed, most likely, and few more, by the scores of some.
-fn likely_bound(sample: &mut Vec<u64>, q: &[f64], n: usize) -> u64 {
-    let step = q.len().div_ceil(SAMPLED).max(1);
-    sample.clear();
-    sample.extend(q.iter().step_by(step).filter(|q| !q.is_nan()).map(|&q| largest_first(q)));
-    let expected = n as f64 / step as f64;
-    let rank = (expected + SURE * (expected.sqrt() + 1.0)) as usize;
-    if rank < sample.len() { *sample.select_nth_unstable(rank).1 } else { u64::MAX }
+fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked] {
+    lowest.find(q.len(), n, SCORES, |point, bound| {
+        let order = largest_first(q[point]);
+        (order <= bound && !q[point].is_nan()).then(|| Ranked::new(order, point as u32))
+    })
+}
+
+/// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
+/// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
+/// Sampling without replacement). Those of probability zero come last, in uniform order.
+fn draw<'a>(
+    draws: &'a mut Smallest,
+    candidates: &[Ranked],
+    n: usize,
+    stream: &Rng,
+) -> &'a [Ranked] {
+    let last = candidates.iter().map(|candidate| candidate.order()).max();
+    let best = last.map_or(f64::INFINITY, distance);
+    draws.find(candidates.len(), n, DRAWS, |i, bound| {
+        let candidate = candidates[i];
+        let order = order_of_draw(candidate, best, bound, stream)?;
+        (order <= bound).then(|| Ranked::new(order, candidate.point()))
+    })
+}
+
+/// When a candidate arrives, in the order of times; `None` if that is certainly beyond a bound.
+fn order_of_draw(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
+    const LAST: u64 = 1 << 63;
+    let uniform = stream.uniform_at(candidate.point().into());
+    // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
+    let gap = distance(candidate.order()) - best;
+    if gap <= 0.0 || gap.is_nan() {
+        return Some(LAST | uniform.to_bits());
+    }
+    // `−ln u ≥ 1 − u`: most need no logarithm to be too late.
+    let is_late = bound < LAST && 1.0 - uniform > f64::from_bits(bound) * gap * (1.0 + ROUNDING);
+    // The logarithm of `libm` has equal bits on every machine; the platform's need not. A time is not
+    // negative, so its bits are in its order.
+    (!is_late).then(|| (-libm::log(uniform) / gap).to_bits())
 }
 
 /// Bits in the order of distances, the largest first.
@@ -263,6 +206,27 @@ mod tests {
         let points = chooser.destinations(&q, Quota { moves: 2, low_elbo: 3 }, &stream);
         assert_eq!(points, [3, 4], "the best explained candidate has probability zero");
         assert_eq!(chooser.destinations(&q, Quota { moves: 6, low_elbo: 3 }, &stream), [1, 3, 4]);
+    }
+
+    #[test]
+    fn the_bound_leaves_the_winners_of_the_whole_race() {
+        let mut rng = Rng::new(9, Purpose::Synthetic, 0);
+        let q: Vec<f64> = (0..30_000).map(|_| rng.normal().powi(4)).collect();
+        let quota = Quota { moves: 800, low_elbo: 6000 };
+        for frame in 0..20 {
+            let stream = Rng::new(1, Purpose::Reassign, frame);
+            let mut chooser = DestinationChooser::default();
+            let candidates = find_lowest(&mut chooser.lowest, &q, quota.low_elbo).to_vec();
+            let best = distance(candidates.iter().map(|c| c.order()).max().unwrap());
+            let mut race: Vec<(u64, u32)> = candidates
+                .iter()
+                .map(|&c| (order_of_draw(c, best, u64::MAX, &stream).unwrap(), c.point()))
+                .collect();
+            race.sort_unstable();
+            let mut expected: Vec<u32> = race[..quota.moves].iter().map(|draw| draw.1).collect();
+            expected.sort_unstable();
+            assert_eq!(chooser.destinations(&q, quota, &stream), expected, "{frame}");
+        }
     }
 
     #[test]

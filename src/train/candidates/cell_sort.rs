@@ -1,0 +1,177 @@
+//! Ids in the order of their cells, those of one cell ascending: a counting sort.
+//!
+//! With threads enough, parts of the ids are sorted into ranges of cells first, side by side, and then the ids of
+//! each range into its cells. These are two steps for one, which two threads take no faster than one takes the
+//! one.
+
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Threads from which on two steps side by side are faster (`train.md`, Speed).
+const MANY: usize = 4;
+/// Parts of the ids.
+// A fixed number, not one a thread: memory grows once, whoever sorts.
+const PARTS: usize = 16;
+/// Ranges of cells.
+const RANGES: usize = 64;
+
+/// Sorts ids by cell, in memory kept from sort to sort.
+#[derive(Debug, Default)]
+pub(super) struct CellSort {
+    parts: [Part; PARTS],
+}
+
+/// Consecutive ids in the order of ranges.
+#[derive(Debug, Default)]
+struct Part {
+    /// Cells and ids.
+    entries: Vec<(u32, u32)>,
+    /// Range `r` holds `entries[starts[r]..starts[r + 1]]`.
+    starts: Vec<u32>,
+}
+
+impl CellSort {
+    /// Fills `ids` with the places of cells in `cell_of_id`, in the order of cells, and `start` with where those
+    /// of each cell begin, and all end.
+    pub fn sort(
+        &mut self,
+        cell_of_id: &[u32],
+        n_cells: usize,
+        start: &mut Vec<u32>,
+        ids: &mut [u32],
+    ) {
+        if rayon::current_num_threads() < MANY {
+            return sort_alone(cell_of_id, n_cells, start, ids);
+        }
+        start.resize(n_cells + 1, 0);
+        let (cells, end) = start.split_at_mut(n_cells);
+        end.fill(ids.len() as u32);
+        // A power of two: cells are told their range by a shift.
+        let width = n_cells.div_ceil(RANGES).next_power_of_two();
+        let size = cell_of_id.len().div_ceil(PARTS).max(1);
+        self.parts.par_iter_mut().enumerate().for_each(|(i, part)| {
+            let first = (i * size).min(cell_of_id.len());
+            let last = (first + size).min(cell_of_id.len());
+            part.fill(first as u32, &cell_of_id[first..last], width.ilog2());
+        });
+        Ranges { parts: &self.parts, width }.fill(0..RANGES, 0, cells, ids);
+    }
+}
+
+/// [`CellSort::sort`] in one step.
+fn sort_alone(cell_of_id: &[u32], n_cells: usize, start: &mut Vec<u32>, ids: &mut [u32]) {
+    start.clear();
+    // Counted two places late, summed one place late: filling a cell then moves the start of the next one to
+    // where it belongs.
+    start.resize(n_cells + 2, 0);
+    cell_of_id.iter().for_each(|&cell| start[cell as usize + 2] += 1);
+    sum_up(0, start);
+    for (id, &cell) in (0..).zip(cell_of_id) {
+        let next = &mut start[cell as usize + 1];
+        ids[*next as usize] = id;
+        *next += 1;
+    }
+    start.truncate(n_cells + 1);
+}
+
+impl Part {
+    /// Sorts ids from `first` on into ranges of `2^shift` cells.
+    fn fill(&mut self, first: u32, cells: &[u32], shift: u32) {
+        let Self { entries, starts } = self;
+        starts.clear();
+        // As in `sort_alone`.
+        starts.resize(RANGES + 2, 0);
+        cells.iter().for_each(|&cell| starts[(cell >> shift) as usize + 2] += 1);
+        sum_up(0, starts);
+        entries.resize(cells.len(), (0, 0));
+        for (id, &cell) in (first..).zip(cells) {
+            let next = &mut starts[(cell >> shift) as usize + 1];
+            entries[*next as usize] = (cell, id);
+            *next += 1;
+        }
+    }
+
+    fn of_ranges(&self, ranges: Range<usize>) -> &[(u32, u32)] {
+        &self.entries[self.starts[ranges.start] as usize..self.starts[ranges.end] as usize]
+    }
+}
+
+/// What is to be put together from all parts.
+#[derive(Clone, Copy)]
+struct Ranges<'a> {
+    parts: &'a [Part; PARTS],
+    /// Cells of a range.
+    width: usize,
+}
+
+impl Ranges<'_> {
+    /// Fills the starts of the cells of some ranges and their ids, of which the first is the `first` of all;
+    /// half of them on another thread.
+    fn fill(self, ranges: Range<usize>, first: u32, start: &mut [u32], ids: &mut [u32]) {
+        if ranges.len() == 1 {
+            return self.fill_one(ranges.start, first, start, ids);
+        }
+        let middle = ranges.start.midpoint(ranges.end);
+        let before = ranges.start..middle;
+        let n_cells = (before.len() * self.width).min(start.len());
+        let n = self.parts.iter().map(|part| part.of_ranges(before.clone()).len()).sum();
+        let ((start, start_behind), (ids, ids_behind)) =
+            (start.split_at_mut(n_cells), ids.split_at_mut(n));
+        rayon::join(
+            || self.fill(before, first, start, ids),
+            || self.fill(middle..ranges.end, first + n as u32, start_behind, ids_behind),
+        );
+    }
+
+    fn fill_one(self, range: usize, first: u32, start: &mut [u32], ids: &mut [u32]) {
+        let entries = || self.parts.iter().flat_map(|part| part.of_ranges(range..range + 1));
+        let place = |cell: u32| cell as usize - range * self.width;
+        start.fill(0);
+        entries().for_each(|&(cell, _)| start[place(cell)] += 1);
+        sum_up(first, start);
+        // Ends of cells, which become their starts as they are filled from behind.
+        entries().rev().for_each(|&(cell, id)| {
+            let next = &mut start[place(cell)];
+            *next -= 1;
+            ids[(*next - first) as usize] = id;
+        });
+    }
+}
+
+/// Replaces every number by the sum of all up to it, counted on from one.
+fn sum_up(mut sum: u32, numbers: &mut [u32]) {
+    for number in numbers {
+        sum += *number;
+        *number = sum;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    #[test]
+    fn ids_come_in_the_order_of_cells_and_ascend_in_each() {
+        let mut rng = Rng::new(4, Purpose::Init, 0);
+        for threads in [1, MANY] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut sort = CellSort::default();
+            for (n, n_cells) in
+                [(0, 0), (0, 5), (1, 1), (40, 3), (1000, 1), (3000, 64), (3000, 70_001)]
+            {
+                let cells: Vec<u32> = (0..n).map(|_| rng.below(n_cells) as u32).collect();
+                let (mut start, mut ids) = (vec![7; 50], vec![u32::MAX; n]);
+                pool.install(|| sort.sort(&cells, n_cells, &mut start, &mut ids));
+                let mut expected: Vec<u32> = (0..n as u32).collect();
+                expected.sort_by_key(|&id| cells[id as usize]);
+                assert_eq!(ids, expected, "{threads} {n} {n_cells}");
+                for (cell, ends) in start.windows(2).enumerate() {
+                    let these = &ids[ends[0] as usize..ends[1] as usize];
+                    assert!(these.iter().all(|&id| cells[id as usize] == cell as u32));
+                }
+                assert_eq!((start[0], start[n_cells], start.len()), (0, n as u32, n_cells + 1));
+            }
+        }
+    }
+}
