@@ -85,7 +85,8 @@ impl Preparer {
             let [x, y] = color_camera.focal;
             let footprint = (x / k.fx).max(y / k.fy) as f32;
             let size = [frame.color.width, frame.color.height];
-            isa.run(SeeFrame { planes, camera, footprint, size, out: seen });
+            let is_whole = settings.photograph;
+            isa.run(SeeFrame { planes, camera, footprint, size, is_whole, out: seen });
         }
         let margin = profile.tolerance.margin;
         let beside = camera.as_ref().map(|camera| Beside { camera, depths: seen, margin });

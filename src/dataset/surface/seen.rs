@@ -13,7 +13,7 @@ const MOST_COVERED: f32 = 16.0;
 /// that surfaces have no holes.
 const CELL: usize = 2;
 
-/// Depth of the nearest surface in every pixel of a colour image, and in cells of it by the centres of the
+/// Depth of the nearest surface in every pixel of a colour image, if it is wanted, and in cells of it by the centres of the
 /// depth image's pixels: calibration needs what hides a point to be no wider than was measured.
 #[derive(Clone, Debug)]
 pub(super) struct SeenDepths {
@@ -49,6 +49,8 @@ pub(super) struct SeeFrame<'a> {
     pub footprint: f32,
     /// Columns and rows of the colour image.
     pub size: [usize; 2],
+    /// Whether every pixel is told, and not cells alone.
+    pub is_whole: bool,
     pub out: &'a mut SeenDepths,
 }
 
@@ -57,8 +59,10 @@ impl Kernel for SeeFrame<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { planes, camera, footprint, size: [width, height], out } = self;
-        let [columns, rows] = [width.div_ceil(CELL), height.div_ceil(CELL)];
+        let Self { planes, camera, footprint, size, is_whole, out } = self;
+        let [columns, rows] = size.map(|n| n.div_ceil(CELL));
+        // Without pixels no square has any.
+        let [width, height] = if is_whole { size } else { [0; 2] };
         begin(&mut out.nearest, [width, height]);
         begin(&mut out.cells, [columns, rows]);
         let SeenDepths { nearest, cells } = out;

@@ -26,14 +26,10 @@ pub(super) struct Conic {
 }
 
 impl Conic {
-    /// With whitening `M = diag(1/s)·(RQ)ᵀ`, `g₀ = M·x₀` and `A = M·steps`:
-    /// `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` of `B = [A₁×g₀, A₂×g₀]`, and `l = 2Aᵀg₀/|g₀|²`.
+    /// `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` of `B = [A₁×g₀, A₂×g₀]`.
     pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
-        // The floor on scales keeps this finite (`rendering.md`, Conventions).
-        let sharpness = placed.scale.recip();
-        let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
-        let g0 = white(tangent.x0);
-        let a = [white(tangent.steps[0]), white(tangent.steps[1])];
+        let white = Whitened::new(placed, tangent);
+        let Whitened { g0, a, sharpness } = white;
         let b = [a[0].cross(g0), a[1].cross(g0)];
         let (gg, bb) = (g0.length_squared(), b[0].length_squared());
         let (per_g, per_b) = (gg.sqrt().recip(), bb.sqrt().recip());
@@ -45,8 +41,33 @@ impl Conic {
             p_x: z * bb * per_b * per_g,
             p_y: z * b[0].dot(b[1]) * per_b * per_g,
             q_y: z * volume * per_b,
-            half_l: DVec2::new(a[0].dot(g0), a[1].dot(g0)) * (per_g * per_g),
+            half_l: white.half_linear(),
             w: (z * z * gg).recip(),
         }
+    }
+}
+
+/// A plane seen from a splat: every direction in its standard deviations, `M = diag(1/s)·(RQ)ᵀ`.
+pub(super) struct Whitened {
+    /// `M·x₀`
+    g0: DVec3,
+    /// `M·steps`
+    a: [DVec3; 2],
+    /// `1/s`
+    sharpness: DVec3,
+}
+
+impl Whitened {
+    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
+        // The floor on scales keeps this finite (`rendering.md`, Conventions).
+        let sharpness = placed.scale.recip();
+        let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
+        Self { g0: white(tangent.x0), a: tangent.steps.map(white), sharpness }
+    }
+
+    /// `½ l` of `l = 2Aᵀg₀/|g₀|²`.
+    pub(super) fn half_linear(&self) -> DVec2 {
+        let Self { g0, a, .. } = self;
+        DVec2::new(a[0].dot(*g0), a[1].dot(*g0)) / g0.length_squared()
     }
 }

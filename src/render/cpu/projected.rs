@@ -1,6 +1,6 @@
 //! The projected renderer's records: `rendering.md`, Projected renderer.
 
-use super::conic::Conic;
+use super::conic::{Conic, Whitened};
 use super::drawn::ImageSplat;
 use super::exact::pinhole_tangent;
 use super::record::{Gradient, Rect};
@@ -42,11 +42,11 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
 /// `τ ≈ 1 − ½ l·δ` there, so the part along the line of sight goes into the part across it.
 pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuView) -> Gradient {
     let tangent = pinhole_tangent(placed, &view.intrinsics);
-    let conic = Conic::new(placed, &tangent);
+    let half_linear = Whitened::new(placed, &tangent).half_linear().as_vec2();
     let mut gradient = shade.gradient(&tangent);
     for (across, along) in gradient.across.iter_mut().zip(gradient.along) {
-        across[0] -= conic.half_l.x as f32 * along;
-        across[1] -= conic.half_l.y as f32 * along;
+        across[0] -= half_linear.x * along;
+        across[1] -= half_linear.y * along;
     }
     gradient.along = [0.0; 3];
     gradient

@@ -122,7 +122,11 @@ impl SplatLanes {
         }
         let scaled = [in_image(&axes, scale, 0, rows[0]), in_image(&axes, scale, 1, rows[1])];
         let whitening = Whitening::new(&scaled);
-        Shape { per_z, tangent, follows, axes, scale, rows, scaled, whitening, depth: z }
+        let mut shifts = [tangent; 3];
+        for (axis, shift) in shifts.iter_mut().enumerate() {
+            *shift = camera.shift(axis, tangent, per_z);
+        }
+        Shape { per_z, tangent, shifts, follows, axes, scale, rows, scaled, whitening, depth: z }
     }
 
     /// Directions of the scales in camera axes.
@@ -161,7 +165,7 @@ impl SplatLanes {
             let [x, y] = load_rows::<V, 2>(&self.across[k]);
             for axis in 0..3 {
                 let turning = (w[axis] - direction[axis] * along) * per_distance;
-                let [u, v] = shape.shift(camera, axis);
+                let [u, v] = shape.shifts[axis];
                 linear[MOVING + 3 * k + axis] = turning - x * u - y * v;
             }
         }
@@ -190,6 +194,18 @@ impl LiftCamera {
             tangent_hi: view.tangent_hi.as_vec2().to_array(),
         }
     }
+
+    /// How a centre changes in the image as its mean moves along an axis of the world, px per world unit.
+    #[inline(always)]
+    fn shift<V: Vector>(&self, axis: usize, tangent: [V; 2], per_z: V) -> [V; 2] {
+        let ahead = V::splat(self.from_world[2][axis]);
+        let mut shift = tangent;
+        for (k, shift) in shift.iter_mut().enumerate() {
+            let along = V::splat(self.from_world[k][axis]) - *shift * ahead;
+            *shift = V::splat(self.focal[k]) * along * per_z;
+        }
+        shift
+    }
 }
 
 /// Eight splats in the image.
@@ -198,6 +214,8 @@ struct Shape<V> {
     per_z: V,
     /// Of the centre.
     tangent: [V; 2],
+    /// By axis of the world how the centre changes in the image as the mean moves along it, px per world unit.
+    shifts: [[V; 2]; 3],
     /// Mask: whether the Jacobian follows the centre, which it does near the image alone.
     follows: V,
     /// Directions of the scales in camera axes.
@@ -211,30 +229,18 @@ struct Shape<V> {
 }
 
 impl<V: Vector> Shape<V> {
-    /// How the centre changes in the image as the mean moves along an axis of the world, px per world unit.
-    #[inline(always)]
-    fn shift(&self, camera: &LiftCamera, axis: usize) -> [V; 2] {
-        let ahead = V::splat(camera.from_world[2][axis]);
-        let mut shift = self.tangent;
-        for (k, shift) in shift.iter_mut().enumerate() {
-            let along = V::splat(camera.from_world[k][axis]) - *shift * ahead;
-            *shift = V::splat(camera.focal[k]) * along * self.per_z;
-        }
-        shift
-    }
-
     /// How the covariance does, px² per world unit: xx, xy, yy.
     #[inline(always)]
-    fn change(&self, camera: &LiftCamera, axis: usize, shift: [V; 2]) -> [V; 3] {
+    fn change(&self, camera: &LiftCamera, axis: usize) -> [V; 3] {
         let zero = V::splat(0.0);
         let nearer = zero - V::splat(camera.from_world[2][axis]) * self.per_z;
         let mut moved = [[zero; 3]; 2];
-        for k in 0..2 {
+        for (k, moved) in moved.iter_mut().enumerate() {
             // Rows of the Jacobian are `(f/z)·(e − t·e_z)` with the tangent `t`, which is held beyond the
             // image; nearer makes both larger.
-            let turned = shift[k].and(self.follows) * self.per_z;
+            let turned = self.shifts[axis][k].and(self.follows) * self.per_z;
             let row = [self.rows[k][0] * nearer, self.rows[k][1] * nearer - turned];
-            moved[k] = in_image(&self.axes, self.scale, k, row);
+            *moved = in_image(&self.axes, self.scale, k, row);
         }
         let [w_x, w_y] = self.scaled;
         let two = V::splat(2.0);
@@ -250,10 +256,10 @@ impl<V: Vector> Shape<V> {
         let root = V::splat(UNIT.sqrt() as f32);
         let Whitening { p_x, p_y, q_y } = self.whitening;
         for axis in 0..3 {
-            let shift = self.shift(camera, axis);
+            let shift = self.shifts[axis];
             linear[BY_MEAN + 5 * axis] = root * (p_x * shift[0] + p_y * shift[1]);
             linear[BY_MEAN + 5 * axis + 1] = root * q_y * shift[1];
-            let change = self.whitening.quadratic(self.change(camera, axis, shift));
+            let change = self.whitening.quadratic(self.change(camera, axis));
             linear[BY_MEAN + 5 * axis + 2..][..3].copy_from_slice(&change);
             let wider = self.whitening.quadratic(self.product(axis, axis));
             linear[BY_SHAPE + 3 * axis..][..3].copy_from_slice(&wider);
