@@ -13,8 +13,8 @@ const MOST_COVERED: f32 = 16.0;
 /// that surfaces have no holes.
 const CELL: usize = 2;
 
-/// Depth of the nearest surface in every pixel of a colour image, if it is wanted, and in cells of it by the centres of the
-/// depth image's pixels: calibration needs what hides a point to be no wider than was measured.
+/// Depth of the nearest surface in every pixel of a colour image, if it is wanted, and in cells of it by the
+/// centres of the depth image's pixels: calibration needs what hides a point to be no wider than was measured.
 #[derive(Clone, Debug)]
 pub(super) struct SeenDepths {
     /// Along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.

@@ -1,7 +1,7 @@
 //! How the frames that a scene was learnt from were exposed, so that a view can be drawn as bright
 //! as a camera there would have taken it.
 
-use super::viewpoint::{DISTANCE, Viewpoint, regress};
+use super::viewpoint::{Viewpoint, reach, regress};
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 
@@ -44,7 +44,7 @@ pub struct ExposureLog {
 impl ExposureLog {
     /// Frames of a scene with structural scale `h`, world units.
     pub fn new(frames: Vec<FrameExposure>, h: f64) -> Self {
-        Self { frames, reach: DISTANCE * h }
+        Self { frames, reach: reach(h) }
     }
 
     /// Factors on the scene's red, green and blue as seen from `pose`: what undoes the gains of the frames
@@ -76,7 +76,7 @@ mod tests {
     fn views_are_as_bright_as_the_frames_around_them() {
         let log = log(&[(0.0, 0.5), (0.1, 2.0), (50.0, 1.0)]);
         let red = |x: f64| log.at(&looking(x))[0];
-        assert!((red(0.05) - 1.0).abs() < 1e-3, "half way between the first two");
+        assert!((red(0.05) - 1.0).abs() < 1e-6, "half way between the first two");
         assert!((red(50.0) - 1.0).abs() < 0.02 && (red(-50.0) - 1.0).abs() < 1e-6);
         assert!(red(0.0) > red(0.02) && red(0.02) > red(0.08) && red(0.08) > red(0.1));
         assert!(red(0.0) > 1.5 && red(0.1) < 1.0 / 1.5, "{} {}", red(0.0), red(0.1));

@@ -1,7 +1,7 @@
 //! How the recorded poses of the frames that a scene was learnt from erred, so that a view recorded
 //! among them can be drawn from where its camera really stood.
 
-use super::viewpoint::{DISTANCE, Viewpoint, regress};
+use super::viewpoint::{Viewpoint, reach, regress};
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
@@ -58,12 +58,6 @@ impl PoseLog {
     pub fn at(&self, pose: &Pose) -> Pose {
         corrected(&self.frames, self.reach, pose)
     }
-}
-
-/// Distance between cameras at which what frames say correlates by one half, world units, in a scene with
-/// structural scale `h`.
-pub fn reach(h: f64) -> f64 {
-    DISTANCE * h
 }
 
 /// A camera recorded at `pose`, moved as the frames recorded around it were, in its own axes; as recorded

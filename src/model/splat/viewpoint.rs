@@ -8,7 +8,7 @@ use glam::DVec3;
 /// Angle between view directions, radians, as far apart as [`DISTANCE`].
 const ANGLE: f64 = 0.3;
 /// Distance between cameras, structural scales, at which what two frames say correlates by one half.
-pub const DISTANCE: f64 = 12.0;
+const DISTANCE: f64 = 12.0;
 /// Variance of what a single frame says by itself, as a share of how much it varies from place to place.
 const NOISE: f64 = 0.05;
 /// Most frames that say something of a view, the nearest ones: others add nothing.
@@ -39,6 +39,12 @@ impl Viewpoint {
     }
 }
 
+/// Distance between cameras at which what frames say correlates by one half, world units, in a scene with
+/// structural scale `h`.
+pub fn reach(h: f64) -> f64 {
+    DISTANCE * h
+}
+
 /// What frames say, at `pose` between them; `None` without frames. `reach` is the distance between cameras at
 /// which what they say correlates by one half, world units.
 ///
@@ -57,12 +63,11 @@ pub fn regress<T, const N: usize>(
     // Equally far ones in their order, so that the same frames are taken on any machine.
     nearest.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     nearest.truncate(MOST);
-    let views: Vec<Viewpoint> = nearest.iter().map(|&(_, i)| said(&frames[i]).0).collect();
+    let (views, values): (Vec<_>, Vec<_>) = nearest.iter().map(|&(_, i)| said(&frames[i])).unzip();
     let n = views.len();
-    let noise = |i: usize, j: usize| if i == j { NOISE } else { 0.0 };
     let among = |k: usize| {
         let (i, j) = (k / n, k % n);
-        covariance(views[i].distance(&views[j], reach)) + noise(i, j)
+        covariance(views[i].distance(&views[j], reach)) + if i == j { NOISE } else { 0.0 }
     };
     let factor = Cholesky::new(n, &(0..n * n).map(among).collect::<Vec<f64>>())?;
     let towards: Vec<f64> = nearest.iter().map(|&(away, _)| covariance(away)).collect();
@@ -70,9 +75,9 @@ pub fn regress<T, const N: usize>(
     // Weights that sum to one, whatever the mean is.
     let rest = (1.0 - by_place.iter().sum::<f64>()) / by_mean.iter().sum::<f64>();
     let mut sums = [0.0; N];
-    for ((&(_, i), place), mean) in nearest.iter().zip(by_place).zip(by_mean) {
+    for ((value, place), mean) in values.into_iter().zip(by_place).zip(by_mean) {
         let weight = place + rest * mean;
-        sums.iter_mut().zip(said(&frames[i]).1).for_each(|(sum, value)| *sum += weight * value);
+        sums.iter_mut().zip(value).for_each(|(sum, value)| *sum += weight * value);
     }
     (n > 0).then_some(sums)
 }

@@ -41,7 +41,7 @@ impl CellSort {
         ids: &mut [u32],
     ) {
         if rayon::current_num_threads() < MANY {
-            return sort_alone(cell_of_id, n_cells, start, ids);
+            return sort_alone(cell_of_id, 0, n_cells, start, |to, id| ids[to] = id as u32);
         }
         start.resize(n_cells + 1, 0);
         let (cells, end) = start.split_at_mut(n_cells);
@@ -58,37 +58,36 @@ impl CellSort {
     }
 }
 
-/// [`CellSort::sort`] in one step.
-fn sort_alone(cell_of_id: &[u32], n_cells: usize, start: &mut Vec<u32>, ids: &mut [u32]) {
+/// Puts the places of cells in a list in the order of their ranges of `2^shift`, those of one range ascending:
+/// `put` is given where each comes to, and the place. Fills `start` with where each range begins, and all end.
+fn sort_alone(
+    cells: &[u32],
+    shift: u32,
+    n_ranges: usize,
+    start: &mut Vec<u32>,
+    mut put: impl FnMut(usize, usize),
+) {
     start.clear();
-    // Counted two places late, summed one place late: filling a cell then moves the start of the next one to
+    // Counted two places late, summed one place late: filling a range then moves the start of the next one to
     // where it belongs.
-    start.resize(n_cells + 2, 0);
-    cell_of_id.iter().for_each(|&cell| start[cell as usize + 2] += 1);
+    start.resize(n_ranges + 2, 0);
+    cells.iter().for_each(|&cell| start[(cell >> shift) as usize + 2] += 1);
     sum_up(0, start);
-    for (id, &cell) in (0..).zip(cell_of_id) {
-        let next = &mut start[cell as usize + 1];
-        ids[*next as usize] = id;
+    for (place, &cell) in cells.iter().enumerate() {
+        let next = &mut start[(cell >> shift) as usize + 1];
+        put(*next as usize, place);
         *next += 1;
     }
-    start.truncate(n_cells + 1);
+    start.truncate(n_ranges + 1);
 }
 
 impl Part {
     /// Sorts ids from `first` on into ranges of `2^shift` cells.
     fn fill(&mut self, first: u32, cells: &[u32], shift: u32) {
         let Self { entries, starts } = self;
-        starts.clear();
-        // As in `sort_alone`.
-        starts.resize(RANGES + 2, 0);
-        cells.iter().for_each(|&cell| starts[(cell >> shift) as usize + 2] += 1);
-        sum_up(0, starts);
         entries.resize(cells.len(), (0, 0));
-        for (id, &cell) in (first..).zip(cells) {
-            let next = &mut starts[(cell >> shift) as usize + 1];
-            entries[*next as usize] = (cell, id);
-            *next += 1;
-        }
+        let put = |to: usize, place: usize| entries[to] = (cells[place], first + place as u32);
+        sort_alone(cells, shift, RANGES, starts, put);
     }
 
     fn of_ranges(&self, ranges: Range<usize>) -> &[(u32, u32)] {

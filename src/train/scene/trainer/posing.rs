@@ -3,7 +3,8 @@
 use super::SceneTrainer;
 use crate::math::camera::Camera;
 use crate::math::pose::Pose;
-use crate::model::splat::pose_log::{corrected, reach};
+use crate::model::splat::pose_log::corrected;
+use crate::model::splat::viewpoint::reach;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::align::{FEW, PoseAlignment, ROUNDS, a_few, looked_at};
 use crate::train::scene::births::assign_to_lattice;
