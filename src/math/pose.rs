@@ -125,6 +125,12 @@ impl Pose {
         Self { rotation, translation: self.transform_point(offset) }
     }
 
+    /// This camera in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    pub fn moved(&self, motion: &Self) -> Self {
+        let rotation = motion.rotation * self.rotation;
+        Self { rotation, translation: motion.transform_point(self.translation) }
+    }
+
     /// What [`Self::attached`] makes `other` of: its centre in this camera's frame, world units, and how its
     /// axes are turned from this camera's.
     pub fn offset_to(&self, other: &Self) -> (DVec3, DQuat) {

@@ -7,6 +7,7 @@
 //! depend on them: the spread over three orders is what a difference must exceed. All rows are
 //! judged by one camera, whatever they were trained with.
 
+mod perturbed;
 pub mod real;
 mod report;
 pub mod retention;

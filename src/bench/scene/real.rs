@@ -2,6 +2,7 @@
 //! default preset on every recording of a folder, one pass, judged by plain figures and by those that
 //! wrong poses do not hide.
 
+use super::perturbed::Perturbed;
 use super::training::{Trained, ordered, train};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::folder;
@@ -72,6 +73,15 @@ pub struct RecordingRow {
     pub corrected_psnr_covered: Option<f64>,
     /// PSNR of covered pixels from those with colours aligned.
     pub corrected_psnr_aligned_covered: Option<f64>,
+    /// Shares of 2 cm and of a degree, by which every tenth recorded pose was perturbed in another run, that are
+    /// left once the scene has corrected them.
+    pub perturbed_shift_left: Option<f64>,
+    /// The same of the degree.
+    pub perturbed_turn_left: Option<f64>,
+    /// PSNR of the whole frame from corrected poses, learnt from perturbed ones.
+    pub perturbed_psnr: f64,
+    /// PSNR of covered pixels from those.
+    pub perturbed_psnr_covered: Option<f64>,
     /// Mean distance of recorded poses from those that the photographs tell, world units; this and all
     /// that follows from the latter.
     pub pose_shift: Option<f64>,
@@ -177,22 +187,31 @@ impl<'a> RecordingRun<'a> {
         ordered(&self.plan, order, self.seed)
     }
 
-    fn measured(&self, order: usize) -> Result<RecordingRow, BenchError> {
+    fn trained(&self, dataset: &Arc<Dataset>, plan: &Plan) -> Result<Trained, BenchError> {
         let runs = std::slice::from_ref(&self.base);
-        let trained = train(self.dataset, &self.ordered(order), runs, &mut || ())?;
-        let Some(trained) = trained.into_iter().next() else {
+        let trained = train(dataset, plan, runs, &mut || ())?;
+        trained.into_iter().next().ok_or_else(|| {
             let first = "no frame is selected".to_owned();
-            return Err(BenchError::NoFrame { dataset: self.dataset.name.clone(), first });
-        };
+            BenchError::NoFrame { dataset: dataset.name.clone(), first }
+        })
+    }
+
+    fn measured(&self, order: usize) -> Result<RecordingRow, BenchError> {
+        let plan = self.ordered(order);
+        let trained = self.trained(self.dataset, &plan)?;
+        let perturbed = Perturbed::new(self.dataset, &plan, self.seed);
+        let wrong = self.trained(&perturbed.dataset, &plan)?;
         let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let plain = EvalOptions {
             color_camera: self.base.color_camera(),
             ..EvalOptions::plain(GroundTruth::Composited, render)
         };
         let recorded = self.quality(&trained, &EvalOptions { align_poses: true, ..plain })?;
-        let corrected =
-            self.quality(&trained, &EvalOptions { poses: ViewPoses::Corrected, ..plain })?;
-        Ok(self.row(&trained, &recorded, &corrected))
+        let moved = EvalOptions { poses: ViewPoses::Corrected, ..plain };
+        let [corrected, from_wrong] =
+            [self.quality(&trained, &moved)?, self.quality(&wrong, &moved)?];
+        let left = perturbed.left(trained.poses(), wrong.poses());
+        Ok(self.row(&trained, [&recorded, &corrected, &from_wrong], left))
     }
 
     fn quality(&self, trained: &Trained, options: &EvalOptions) -> Result<EvalReport, BenchError> {
@@ -204,8 +223,8 @@ impl<'a> RecordingRun<'a> {
     fn row(
         &self,
         trained: &Trained,
-        recorded: &EvalReport,
-        corrected: &EvalReport,
+        [recorded, corrected, from_wrong]: [&EvalReport; 3],
+        left: Option<[f64; 2]>,
     ) -> RecordingRow {
         let median = |times: &[f64]| Spread::of(times.to_vec()).median;
         let aligned = recorded.pose_aligned_mean;
@@ -227,6 +246,10 @@ impl<'a> RecordingRun<'a> {
             corrected_psnr: corrected.psnr_mean,
             corrected_psnr_covered: corrected.psnr_covered_mean,
             corrected_psnr_aligned_covered: corrected.psnr_aligned_covered_mean,
+            perturbed_shift_left: left.map(|[shift, _]| shift),
+            perturbed_turn_left: left.map(|[_, turn]| turn),
+            perturbed_psnr: from_wrong.psnr_mean,
+            perturbed_psnr_covered: from_wrong.psnr_covered_mean,
             pose_shift: aligned.map(|view| view.shift),
             pose_turn: aligned.map(|view| view.turn),
             pose_aligned_psnr: aligned.map(|view| view.psnr),
@@ -272,6 +295,10 @@ fn median(orders: &[RecordingRow]) -> Option<RecordingRow> {
         corrected_psnr: of(|row| row.corrected_psnr),
         corrected_psnr_covered: known(|row| row.corrected_psnr_covered),
         corrected_psnr_aligned_covered: known(|row| row.corrected_psnr_aligned_covered),
+        perturbed_shift_left: known(|row| row.perturbed_shift_left),
+        perturbed_turn_left: known(|row| row.perturbed_turn_left),
+        perturbed_psnr: of(|row| row.perturbed_psnr),
+        perturbed_psnr_covered: known(|row| row.perturbed_psnr_covered),
         pose_shift: known(|row| row.pose_shift),
         pose_turn: known(|row| row.pose_turn),
         pose_aligned_psnr: known(|row| row.pose_aligned_psnr),
@@ -297,6 +324,8 @@ fn text(rows: &[RecordingRow]) -> String {
         "ms/frame",
         "PSNR dB: full / covered / colours aligned",
         "corrected poses",
+        "learnt from perturbed poses",
+        "left of 2 cm, of 1°",
         "aligned poses",
         "poses off by",
         "depth error",
@@ -322,6 +351,8 @@ fn text(rows: &[RecordingRow]) -> String {
                 row.corrected_psnr_covered,
                 row.corrected_psnr_aligned_covered,
             ]),
+            joined(&[Some(row.perturbed_psnr), row.perturbed_psnr_covered]),
+            joined(&[row.perturbed_shift_left, row.perturbed_turn_left]),
             joined(&[
                 row.pose_aligned_psnr,
                 row.pose_aligned_psnr_covered,

@@ -9,6 +9,7 @@ use crate::dataset::Dataset;
 use crate::dataset::surface::SurfaceSettings;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::pose_log::FramePose;
 use crate::observation::surface::Observation;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::Prefetch;
@@ -33,6 +34,11 @@ pub struct Trained {
 }
 
 impl Trained {
+    /// How the poses of its frames were corrected.
+    pub fn poses(&self) -> &[FramePose] {
+        self.splats.finishing().poses.as_ref().map_or(&[], |log| log.frames())
+    }
+
     /// Components that are drawn.
     pub fn drawn(&self) -> usize {
         self.splats.view().splats().iter().filter(|splat| splat.opacity > 0.0).count()

@@ -15,13 +15,16 @@ use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
 use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::Splat;
+use crate::model::splat::viewpoint::Viewpoint;
 
 /// Words of a component's visibility counts.
 const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 /// Numbers of a frame's exposure.
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
-const N_POSE: usize = size_of::<FramePose>() / size_of::<f64>();
+/// Numbers of a corrected pose without its rotation, which files of before scenes were held to their recorded
+/// poses do not have.
+const N_POSE: usize = 12;
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 /// Numbers of a scale of depths.
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
@@ -71,8 +74,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
     }
     if !state.poses.is_empty() {
-        let numbers = bytemuck::cast_slice(&state.poses);
-        sections.push(Section::new::<f64>(tag::POSES, numbers));
+        sections.extend(pose_sections(&state.poses));
     }
     if !state.trajectory.is_empty() {
         let numbers = bytemuck::cast_slice(&state.trajectory);
@@ -80,6 +82,19 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     }
     sections.extend(state.photometric.iter().flat_map(photometric_sections));
     sections
+}
+
+fn pose_sections(poses: &[FramePose]) -> [Section<'_>; 2] {
+    let numbers = |pose: &FramePose| {
+        let FramePose { recorded: Viewpoint { centre, forward }, turn, shift, .. } = *pose;
+        [centre, forward, turn, shift]
+    };
+    let numbers: Vec<[f64; 3]> = poses.iter().flat_map(numbers).collect();
+    let rotations: Vec<[f64; 4]> = poses.iter().map(|pose| pose.rotation).collect();
+    [
+        Section::owned::<f64>(tag::POSES, numbers.into_flattened()),
+        Section::owned::<f64>(tag::POSE_ROTATIONS, rotations.into_flattened()),
+    ]
 }
 
 fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
@@ -153,7 +168,7 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             false => Vec::new(),
         },
         poses: match sections.has(tag::POSES) {
-            true => bytemuck::cast_vec(sections.rows::<f64, N_POSE>(tag::POSES, None)?),
+            true => poses(sections)?,
             false => Vec::new(),
         },
         trajectory: match sections.has(tag::TRAJECTORY) {
@@ -167,6 +182,20 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     };
     check::scene(&state)?;
     Ok(state)
+}
+
+/// Corrected poses; those of before scenes were held to their recorded ones do not know their rotation.
+fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
+    let rows = sections.rows::<f64, N_POSE>(tag::POSES, None)?;
+    let rotations = match sections.has(tag::POSE_ROTATIONS) {
+        true => sections.rows::<f64, 4>(tag::POSE_ROTATIONS, Some(rows.len()))?,
+        false => vec![[0.0; 4]; rows.len()],
+    };
+    let pose = |([x, y, z, u, v, w, a, b, c, i, j, k], rotation): ([f64; N_POSE], [f64; 4])| {
+        let recorded = Viewpoint { centre: [x, y, z], forward: [u, v, w] };
+        FramePose { recorded, rotation, turn: [a, b, c], shift: [i, j, k] }
+    };
+    Ok(rows.into_iter().zip(rotations).map(pose).collect())
 }
 
 /// Steps by which the structural scale grew.

@@ -27,6 +27,7 @@ pub const LOOKS: [u8; 4] = *b"LOOK";
 pub const COMPONENTS: [u8; 4] = *b"COMP";
 pub const EXPOSURES: [u8; 4] = *b"EXPO";
 pub const POSES: [u8; 4] = *b"POSE";
+pub const POSE_ROTATIONS: [u8; 4] = *b"POSR";
 pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
@@ -46,7 +47,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 23] = [
+pub const OF_SCENES: [[u8; 4]; 24] = [
     ORIGIN,
     SEEDS,
     COARSENED,
@@ -58,6 +59,7 @@ pub const OF_SCENES: [[u8; 4]; 23] = [
     LOOKS,
     EXPOSURES,
     POSES,
+    POSE_ROTATIONS,
     TRAJECTORY,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,

@@ -8,6 +8,7 @@ pub mod merging;
 pub mod opacity;
 pub mod photometric;
 pub mod points_device;
+mod rigid;
 pub mod splat_rule;
 pub mod state;
 pub mod sums;

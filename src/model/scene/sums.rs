@@ -220,6 +220,22 @@ impl SceneSums {
         }
     }
 
+    /// Sums of these points in axes that `turn` takes these to, about the same seed.
+    pub fn turned(&self, turn: DMat3) -> Self {
+        let back = turn.transpose();
+        let both = |second: Sym3| Sym3::from_mat3(turn * second.to_mat3() * back);
+        Self {
+            first: turn * self.first,
+            second: both(self.second),
+            color_offset: self.color_offset * back,
+            normal: turn * self.normal,
+            view: turn * self.view,
+            view_second: both(self.view_second),
+            color_view: self.color_view * back,
+            ..*self
+        }
+    }
+
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and
     /// scale of [`crate::math::normalization::Normalization`].
     pub fn moments(&self) -> Moments {

@@ -65,6 +65,12 @@ impl PhotographView {
         Ok(Camera { intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, pose })
     }
 
+    /// The same in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    pub fn moved(&self, motion: &Pose) -> Self {
+        let pose = motion.to_opencv() * DMat4::from_cols_array(&self.pose);
+        Self { pose: pose.to_cols_array(), ..*self }
+    }
+
     /// Rows that are kept, from the top.
     pub fn kept_rows(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
         let [every, first] = self.rows.map(|n| n as usize);

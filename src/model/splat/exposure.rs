@@ -20,6 +20,11 @@ impl FrameExposure {
     pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
         Self { viewpoint: Viewpoint::new(pose), gain: gain.map(f64::from) }
     }
+
+    /// The same in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    pub fn moved(&self, motion: &Pose) -> Self {
+        Self { viewpoint: self.viewpoint.moved(motion), ..*self }
+    }
 }
 
 /// The frames of a scene in the order they were learnt in.

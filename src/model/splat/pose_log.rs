@@ -6,12 +6,18 @@ use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
 
+/// Largest deviation of a unit quaternion's length from 1.
+const UNIT: f64 = 1e-6;
+
 /// How one frame's recorded pose was corrected.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FramePose {
     /// The recorded pose.
     pub recorded: Viewpoint,
+    /// Rotation from the recorded camera's OpenCV axes to the world's: unit quaternion x, y, z, w. Noughts where
+    /// it is not known: files did not hold it before scenes were held to their recorded poses.
+    pub rotation: [f64; 4],
     /// How the true camera is turned against the recorded one: axis times angle in its frame, radians.
     pub turn: [f64; 3],
     /// Where the true camera stands in the recorded one's frame, world units.
@@ -24,9 +30,28 @@ impl FramePose {
         let (shift, turn) = recorded.offset_to(real);
         Self {
             recorded: Viewpoint::new(recorded),
+            rotation: DQuat::from_mat3(&recorded.rotation()).normalize().to_array(),
             turn: turn.to_scaled_axis().to_array(),
             shift: shift.to_array(),
         }
+    }
+
+    /// The recorded pose and the one that the frame was taken from; `None` where its rotation is not known.
+    pub fn poses(&self) -> Option<[Pose; 2]> {
+        let rotation = DQuat::from_array(self.rotation);
+        if (rotation.length() - 1.0).abs() > UNIT {
+            return None;
+        }
+        let turn = DQuat::from_scaled_axis(DVec3::from_array(self.turn));
+        let recorded = Pose::IDENTITY.attached(DVec3::from_array(self.recorded.centre), rotation);
+        Some([recorded, recorded.attached(DVec3::from_array(self.shift), turn)])
+    }
+
+    /// The same frame in a world that was moved as a whole from under its recorded poses.
+    pub fn moved(&self, motion: &Pose) -> Option<Self> {
+        let [recorded, real] = self.poses()?;
+        let Self { turn, shift, .. } = Self::new(&recorded, &real.moved(motion));
+        Some(Self { turn, shift, ..*self })
     }
 }
 
@@ -52,6 +77,11 @@ impl PoseLog {
     /// Frames of a scene with structural scale `h`, world units.
     pub fn new(frames: Vec<FramePose>, h: f64) -> Self {
         Self { frames, reach: reach(h) }
+    }
+
+    /// The frames, in the order they were learnt in.
+    pub fn frames(&self) -> &[FramePose] {
+        &self.frames
     }
 
     /// Where a camera really stood that was recorded at `pose`: [`corrected`] as the frames were.

@@ -30,6 +30,15 @@ impl Viewpoint {
         Self { centre: pose.centre().to_array(), forward: pose.forward().to_array() }
     }
 
+    /// The same in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    pub fn moved(&self, motion: &Pose) -> Self {
+        let [centre, forward] = [self.centre, self.forward].map(DVec3::from_array);
+        Self {
+            centre: motion.transform_point(centre).to_array(),
+            forward: (motion.rotation() * forward).to_array(),
+        }
+    }
+
     /// Distance from another, in place and direction together; one where either is as far as correlates by
     /// one half.
     fn distance(&self, other: &Self, reach: f64) -> f64 {

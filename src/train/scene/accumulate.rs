@@ -4,9 +4,10 @@
 //! one row, so there are neither atomics nor copies to merge, and rows are added to in the order of
 //! the points.
 
-use super::component_sums::{ComponentSums, SumRow, SumScalar, Visibility};
+use super::component_sums::{ComponentSums, SumRow, Visibility};
 use super::config::VisibilityRule;
 use super::seed_positions::SeedPositions;
+use super::sum_scalar::SumScalar;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};

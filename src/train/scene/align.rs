@@ -15,10 +15,10 @@
 //! round begins where the frames around say; six rounds of a few points are usual, and one of all from
 //! there. Exact poses are left alone.
 
-use super::component_sums::SumScalar;
 use super::known_planes::{ColoredPlane, KnownPlanes};
 use super::near_seeds::GROUP;
 use super::rigid_equations::{Motion, RigidEquations};
+use super::sum_scalar::SumScalar;
 use crate::model::scene::sums::outer;
 use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DQuat, DVec3};
@@ -41,7 +41,7 @@ const COLOR_VARIANCE: f64 = 0.003;
 /// Squared residual, in its variances, at which Cauchy's weight is a half.
 const ROBUST: f64 = 4.0;
 /// Standard deviation of a recorded orientation, radians.
-const TURN_DEVIATION: f64 = 0.01;
+pub const TURN_DEVIATION: f64 = 0.01;
 /// Gauss–Newton steps for one choice of components.
 const STEPS: usize = 2;
 /// Matches of one partial sum.

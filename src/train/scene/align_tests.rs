@@ -1,9 +1,15 @@
 //! Alignment of frames, by a trainer that knows the scene.
 
 use super::config::SceneConfig;
+use super::fusion::fuse;
+use super::gauge::moved;
 use super::trainer::SceneTrainer;
+use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
+use crate::model::scene::state::SceneState;
+use crate::model::splat::splats::Splat;
 use crate::observation::surface::{Observation, SurfacePoint};
+use crate::train::learner::Learner;
 use glam::{DQuat, DVec3};
 
 /// Three walls of a room with a painted pattern, seen from a point inside it.
@@ -81,6 +87,85 @@ fn a_pose_that_is_far_off_is_pulled_back() {
 fn an_unknown_scene_moves_nothing() {
     let mut trainer = SceneTrainer::<f64>::new(&SceneConfig::coarse(0.05), DVec3::ZERO);
     assert_eq!(trainer.motion(&room(DQuat::IDENTITY, DVec3::ZERO)), None);
+}
+
+/// As far as the first of a recording's frames may be off: all that follow are aligned to it.
+#[test]
+fn a_scene_that_began_wrong_ends_where_most_frames_say() {
+    let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
+    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
+    let (turn, shift) = (DQuat::from_rotation_z(0.01), DVec3::new(0.0, 0.016, -0.016));
+    let right = room(DQuat::IDENTITY, DVec3::ZERO);
+    let off = |trainer: &SceneTrainer<i32>| {
+        let off = |splat: &Splat| (vector(splat.mean).abs().max_element() - 1.0).abs();
+        let splats = trainer.splats();
+        splats.iter().map(off).sum::<f64>() / splats.len() as f64
+    };
+    trainer.train(&room(turn, shift));
+    let at_first = off(&trainer);
+    for _ in 1..8 {
+        trainer.train(&right);
+    }
+    // An eighth of what the first frame erred by is left, and that one itself is known for what it is.
+    assert!(off(&trainer) < 0.2 * at_first, "{} of {at_first}", off(&trainer));
+    let poses = trainer.state().poses;
+    let [apart, near] = [0, 5].map(|frame: usize| {
+        let [recorded, real] = poses[frame].poses().unwrap();
+        (real.centre() - recorded.centre()).length()
+    });
+    assert!(near < 0.2 * shift.length() && (apart / shift.length() - 0.875).abs() < 0.1);
+}
+
+/// Splats, and what they are made of, stand to the moved camera as they stood before.
+#[test]
+fn all_that_was_learnt_moves_with_the_world() {
+    let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
+    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::new(0.5, 0.0, 0.0));
+    trainer.train(&room(DQuat::IDENTITY, DVec3::ZERO));
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.3, -0.2, 0.5));
+    let motion = Pose::IDENTITY.attached(DVec3::new(0.4, -0.3, 0.2), turn);
+    let moved = moved::<i32>(trainer.state(), &motion).unwrap();
+    let moved = SceneTrainer::<i32>::restore(&config, moved, 1).unwrap();
+    let (before, after) = (trainer.splats(), moved.splats());
+    assert_eq!(before.len(), after.len());
+    for (id, (a, b)) in before.iter().zip(after.iter()).enumerate() {
+        assert!((motion.transform_point(vector(a.mean)) - vector(b.mean)).length() < 1e-5);
+        assert!((a.opacity - b.opacity).abs() < 1e-3, "{a:?} {b:?}");
+        let numbers = a.scale.iter().zip(b.scale).chain(a.color.iter().zip(b.color));
+        assert!(numbers.into_iter().all(|(a, b)| (a - b).abs() < 5e-4), "{a:?} {b:?}");
+        let [from, to] = [&trainer, &moved].map(|trainer| trainer.normal(id).unwrap());
+        assert!((motion.rotation() * from - to).length() < 1e-3);
+        let [from, to] = [&before, &after].map(|set| set.view().appearance()[id].gradient[1]);
+        let apart = motion.rotation() * vector(from) - vector(to);
+        assert!(apart.length() < 0.02 * vector(to).length().max(1.0), "{from:?} {to:?}");
+    }
+}
+
+/// One shard of a start saw frames enough to be moved, the other did not.
+#[test]
+fn scenes_that_were_moved_since_their_start_are_fused_where_it_was() {
+    let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
+    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
+    let right = room(DQuat::IDENTITY, DVec3::ZERO);
+    trainer.train(&room(DQuat::from_rotation_z(0.01), DVec3::new(0.0, 0.016, -0.016)));
+    trainer.train(&right);
+    let start = trainer.state();
+    let mut shard = |frames: usize| {
+        let mut trainer = SceneTrainer::<i32>::restore(&config, start.clone(), 2).unwrap();
+        for _ in 0..frames {
+            trainer.train(&right);
+        }
+        trainer.state()
+    };
+    let shards = [shard(1), shard(2)];
+    let place = |state: &SceneState| state.poses[0].poses().unwrap()[1];
+    let [stayed, went] = shards.each_ref().map(|shard| place(shard).offset_to(&place(&start)).0);
+    assert!(stayed.length() == 0.0 && went.length() > 0.005, "{stayed} {went}");
+    let fused = fuse::<i32>(&config, Some(&start), &[&shards[1], &shards[0]]).unwrap();
+    assert!(place(&fused).offset_to(&place(&start)).0.length() < 1e-9);
+    assert_eq!(fused.poses.len(), 5);
+    let apart = |(a, b): (&[f32; 3], &[f32; 3])| (vector(*a) - vector(*b)).length();
+    assert!(fused.seeds.iter().zip(&start.seeds).map(apart).all(|apart| apart < 1e-6));
 }
 
 fn vector(v: [f32; 3]) -> DVec3 {

@@ -1,7 +1,8 @@
 //! A scene that goes on at a wider structural scale, because its budget holds no finer one (`scene.md`,
 //! Merging and budget).
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
+use super::sum_scalar::SumScalar;
 use crate::model::scene::state::{MOST_COARSENED, QUANTUM, SceneState, WHOLE};
 use crate::model::scene::sums::N_SUMS;
 use std::f64::consts::SQRT_2;

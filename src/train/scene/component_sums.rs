@@ -6,132 +6,13 @@
 //! is lost: all three draw the same picture within 0.005 dB.
 
 use super::runs::runs;
+use super::sum_scalar::SumScalar;
 use super::wide_sums::WideSums;
-use crate::math::real::Real;
-use crate::model::scene::bounds::{self, Slack, make_definite, restrain};
-use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
-use crate::model::scene::sums::N_SUMS;
+use crate::model::scene::bounds::{make_definite, restrain};
+use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WideRow};
+use crate::model::scene::sums::{N_SUMS, SceneSums};
+use glam::DMat3;
 use rayon::prelude::*;
-
-/// The number that a sum of one component is kept in.
-pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
-    /// Arithmetic of the terms of one point.
-    type Term: Real;
-    /// Points from which on a row spills into a wide one. As many more still fit.
-    const FULL: f64;
-    /// How far rounding may take sums of this form.
-    const SLACK: Slack;
-    /// A term, rounded to the form of the sums.
-    fn of(term: Self::Term) -> Self;
-    /// A sum, rounded likewise.
-    fn of_sum(sum: f64) -> Self;
-    /// A sum of whole quanta.
-    fn of_quanta(quanta: i32) -> Self;
-    /// Sum of both; integers wrap.
-    fn plus(self, other: Self) -> Self;
-    /// The value of a sum.
-    fn value(self) -> f64;
-    /// Rows as checkpoints hold them.
-    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums;
-    /// The rows of a checkpoint, if they are of this form.
-    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
-}
-
-/// Integer sums do not depend on the order of terms. Terms are within ±7.84, which takes 19 bits.
-impl SumScalar for i32 {
-    type Term = f32;
-    // Twice as many terms of 7.84, the largest, are 2.105·10⁹ quanta: just below 2³¹.
-    const FULL: f64 = WIDE_POINTS as f64;
-    const SLACK: Slack = bounds::MIXED;
-
-    #[inline(always)]
-    fn of(term: f32) -> Self {
-        /// Added to a number below 2²², leaves the nearest integer, ties to even, in the low bits.
-        const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
-        (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
-    }
-
-    fn of_sum(sum: f64) -> Self {
-        (sum / QUANTUM).round_ties_even() as i32
-    }
-
-    #[inline(always)]
-    fn of_quanta(quanta: i32) -> Self {
-        quanta
-    }
-
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-
-    #[inline(always)]
-    fn value(self) -> f64 {
-        f64::from(self) * QUANTUM
-    }
-
-    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums {
-        StoredSums::Mixed { rows, wide }
-    }
-
-    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
-        match sums {
-            StoredSums::Mixed { rows, wide } => Some((rows, wide)),
-            StoredSums::F32(_) | StoredSums::F64(_) => None,
-        }
-    }
-}
-
-macro_rules! plain_sum_scalar {
-    ($t:ty, $stored:ident, $slack:ident) => {
-        impl SumScalar for $t {
-            type Term = $t;
-            // Nothing overflows; in f32 sums stand still from 2²⁴ points on instead.
-            const FULL: f64 = f64::INFINITY;
-            const SLACK: Slack = bounds::$slack;
-
-            #[inline(always)]
-            fn of(term: $t) -> Self {
-                term
-            }
-
-            fn of_sum(sum: f64) -> Self {
-                sum as $t
-            }
-
-            fn of_quanta(quanta: i32) -> Self {
-                (f64::from(quanta) * QUANTUM) as $t
-            }
-
-            #[inline(always)]
-            fn plus(self, other: Self) -> Self {
-                self + other
-            }
-
-            #[inline(always)]
-            fn value(self) -> f64 {
-                self.into()
-            }
-
-            fn stored(rows: Vec<[Self; N_SUMS]>, _: Vec<WideRow>) -> StoredSums {
-                StoredSums::$stored(rows)
-            }
-
-            fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
-                match sums {
-                    StoredSums::$stored(rows) => Some((rows, Vec::new())),
-                    _ => None,
-                }
-            }
-        }
-    };
-}
-
-plain_sum_scalar!(f32, F32, F32);
-plain_sum_scalar!(f64, F64, F64);
-
-/// Quanta per unit of the integer sums.
-const QUANTA: f32 = (1.0 / QUANTUM) as f32;
 
 /// Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
@@ -400,6 +281,24 @@ impl<W: SumScalar> ComponentSums<W> {
         }
     }
 
+    /// Sums of the same points in axes that `turn` takes these to, about the same seeds.
+    pub fn turn(&mut self, turn: DMat3) {
+        let turned = |sums: &[f64; N_SUMS]| {
+            let mut turned = SceneSums::new(sums, 1.0).turned(turn).to_array();
+            restrain(&mut turned, W::SLACK);
+            make_definite(&mut turned);
+            turned
+        };
+        let wide = self.wide.ids();
+        let all: Vec<_> = wide.map(|id| (id as usize, turned(&self.sums(id as usize)))).collect();
+        self.rows.par_iter_mut().with_min_len(256).for_each(|row| {
+            row.sums = turned(&row.sums.map(W::value)).map(W::of_sum);
+        });
+        for (id, sums) in all {
+            self.replace(id, &sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM));
+        }
+    }
+
     /// Gives a component other sums, as large as it has, in place of its own.
     fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
         let row = &mut self.rows[id].sums;
@@ -438,12 +337,5 @@ mod tests {
         }
         assert_eq!(component_sums.sums(0)[0], 20_000.0);
         assert_eq!(component_sums.sums(0)[5], -65_000.0);
-    }
-
-    #[test]
-    fn quanta_round_to_nearest() {
-        for x in [0.1f32, -0.7, 3.999, -4.0, 1e-6] {
-            assert!((i32::of(x).value() - f64::from(x)).abs() <= 0.5 / 32768.0 + 1e-7, "{x}");
-        }
     }
 }

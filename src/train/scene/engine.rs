@@ -1,11 +1,11 @@
 //! Where the form of a scene's sums is chosen.
 
 use super::coarsening::coarsened;
-use super::component_sums::SumScalar;
 use super::config::SceneConfig;
 use super::fusion;
 use super::learner::SceneLearner;
 use super::sum_form::SumForm;
+use super::sum_scalar::SumScalar;
 use super::trainer::SceneTrainer;
 use crate::model::scene::state::SceneState;
 use glam::DVec3;

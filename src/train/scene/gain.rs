@@ -1,7 +1,8 @@
 //! A frame's exposure against the scene's (`scene.md`, Gain).
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::grid::NONE;
+use super::sum_scalar::SumScalar;
 use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
 use rayon::prelude::*;

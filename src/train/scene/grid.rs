@@ -136,6 +136,16 @@ impl SeedGrid {
         id
     }
 
+    /// The same seeds, each at another place.
+    pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Self {
+        let Self { cell, per_cell, block_bits, .. } = *self;
+        let mut moved = Self { cell, per_cell, block_bits, ..Self::new(1.0) };
+        for &position in &self.positions {
+            moved.insert(place(position));
+        }
+        moved
+    }
+
     fn link(&mut self, id: u32) {
         let position = self.positions[id as usize];
         let bucket = self.bucket(self.cell_of(position).map(|c| c >> self.block_bits));

@@ -1,8 +1,9 @@
 //! What components say of the points they own, worked out once for all rounds of a frame's alignment.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::grid::NONE;
 use super::seed_positions::SeedPositions;
+use super::sum_scalar::SumScalar;
 use crate::model::scene::sums::{SceneSums, outer};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;

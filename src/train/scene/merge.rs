@@ -7,10 +7,11 @@
 //! distance to a plane, so that even walls go first and edges last; quality falls monotonically
 //! with the budget (`bench accuracy`).
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::Components;
 use super::grid::SeedGrid;
 use super::seed_positions::SeedPositions;
+use super::sum_scalar::SumScalar;
 use crate::math::sym3::Sym3;
 use crate::model::scene::sums::SceneSums;
 use glam::DVec3;

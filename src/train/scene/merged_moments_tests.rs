@@ -1,6 +1,7 @@
 //! Moments of merged components, by sums that were moved from seed to seed.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
+use super::sum_scalar::SumScalar;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::sym3::Sym3;
 use crate::model::scene::bounds::restrain;

@@ -1,8 +1,9 @@
 //! Which components a frame could see: evidence for and against them (`scene.md`, Visibility
 //! counts).
 
-use super::component_sums::{ComponentSums, SumScalar, Visibility};
+use super::component_sums::{ComponentSums, Visibility};
 use super::seed_positions::SeedPositions;
+use super::sum_scalar::SumScalar;
 use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};

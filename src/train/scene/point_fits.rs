@@ -6,13 +6,14 @@
 
 use super::accumulate::{Matched, PARTS, accumulate};
 use super::assign::{assign, assign_known};
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::Components;
 use super::config::VisibilityRule;
 use super::grid::SeedGrid;
 use super::point_slots::PointSlots;
 use super::seed_positions::SeedPositions;
 use super::spacing::Spacing;
+use super::sum_scalar::SumScalar;
 use crate::model::device_error::DeviceError;
 use crate::model::scene::points_device::{OPEN, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;

@@ -1,9 +1,9 @@
 //! A frame's components in a row, for a device that sums their points: it needs room for those alone.
 
 use super::accumulate::Matched;
-use super::component_sums::SumScalar;
 use super::grid::NONE;
 use super::seed_positions::SeedPositions;
+use super::sum_scalar::SumScalar;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};

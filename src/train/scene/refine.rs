@@ -1,7 +1,8 @@
 //! Depth refinement: a point's most probable place along its ray, given its component as a plane
 //! (`scene.md`, Depth refinement).
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
+use super::sum_scalar::SumScalar;
 use crate::observation::surface::SurfacePoint;
 
 /// Fewest points of a component that is trusted as a plane.

@@ -20,6 +20,11 @@ impl WideSums {
         self.rows.len()
     }
 
+    /// These components.
+    pub fn ids(&self) -> impl Iterator<Item = u32> {
+        self.rows.iter().map(|(id, _)| *id)
+    }
+
     /// Those of a component, if it has any.
     #[inline(always)]
     pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {

@@ -398,7 +398,8 @@ const VIEWPOINT: Viewpoint = Viewpoint { centre: [3.0, -1.0, 0.5], forward: [0.0
 fn frames_may_have_corrected_poses() {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
-    let pose = FramePose { recorded: VIEWPOINT, turn: [0.01, 0.0, -0.02], shift: [0.1, 0.2, 0.3] };
+    let (turn, shift) = ([0.01, 0.0, -0.02], [0.1, 0.2, 0.3]);
+    let pose = FramePose { recorded: VIEWPOINT, rotation: [0.6, 0.0, 0.0, 0.8], turn, shift };
     state.poses = vec![pose, FramePose { shift: [0.0; 3], ..pose }];
     let bytes = to_bytes(&checkpoint);
     assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
@@ -410,6 +411,8 @@ fn frames_may_have_corrected_poses() {
     assert_refused(&with(18, f64::NAN), &["POSE[component 1, correction]", "a finite number"]);
     assert_refused(&with(3, 1.0), &["POSE[component 0, direction]", "a unit vector"]);
     assert_refused(&with(12, f64::INFINITY), &["POSE[component 1, centre]", "finite"]);
+    let turned = edited(&bytes, b"POSR", |s| s.content[..8].copy_from_slice(&0.9f64.to_le_bytes()));
+    assert_refused(&turned, &["POSR[component 0, rotation]", "a unit quaternion"]);
 }
 
 #[test]

@@ -43,6 +43,10 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
         if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
             return Err(value(tag::POSES, at, "correction", "a finite number", found));
         }
+        if frame.rotation != [0.0; 4] && frame.poses().is_none() {
+            let [x, ..] = frame.rotation;
+            return Err(value(tag::POSE_ROTATIONS, at, "rotation", "a unit quaternion", x));
+        }
     }
     let mut tracked = state.trajectory.iter().enumerate();
     if let Some((at, unplaced)) = tracked.find(|(_, tracked)| tracked.pose().is_none()) {

@@ -8,16 +8,19 @@
 mod estimate;
 
 use super::coarsening::factor;
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::config::SceneConfig;
+use super::gauge::moved;
 use super::grid::{SeedGrid, squared_distance};
 use super::photometric::PhotometricLearner;
 use super::photometric::rule::PhotometricRule;
+use super::sum_scalar::SumScalar;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
+use crate::model::splat::pose_log::FramePose;
 use estimate::{Estimate, Later};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -30,9 +33,11 @@ pub fn fuse<W: SumScalar>(
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
     let start = start.map(|start| settled(config, start));
-    let scenes: Vec<_> = scenes.iter().map(|scene| settled(config, scene)).collect();
-    let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
     let start = start.as_deref();
+    let scenes: Option<Vec<_>> =
+        scenes.iter().map(|scene| back_at::<W>(start, settled(config, scene))).collect();
+    let scenes = scenes?;
+    let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
     let first = scenes.first()?;
     let shared = start.map_or(Some(Vec::new()), components::<W>)?;
     let all: Option<Vec<Vec<Component>>> = scenes.iter().map(|s| components::<W>(s)).collect();
@@ -72,6 +77,24 @@ fn settled<'a>(config: &SceneConfig, state: &'a SceneState) -> Cow<'a, SceneStat
     let mut learner = PhotometricLearner::restore(photometric.clone());
     let (photometric, _) = learner.settled(full_coverage, &rule);
     Cow::Owned(SceneState { photometric: Some(photometric), ..state.clone() })
+}
+
+/// A scene where its start was: it may have been held to the poses of more frames since, and been moved as a
+/// whole. `None` if sums are of another form than `W`.
+fn back_at<'a, W: SumScalar>(
+    start: Option<&SceneState>,
+    scene: Cow<'a, SceneState>,
+) -> Option<Cow<'a, SceneState>> {
+    let of_first = |state: &SceneState| state.poses.first().and_then(FramePose::poses);
+    let (Some([_, then]), Some([_, now])) = (start.and_then(of_first), of_first(&scene)) else {
+        return Some(scene);
+    };
+    if then == now {
+        return Some(scene);
+    }
+    let (turn, place) = now.inverse();
+    let motion = then.attached(place, DQuat::from_mat3(&turn));
+    moved::<W>(scene.into_owned(), &motion).map(Cow::Owned)
 }
 
 /// A component with everything that a scene knows of it.

@@ -4,10 +4,11 @@
 use crate::math::camera::Camera;
 use crate::model::scene::sums::SceneSums;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::component_sums::{ComponentSums, SumScalar};
+use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::grid::NONE;
 use crate::train::scene::observe::is_seen_through;
 use crate::train::scene::seed_positions::SeedPositions;
+use crate::train::scene::sum_scalar::SumScalar;
 use glam::DVec3;
 
 /// Every so-many-th point is looked at: neighbours say the same.

@@ -11,6 +11,7 @@ pub mod waiting;
 
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::pose::Pose;
 use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
@@ -76,6 +77,11 @@ impl PhotometricLearner {
     /// What photographs were compared on.
     pub fn comparer_use(&self) -> ComparerUse {
         self.comparers.used()
+    }
+
+    /// Moves all that it has learnt, and is still to learn, with the world ([`PhotometricState::move_by`]).
+    pub fn move_by(&mut self, motion: &Pose) {
+        self.state.move_by(motion);
     }
 
     /// Frames come again: what was learnt to be drawn at rest is over.

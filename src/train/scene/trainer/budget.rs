@@ -4,9 +4,10 @@ use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::{FrameBirths, Limits, give_birth};
 use crate::train::scene::coarsening::{coarsened, factor};
-use crate::train::scene::component_sums::{ComponentSums, SumScalar};
+use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::config::SceneConfig;
 use crate::train::scene::merge::merge_down;
+use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::stages::SceneStage;
 
 impl<W: SumScalar> SceneTrainer<W> {

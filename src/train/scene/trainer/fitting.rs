@@ -4,11 +4,11 @@ use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::accumulate::Matched;
 use crate::train::scene::births::assign_to_lattice;
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::scene::spacing::Spacing;
 use crate::train::scene::sum_form::SumForm;
+use crate::train::scene::sum_scalar::SumScalar;
 
 impl<W: SumScalar> SceneTrainer<W> {
     /// Whether a device can find the seeds of points and sum these to the processor's bits: whole quanta

@@ -12,7 +12,7 @@ mod seam;
 mod tracking;
 
 use super::coarsening;
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::Components;
 use super::config::{SceneConfig, VisibilityRule};
 use super::gain::{MIN_MATCHES, gain};
@@ -22,6 +22,7 @@ use super::photometric::PhotometricLearner;
 use super::point_fits::PointFits;
 use super::refine::shift;
 use super::seed_positions::SeedPositions;
+use super::sum_scalar::SumScalar;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::photometric::PhotometricState;
@@ -260,10 +261,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.learn_photograph(frame, &camera, gain);
         lap(&mut ms, SceneStage::Photometric);
         self.log(frame, &camera, gain);
+        let is_moved = self.hold_to_recorded(frame);
+        lap(&mut ms, SceneStage::Pose);
         self.moved = moved.unwrap_or_default();
         self.count_frame();
         // Looks, merging and another scale change components without points as well.
-        self.has_changed_all |= is_rebuilt;
+        self.has_changed_all |= is_rebuilt || is_moved;
         ms.train = wall.elapsed_ms();
         FrameOutcome {
             points: n_points,

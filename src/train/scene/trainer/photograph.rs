@@ -9,11 +9,11 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use crate::render::cpu::photometric::RowChoice;
 use crate::render::following_near;
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, PhotographOutcome};
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::waiting::packed;
 use crate::train::scene::photometric::{CONTRADICTION, LearntView};
 use crate::train::scene::seed_positions::SeedPositions;
+use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
 

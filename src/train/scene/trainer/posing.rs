@@ -6,17 +6,20 @@ use crate::math::pose::Pose;
 use crate::model::splat::pose_log::corrected;
 use crate::model::splat::viewpoint::reach;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::align::{FEW, PoseAlignment, ROUNDS, a_few, looked_at};
+use crate::train::scene::align::{FEW, PoseAlignment, ROUNDS, TURN_DEVIATION, a_few, looked_at};
 use crate::train::scene::births::assign_to_lattice;
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::config::BirthRule;
+use crate::train::scene::gauge::{common_motion, moved_seed};
 use crate::train::scene::known_planes::KnownPlanes;
 use crate::train::scene::near_seeds::NearSeeds;
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::seed_positions::SeedPositions;
+use crate::train::scene::sum_scalar::SumScalar;
 
 /// Frames before that tell how the next one may err.
 const RECENT: usize = 1000;
+/// Fewest frames that say where the scene stands as a whole.
+const FEWEST_FRAMES: usize = 4;
 /// Fewest of the points looked at that tell of a frame's exposure.
 const FEWEST: f64 = 1000.0;
 
@@ -94,6 +97,25 @@ impl<W: SumScalar> SceneTrainer<W> {
             motion.apply(part, &mut moved);
         }
         Some(motion)
+    }
+
+    /// Moves the scene as a whole to where its frames were recorded, each time that there are twice as many: what
+    /// a few of them err by together becomes less with every doubling. Whether it was moved.
+    pub(super) fn hold_to_recorded(&mut self, frame: &Observation) -> bool {
+        let n = self.poses.len();
+        if !self.config.align || self.config.track || n < FEWEST_FRAMES || !n.is_power_of_two() {
+            return false;
+        }
+        let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.refinement)];
+        let Some(motion) = common_motion(&self.poses, deviations) else { return false };
+        let (origin, motion) = (self.origin, &motion);
+        self.grid = self.grid.moved(|seed| moved_seed(seed, origin, motion));
+        self.fits.forget_seeds();
+        self.component_sums.turn(motion.rotation());
+        self.photometric.move_by(motion);
+        self.poses.iter_mut().for_each(|frame| *frame = frame.moved(motion).unwrap_or(*frame));
+        self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
+        true
     }
 
     /// What a frame is likely to be moved by before it is looked at: cameras err alike from frame to frame.

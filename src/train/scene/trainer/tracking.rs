@@ -7,8 +7,8 @@ use crate::model::scene::trajectory::TrackedPose;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
 use crate::train::scene::align::looked_at;
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::rigid_equations::Motion;
+use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::scene::track::{self, TrackingLoss};
 use crate::train::timing::StageMs;
 

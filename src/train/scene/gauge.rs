@@ -1,0 +1,108 @@
+//! Where a scene stands as a whole.
+//!
+//! Frames are aligned to the scene and the scene is learnt from them: nothing in that says where both
+//! are. The first frames do, whatever their recorded poses err by, and where these were wrong all that
+//! follow are corrected by as much. Recorded poses err about nothing in the mean: so the scene is moved
+//! as a whole, with everything that it has learnt, to where the corrections of its frames are least.
+
+use super::component_sums::ComponentSums;
+use super::rigid_equations::{Motion, RigidEquations};
+use super::sum_scalar::SumScalar;
+use crate::math::pose::Pose;
+use crate::model::scene::state::SceneState;
+use crate::model::splat::pose_log::FramePose;
+use glam::{DMat3, DQuat, DVec3};
+
+/// The motion of the world, old coordinates to new ones, after which frames are where they were recorded but
+/// for what they err by one by one: least squares, linear in small turns, under the standard deviations of
+/// recorded turns (radians) and places (world units). `None` without frames, or where they do not say how they
+/// were recorded.
+pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Pose> {
+    let poses: Vec<[Pose; 2]> = frames.iter().map(FramePose::poses).collect::<Option<_>>()?;
+    let n = poses.len() as f64;
+    let middle = poses.iter().fold(DVec3::ZERO, |sum, [_, real]| sum + real.centre() / n);
+    let mut normal = RigidEquations::NONE;
+    for [recorded, real] in &poses {
+        let apart = Motion::between(recorded, real);
+        // A turn of the world turns every camera, and moves it by its distance from the middle.
+        let turned = Motion { turn: apart.turn, shift: DVec3::ZERO };
+        normal.join(&RigidEquations::prior(&turned, [turn, f64::INFINITY]));
+        let weight = shift.powi(-2);
+        let arm = real.centre() - middle;
+        normal.add_all(DMat3::from_diagonal(DVec3::splat(weight)), weight * apart.shift, arm);
+    }
+    let [turn, shift] = normal.solution()?;
+    let turn = DQuat::from_scaled_axis(turn);
+    Some(Pose::IDENTITY.attached(middle + shift - turn * middle, turn))
+}
+
+/// A seed, world units from `origin`, in a world that is moved as a whole.
+pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
+    let place = origin + DVec3::from_array(seed.map(f64::from));
+    (motion.transform_point(place) - origin).as_vec3().to_array()
+}
+
+/// The scene in a world that is moved as a whole: seeds, sums about them, splats, logs and cameras. `None` if
+/// sums have another form, or frames do not say how they were recorded.
+pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneState> {
+    let origin = DVec3::from_array(state.origin);
+    let mut sums = ComponentSums::<W>::restore(state.sums, state.visibility)?;
+    sums.turn(motion.rotation());
+    let order: Vec<u32> = (0..sums.len() as u32).collect();
+    let (sums, visibility) = sums.state(&order);
+    let mut photometric = state.photometric;
+    if let Some(photometric) = &mut photometric {
+        photometric.move_by(motion);
+    }
+    Some(SceneState {
+        seeds: state.seeds.into_iter().map(|seed| moved_seed(seed, origin, motion)).collect(),
+        sums,
+        visibility,
+        exposures: state.exposures.iter().map(|frame| frame.moved(motion)).collect(),
+        poses: state.poses.iter().map(|frame| frame.moved(motion)).collect::<Option<_>>()?,
+        photometric,
+        ..state
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recorded(i: usize) -> Pose {
+        let angle = i as f64 * 0.4;
+        let eye = DVec3::new(angle.cos(), angle.sin(), 0.2 * (i % 3) as f64);
+        Pose::look_at(eye, DVec3::new(3.0, -2.0, 1.0), DVec3::Z).unwrap()
+    }
+
+    #[test]
+    fn what_all_frames_err_by_is_told_from_what_each_errs_by() {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.01, -0.02, 0.015));
+        let by = Pose::IDENTITY.attached(DVec3::new(0.02, -0.01, 0.03), turn);
+        let frame = |i: usize| {
+            let own = if i % 2 == 0 { 0.004 } else { -0.004 };
+            let real = recorded(i / 2).moved(&by);
+            FramePose::new(&recorded(i / 2), &real.attached(DVec3::X * own, DQuat::IDENTITY))
+        };
+        let frames: Vec<FramePose> = (0..32).map(frame).collect();
+        let motion = common_motion(&frames, [0.01, 0.02]).unwrap();
+        for i in 0..16 {
+            let back = recorded(i).moved(&by).moved(&motion);
+            // Linear in turns of an hundredth.
+            assert!((back.centre() - recorded(i).centre()).length() < 1e-3);
+            assert!((back.forward() - recorded(i).forward()).length() < 1e-3);
+        }
+        let moved = frames[3].moved(&motion).unwrap();
+        assert!(DVec3::from_array(moved.shift).length() < 0.0045);
+        assert_eq!(moved.recorded, frames[3].recorded);
+    }
+
+    #[test]
+    fn frames_that_do_not_know_how_they_were_recorded_hold_nothing() {
+        let known = FramePose::new(&recorded(0), &recorded(1));
+        let old = FramePose { rotation: [0.0; 4], ..known };
+        assert!(common_motion(&[known, known], [0.01, 0.02]).is_some());
+        assert_eq!(common_motion(&[known, old], [0.01, 0.02]), None);
+        assert_eq!(common_motion(&[], [0.01, 0.02]), None);
+    }
+}
