@@ -103,9 +103,18 @@ fn a_scene_that_began_wrong_ends_where_most_frames_say() {
     };
     trainer.train(&room(turn, shift));
     let at_first = off(&trainer);
-    for _ in 1..8 {
+    let mut half_way = None;
+    for frame in 1..8 {
         trainer.train(&right);
+        if frame == 5 {
+            half_way = Some(trainer.state());
+        }
     }
+    // Whoever goes on from a checkpoint is moved alike.
+    let mut gone_on = SceneTrainer::<i32>::restore(&config, half_way.unwrap(), 6).unwrap();
+    gone_on.train(&right);
+    gone_on.train(&right);
+    assert_eq!(gone_on.state(), trainer.state());
     // An eighth of what the first frame erred by is left, and that one itself is known for what it is.
     assert!(off(&trainer) < 0.2 * at_first, "{} of {at_first}", off(&trainer));
     let poses = trainer.state().poses;
@@ -150,7 +159,7 @@ fn scenes_that_were_moved_since_their_start_are_fused_where_it_was() {
     trainer.train(&room(DQuat::from_rotation_z(0.01), DVec3::new(0.0, 0.016, -0.016)));
     trainer.train(&right);
     let start = trainer.state();
-    let mut shard = |frames: usize| {
+    let shard = |frames: usize| {
         let mut trainer = SceneTrainer::<i32>::restore(&config, start.clone(), 2).unwrap();
         for _ in 0..frames {
             trainer.train(&right);

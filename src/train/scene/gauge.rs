@@ -80,7 +80,7 @@ mod tests {
         let turn = DQuat::from_scaled_axis(DVec3::new(0.01, -0.02, 0.015));
         let by = Pose::IDENTITY.attached(DVec3::new(0.02, -0.01, 0.03), turn);
         let frame = |i: usize| {
-            let own = if i % 2 == 0 { 0.004 } else { -0.004 };
+            let own = if i.is_multiple_of(2) { 0.004 } else { -0.004 };
             let real = recorded(i / 2).moved(&by);
             FramePose::new(&recorded(i / 2), &real.attached(DVec3::X * own, DQuat::IDENTITY))
         };

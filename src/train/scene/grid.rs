@@ -136,14 +136,17 @@ impl SeedGrid {
         id
     }
 
-    /// The same seeds, each at another place.
-    pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Self {
+    /// The same seeds, each at another place; `None` if one of these is out of reach.
+    pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Option<Self> {
         let Self { cell, per_cell, block_bits, .. } = *self;
         let mut moved = Self { cell, per_cell, block_bits, ..Self::new(1.0) };
-        for &position in &self.positions {
-            moved.insert(place(position));
+        for position in self.positions.iter().map(|&position| place(position)) {
+            if !moved.reaches(position) {
+                return None;
+            }
+            moved.insert(position);
         }
-        moved
+        Some(moved)
     }
 
     fn link(&mut self, id: u32) {

@@ -238,9 +238,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let contradicts = self.contradicts(frame, &camera, points, gain);
         lap(&mut ms, SceneStage::Assign);
         if contradicts {
-            self.moved = moved.unwrap_or_default();
             self.touched.clear();
-            self.count_frame();
+            self.end_frame(moved, false);
             ms.train = wall.elapsed_ms();
             return FrameOutcome { tracking, ms, ..FrameOutcome::default() };
         }
@@ -263,10 +262,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.log(frame, &camera, gain);
         let is_moved = self.hold_to_recorded(frame);
         lap(&mut ms, SceneStage::Pose);
-        self.moved = moved.unwrap_or_default();
-        self.count_frame();
         // Looks, merging and another scale change components without points as well.
-        self.has_changed_all |= is_rebuilt || is_moved;
+        self.end_frame(moved, is_rebuilt || is_moved);
         ms.train = wall.elapsed_ms();
         FrameOutcome {
             points: n_points,

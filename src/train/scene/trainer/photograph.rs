@@ -51,10 +51,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         if !contradicts {
             self.learn_photograph(frame, &camera, gain);
         }
-        self.count_frame();
-        self.has_changed_all |= was_settled;
+        self.end_frame(moved, was_settled);
         ms.add(SceneStage::Photometric as usize, clock.lap_ms());
-        self.moved = moved.unwrap_or_default();
         ms.train = wall.elapsed_ms();
         FrameOutcome { ms, ..FrameOutcome::default() }
     }
@@ -90,10 +88,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         ComparedPhotograph { frame: self.frames, outcome }
     }
 
-    /// Counts a frame that was learnt, or passed over.
-    pub(super) fn count_frame(&mut self) {
+    /// Counts a frame that was learnt, or passed over, and whether all components changed by it; keeps the memory
+    /// of its points.
+    pub(super) fn end_frame(&mut self, moved: Option<Vec<SurfacePoint>>, has_changed_all: bool) {
+        self.moved = moved.unwrap_or_default();
         self.frames += 1;
-        self.has_changed_all = self.frames.is_multiple_of(EVERYTHING_EVERY);
+        self.has_changed_all = has_changed_all || self.frames.is_multiple_of(EVERYTHING_EVERY);
     }
 
     /// Gives new components splats that photographs can teach, and takes the step that the frame's

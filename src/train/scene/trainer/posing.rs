@@ -109,7 +109,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.refinement)];
         let Some(motion) = common_motion(&self.poses, deviations) else { return false };
         let (origin, motion) = (self.origin, &motion);
-        self.grid = self.grid.moved(|seed| moved_seed(seed, origin, motion));
+        let moved = self.grid.moved(|seed| moved_seed(seed, origin, motion));
+        let Some(moved) = moved else { return false };
+        self.grid = moved;
         self.fits.forget_seeds();
         self.component_sums.turn(motion.rotation());
         self.photometric.move_by(motion);
