@@ -82,6 +82,8 @@ pub struct RecordingRow {
     pub perturbed_psnr: f64,
     /// PSNR of covered pixels from those.
     pub perturbed_psnr_covered: Option<f64>,
+    /// PSNR of covered pixels from the poses that the photographs tell, learnt from perturbed ones.
+    pub perturbed_pose_aligned_psnr_covered: Option<f64>,
     /// Mean distance of recorded poses from those that the photographs tell, world units; this and all
     /// that follows from the latter.
     pub pose_shift: Option<f64>,
@@ -208,8 +210,8 @@ impl<'a> RecordingRun<'a> {
         };
         let recorded = self.quality(&trained, &EvalOptions { align_poses: true, ..plain })?;
         let moved = EvalOptions { poses: ViewPoses::Corrected, ..plain };
-        let [corrected, from_wrong] =
-            [self.quality(&trained, &moved)?, self.quality(&wrong, &moved)?];
+        let corrected = self.quality(&trained, &moved)?;
+        let from_wrong = self.quality(&wrong, &EvalOptions { align_poses: true, ..moved })?;
         let left = perturbed.left(trained.poses(), wrong.poses());
         Ok(self.row(&trained, [&recorded, &corrected, &from_wrong], left))
     }
@@ -250,6 +252,9 @@ impl<'a> RecordingRun<'a> {
             perturbed_turn_left: left.map(|[_, turn]| turn),
             perturbed_psnr: from_wrong.psnr_mean,
             perturbed_psnr_covered: from_wrong.psnr_covered_mean,
+            perturbed_pose_aligned_psnr_covered: from_wrong
+                .pose_aligned_mean
+                .map(|view| view.psnr_covered),
             pose_shift: aligned.map(|view| view.shift),
             pose_turn: aligned.map(|view| view.turn),
             pose_aligned_psnr: aligned.map(|view| view.psnr),
@@ -299,6 +304,7 @@ fn median(orders: &[RecordingRow]) -> Option<RecordingRow> {
         perturbed_turn_left: known(|row| row.perturbed_turn_left),
         perturbed_psnr: of(|row| row.perturbed_psnr),
         perturbed_psnr_covered: known(|row| row.perturbed_psnr_covered),
+        perturbed_pose_aligned_psnr_covered: known(|row| row.perturbed_pose_aligned_psnr_covered),
         pose_shift: known(|row| row.pose_shift),
         pose_turn: known(|row| row.pose_turn),
         pose_aligned_psnr: known(|row| row.pose_aligned_psnr),
@@ -324,7 +330,7 @@ fn text(rows: &[RecordingRow]) -> String {
         "ms/frame",
         "PSNR dB: full / covered / colours aligned",
         "corrected poses",
-        "learnt from perturbed poses",
+        "learnt from perturbed poses: full / covered / covered, aligned poses",
         "left of 2 cm, of 1°",
         "aligned poses",
         "poses off by",
@@ -351,7 +357,11 @@ fn text(rows: &[RecordingRow]) -> String {
                 row.corrected_psnr_covered,
                 row.corrected_psnr_aligned_covered,
             ]),
-            joined(&[Some(row.perturbed_psnr), row.perturbed_psnr_covered]),
+            joined(&[
+                Some(row.perturbed_psnr),
+                row.perturbed_psnr_covered,
+                row.perturbed_pose_aligned_psnr_covered,
+            ]),
             joined(&[row.perturbed_shift_left, row.perturbed_turn_left]),
             joined(&[
                 row.pose_aligned_psnr,

@@ -1,6 +1,6 @@
 //! The engine of the scene preset (`scene.md`, Stages of a frame): components are born where points
-//! have none within the structural scale, and carry additive statistics about a seed that never
-//! moves.
+//! have none within the structural scale, and carry additive statistics about a seed that stays where it
+//! is among the others.
 //!
 //! The E-step is the mixture's, truncated to one candidate: the initial model of every component is
 //! isotropic with one common precision about its seed, so the component with the largest
