@@ -32,6 +32,16 @@ pub enum PoseError {
     },
 }
 
+/// Largest deviation of a quaternion's length from 1 that still counts as a rotation.
+const UNIT: f64 = 1e-6;
+
+/// The rotation of a unit quaternion x, y, z, w; `None` for any other.
+pub fn unit_rotation(quaternion: [f64; 4]) -> Option<DQuat> {
+    let rotation = DQuat::from_array(quaternion);
+    // NaN fails this comparison, too.
+    ((rotation.length() - 1.0).abs() < UNIT).then(|| rotation.normalize())
+}
+
 /// Rigid transform `world_from_camera` in OpenCV axes: x right, y down, z forward.
 ///
 /// ```

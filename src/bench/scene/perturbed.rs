@@ -40,15 +40,12 @@ impl Perturbed {
                 return unit;
             }
         };
-        let mut frames = dataset.splits.get_mut(plan.split).map(|split| &mut split.frames);
+        let frames = &mut dataset.splits[plan.split].frames;
         for &frame in plan.frames.iter().skip(WHICH).step_by(ONE_OF) {
             let [to, axis] = [direction(), direction()];
-            if let Some(entry) = frames.as_deref_mut().and_then(|frames| frames.get_mut(frame)) {
-                let recorded = entry.camera.pose;
-                let turn = DQuat::from_axis_angle(axis, TURN);
-                entry.camera.pose = recorded.attached(shift * to, turn);
-                changed.push([recorded, entry.camera.pose]);
-            }
+            let pose = &mut frames[frame].camera.pose;
+            let wrong = pose.attached(shift * to, DQuat::from_axis_angle(axis, TURN));
+            changed.push([std::mem::replace(pose, wrong), wrong]);
         }
         Self { dataset: Arc::new(dataset), changed }
     }

@@ -18,8 +18,9 @@ impl PhotometricState {
     /// coordinates to new ones, world units.
     pub fn move_by(&mut self, motion: &Pose) {
         let turn = motion.rotation();
+        let rotation = DQuat::from_mat3(&turn);
         let Self { splats, appearance, form, color, .. } = self;
-        splats.par_iter_mut().for_each(|splat| *splat = moved(splat, motion));
+        splats.par_iter_mut().for_each(|splat| *splat = moved(splat, motion, rotation));
         appearance.par_iter_mut().for_each(|look| *look = turned(look, turn));
         form.par_iter_mut().for_each(|lower| turn_block::<N_FORM>(lower, &FORM_VECTORS, turn));
         color.par_iter_mut().for_each(|lower| turn_block::<N_COLOR>(lower, &COLOR_VECTORS, turn));
@@ -27,10 +28,11 @@ impl PhotometricState {
     }
 }
 
-fn moved(splat: &Splat, motion: &Pose) -> Splat {
+/// `turn` is that of the motion.
+fn moved(splat: &Splat, motion: &Pose, turn: DQuat) -> Splat {
     let mean = motion.transform_point(DVec3::from_array(splat.mean.map(f64::from)));
     let [w, x, y, z] = splat.rotation.map(f64::from);
-    let turned = (DQuat::from_mat3(&motion.rotation()) * DQuat::from_xyzw(x, y, z, w)).normalize();
+    let turned = (turn * DQuat::from_xyzw(x, y, z, w)).normalize();
     let rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
     Splat { mean: mean.as_vec3().to_array(), rotation, ..*splat }
 }
@@ -111,7 +113,7 @@ mod tests {
             let [w, x, y, z] = splat.rotation.map(f64::from);
             DQuat::from_xyzw(x, y, z, w) * DVec3::X
         };
-        let after = moved(&splat, &motion);
+        let after = moved(&splat, &motion, turn);
         assert!((turn * axis(&splat) - axis(&after)).length() < 1e-6);
         let place = motion.transform_point(DVec3::new(1.0, 0.5, 2.0));
         assert!((place - DVec3::from_array(after.mean.map(f64::from))).length() < 1e-6);

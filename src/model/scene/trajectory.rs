@@ -1,6 +1,6 @@
 //! Where the camera of a scene's frames was found, where no poses were recorded.
 
-use crate::math::pose::Pose;
+use crate::math::pose::{Pose, unit_rotation};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -39,12 +39,8 @@ impl TrackedPose {
 
     /// The pose; `None` unless its numbers are those of one.
     pub fn pose(&self) -> Option<Pose> {
-        let rotation = DQuat::from_array(self.rotation);
-        let is_unit = (rotation.length() - 1.0).abs() < 1e-6;
-        let matrix = DMat4::from_rotation_translation(
-            if is_unit { rotation.normalize() } else { return None },
-            DVec3::from_array(self.centre),
-        );
+        let rotation = unit_rotation(self.rotation)?;
+        let matrix = DMat4::from_rotation_translation(rotation, DVec3::from_array(self.centre));
         Pose::from_opencv(matrix).ok()
     }
 }

@@ -2,12 +2,9 @@
 //! among them can be drawn from where its camera really stood.
 
 use super::viewpoint::{Viewpoint, reach, regress};
-use crate::math::pose::Pose;
+use crate::math::pose::{Pose, unit_rotation};
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
-
-/// Largest deviation of a unit quaternion's length from 1.
-const UNIT: f64 = 1e-6;
 
 /// How one frame's recorded pose was corrected.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -38,10 +35,7 @@ impl FramePose {
 
     /// The recorded pose and the one that the frame was taken from; `None` where its rotation is not known.
     pub fn poses(&self) -> Option<[Pose; 2]> {
-        let rotation = DQuat::from_array(self.rotation);
-        if (rotation.length() - 1.0).abs() > UNIT {
-            return None;
-        }
+        let rotation = unit_rotation(self.rotation)?;
         let turn = DQuat::from_scaled_axis(DVec3::from_array(self.turn));
         let recorded = Pose::IDENTITY.attached(DVec3::from_array(self.recorded.centre), rotation);
         Some([recorded, recorded.attached(DVec3::from_array(self.shift), turn)])

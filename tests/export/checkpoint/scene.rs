@@ -411,8 +411,11 @@ fn frames_may_have_corrected_poses() {
     assert_refused(&with(18, f64::NAN), &["POSE[component 1, correction]", "a finite number"]);
     assert_refused(&with(3, 1.0), &["POSE[component 0, direction]", "a unit vector"]);
     assert_refused(&with(12, f64::INFINITY), &["POSE[component 1, centre]", "finite"]);
-    let turned = edited(&bytes, b"POSR", |s| s.content[..8].copy_from_slice(&0.9f64.to_le_bytes()));
-    assert_refused(&turned, &["POSR[component 0, rotation]", "a unit quaternion"]);
+    for wrong in [0.9f64, f64::NAN] {
+        let turned =
+            edited(&bytes, b"POSR", |s| s.content[..8].copy_from_slice(&wrong.to_le_bytes()));
+        assert_refused(&turned, &["POSR[component 0, rotation]", "a unit quaternion"]);
+    }
 }
 
 #[test]
