@@ -60,6 +60,7 @@ fn main() {
         trajectory: Vec::new(),
         poses: Vec::new(),
         photometric: None,
+        kept: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));
 }

@@ -20,3 +20,13 @@ pub enum StoredModel {
     /// Of the scene preset.
     Scene(SceneState),
 }
+
+impl StoredModel {
+    /// Lets go of frames that are kept to be looked at a second time. Where several runs go on from one start,
+    /// each would move what these taught, and fusing the runs would add all the motions up.
+    pub fn let_go_of_kept(&mut self) {
+        if let Self::Scene(state) = self {
+            state.kept.clear();
+        }
+    }
+}

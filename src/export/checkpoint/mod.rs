@@ -81,6 +81,7 @@ mod container;
 mod content;
 mod element;
 mod error;
+mod kept;
 mod mixture;
 mod read;
 mod scene;

@@ -3,7 +3,7 @@
 use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
-use super::{check, tag};
+use super::{check, kept, tag};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
     MOST_COARSENED, SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow,
@@ -81,6 +81,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         sections.push(Section::new::<f64>(tag::TRAJECTORY, numbers));
     }
     sections.extend(state.photometric.iter().flat_map(photometric_sections));
+    sections.extend(kept::sections(&state.kept));
     sections
 }
 
@@ -179,8 +180,11 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             true => Some(photometric(sections, n)?),
             false => None,
         },
+        kept: kept::read(sections)?,
     };
     check::scene(&state)?;
+    check::kept(&state)?;
+    check::kept(&state)?;
     Ok(state)
 }
 

@@ -29,6 +29,11 @@ pub const EXPOSURES: [u8; 4] = *b"EXPO";
 pub const POSES: [u8; 4] = *b"POSE";
 pub const POSE_ROTATIONS: [u8; 4] = *b"POSR";
 pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
+pub const KEPT: [u8; 4] = *b"KEPT";
+pub const KEPT_SHOWN_IDS: [u8; 4] = *b"KESI";
+pub const KEPT_SHOWN: [u8; 4] = *b"KESH";
+pub const KEPT_IDS: [u8; 4] = *b"KETI";
+pub const KEPT_SUMS: [u8; 4] = *b"KETS";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
 pub const PHOTO_FORM: [u8; 4] = *b"PHFO";
@@ -47,7 +52,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 24] = [
+pub const OF_SCENES: [[u8; 4]; 29] = [
     ORIGIN,
     SEEDS,
     COARSENED,
@@ -61,6 +66,11 @@ pub const OF_SCENES: [[u8; 4]; 24] = [
     POSES,
     POSE_ROTATIONS,
     TRAJECTORY,
+    KEPT,
+    KEPT_SHOWN_IDS,
+    KEPT_SHOWN,
+    KEPT_IDS,
+    KEPT_SUMS,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,
     PHOTO_FORM,

@@ -35,7 +35,7 @@ fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), Checkpoint
         StoredModel::Mixture { normalization, state, .. } => {
             check::normalization(normalization).and_then(|()| check::mixture(state))
         }
-        StoredModel::Scene(state) => check::scene(state),
+        StoredModel::Scene(state) => check::scene(state).and_then(|()| check::kept(state)),
     };
     checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }

@@ -43,6 +43,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
+        kept: Vec::new(),
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
     for same in terms.chunk_by(|a, b| a.seed == b.seed) {
@@ -142,6 +143,7 @@ mod tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
+            kept: Vec::new(),
         }
     }
 

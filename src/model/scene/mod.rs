@@ -4,6 +4,8 @@
 //! them.
 
 pub mod bounds;
+pub mod kept;
+pub mod kept_motion;
 pub mod merging;
 pub mod opacity;
 pub mod photometric;

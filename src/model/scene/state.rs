@@ -1,5 +1,6 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
+use super::kept::KeptFrame;
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
 use super::trajectory::TrackedPose;
@@ -56,6 +57,8 @@ pub struct SceneState {
     pub trajectory: Vec<TrackedPose>,
     /// What photographs taught, row by component, where splats learn from them.
     pub photometric: Option<PhotometricState>,
+    /// The last frames, the oldest first, which are looked at once more where poses are corrected.
+    pub kept: Vec<KeptFrame>,
 }
 
 /// Order of components that are born in none of their own: by x, then y, then z of their seeds.

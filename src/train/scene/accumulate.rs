@@ -10,6 +10,7 @@ use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
+use crate::model::scene::kept::Taught;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 
@@ -33,6 +34,8 @@ pub struct Matched<'a> {
     pub gain: [f32; 3],
     /// Pixels that a point stands for.
     pub weight: u32,
+    /// Whether what components receive is noted.
+    pub is_noted: bool,
 }
 
 impl Matched<'_> {
@@ -60,7 +63,8 @@ impl Matched<'_> {
 }
 
 /// Adds every point that has an owner, in whatever order: sums are exact. Replaces `touched` by the
-/// owners, ascending.
+/// owners, ascending. Gives what each of them received, if that is to be noted and no component received more
+/// than a row holds.
 pub fn accumulate<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,
@@ -68,7 +72,7 @@ pub fn accumulate<W: SumScalar>(
     h: f64,
     rule: VisibilityRule,
     touched: &mut Vec<u32>,
-) {
+) -> Option<Taught> {
     // Threads finish in any order: results are sorted by their first component afterwards.
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     let firsts = firsts(frame.owners, component_sums.len());
@@ -81,11 +85,15 @@ pub fn accumulate<W: SumScalar>(
     let mut parts = parts.into_inner().unwrap_or_default();
     parts.sort_unstable_by_key(|(first, _)| *first);
     touched.clear();
-    for (_, Received { ids, wide }) in parts {
+    let mut taught = frame.is_noted.then(Taught::default);
+    for (_, Received { ids, wide, sums }) in parts {
+        taught = taught.filter(|_| wide.is_empty());
+        taught.iter_mut().for_each(|taught| taught.append(&ids, &sums));
         touched.extend(ids);
         // Wide rows are shared, so they are added to when all threads are done.
         wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
     }
+    taught
 }
 
 /// Where the components of parts begin that have about as many points each: a frame sees neighbours, which
@@ -108,6 +116,8 @@ struct Received {
     ids: Vec<u32>,
     /// Sums of those with so many points that a row does not hold them.
     wide: Vec<(u32, [f64; N_SUMS])>,
+    /// What every component received, if that is noted.
+    sums: Vec<[i32; N_SUMS]>,
 }
 
 /// The points of consecutive components.
@@ -146,8 +156,12 @@ impl<W: SumScalar> Kernel for Part<'_, W> {
                 let terms = points.clone().map(|i| frame.terms(i, seed, h));
                 received.wide.push((id as u32, wide_sums::<W>(terms)));
             } else {
+                let before = row.sums;
                 for i in points.clone() {
                     row.add(&frame.terms(i, seed, h));
+                }
+                if frame.is_noted {
+                    received.sums.push(std::array::from_fn(|i| row.sums[i].since(before[i])));
                 }
             }
             if rule == VisibilityRule::Returned {
@@ -195,6 +209,7 @@ fn clamp<R: Real>(value: R, most: f32) -> R {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::model::scene::kept_motion::values;
     use crate::model::scene::state::WHOLE;
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
@@ -247,6 +262,7 @@ mod tests {
                 shifts: &shifts[..points.len()],
                 gain: [1.0; 3],
                 weight: 1,
+                is_noted: true,
             })
             .collect();
         sum_of(&frames)
@@ -261,7 +277,8 @@ mod tests {
         component_sums.grow(1);
         for frame in frames {
             let mut touched = Vec::new();
-            accumulate(
+            let before = component_sums.sums(0);
+            let taught = accumulate(
                 &mut component_sums,
                 seed_positions,
                 *frame,
@@ -270,6 +287,13 @@ mod tests {
                 &mut touched,
             );
             assert_eq!(touched, [0]);
+            // What is noted is what was added, unless that is more than a row holds.
+            let fits = frame.points.len() as u32 * frame.weight <= 4096;
+            assert_eq!(taught.is_some(), frame.is_noted && fits);
+            if let Some(taught) = taught {
+                let (added, after) = (values(taught.of(0).unwrap()), component_sums.sums(0));
+                assert!((0..N_SUMS).all(|i| before[i] + added[i] == after[i]));
+            }
             component_sums.spill_to_wide_rows(&touched);
         }
         component_sums
@@ -286,6 +310,7 @@ mod tests {
             shifts: &shifts,
             gain: [1.0; 3],
             weight: 1,
+            is_noted: false,
         };
         for i in 0..points.len() {
             let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
@@ -307,8 +332,8 @@ mod tests {
         let points = points(1500);
         let of = |weight: u32, points: &[SurfacePoint]| {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
-            let frame =
-                Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3], weight };
+            let (owners, shifts, gain) = (&owners, &shifts, [1.0; 3]);
+            let frame = Matched { points, owners, shifts, gain, weight, is_noted: false };
             sum_of(&[frame])
         };
         // 1,500 points of weight 4 are more than a row holds, 1,000 of weight 4 are not.

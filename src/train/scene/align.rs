@@ -19,6 +19,7 @@ use super::known_planes::{ColoredPlane, KnownPlanes};
 use super::near_seeds::GROUP;
 use super::rigid_equations::{Motion, RigidEquations};
 use super::sum_scalar::SumScalar;
+use crate::model::scene::kept::Shown;
 use crate::model::scene::sums::outer;
 use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DQuat, DVec3};
@@ -60,13 +61,30 @@ pub struct PoseAlignment<'a> {
 }
 
 /// What a component expects of the frame, and what the frame shows of it.
-struct Match<'p> {
-    plane: &'p ColoredPlane,
-    /// Variance of the points' mean along the normal, world units².
-    variance: f64,
-    /// Means of the frame's points.
-    seen: DVec3,
-    seen_color: DVec3,
+pub struct Match<'p> {
+    /// What it expects.
+    pub plane: &'p ColoredPlane,
+    /// What the frame shows.
+    pub shown: Shown,
+}
+
+/// What a round of searching and stepping led to.
+pub struct Improvement {
+    /// A more probable motion.
+    pub motion: Motion,
+    /// Whether it is so near to the one before that nothing more can be gained.
+    pub has_settled: bool,
+    /// What the frame shows of the components that it was found by, ascending.
+    pub shown: Vec<Shown>,
+}
+
+/// What is known of a frame's motion before anything is seen.
+#[derive(Clone, Copy)]
+pub struct RecordedPose {
+    /// Centre of the camera as recorded, world units from the origin.
+    pub centre: DVec3,
+    /// Standard deviations of turn (radians) and place (world units).
+    pub deviations: [f64; 2],
 }
 
 /// A frame with as many of its points, evenly chosen, as tell of its motion.
@@ -93,40 +111,22 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 }
 
 impl PoseAlignment<'_> {
-    /// A more probable motion than the one that the components were found with, and whether it is so near
-    /// to it that nothing more can be gained; `None` where too little of the scene is known.
+    /// A more probable motion than the one that the components were found with; `None` where too little of the
+    /// scene is known.
     pub fn improved<W: SumScalar>(
         &self,
         before: &Motion,
         planes: &mut KnownPlanes<'_, W>,
-    ) -> Option<(Motion, bool)> {
+    ) -> Option<Improvement> {
         let matches = self.matches(planes);
-        if matches.len() < MIN_COMPONENTS {
-            return None;
-        }
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
-        let shift_deviation = f64::from(self.frame.tolerance.refinement);
-        let mut motion = *before;
-        for _ in 0..STEPS {
-            // About the recorded pose in every round: about the last one, rounds could wander off.
-            let mut normal = RigidEquations::prior(&motion, [TURN_DEVIATION, shift_deviation]);
-            let part = |matches: &[Match<'_>]| {
-                let mut part = RigidEquations::NONE;
-                matches.iter().for_each(|matched| part.add_match(matched, centre, &motion));
-                part
-            };
-            // In parts of one size, added in their order: sums round alike on any number of threads.
-            let parts: Vec<_> = matches.par_chunks(PART).map(part).collect();
-            parts.iter().for_each(|part| normal.join(part));
-            let [turn, shift] = normal.solution()?;
-
-            motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
-            motion.shift += shift;
-        }
-        let reach = matches.iter().map(|matched| (matched.seen - centre).length()).sum::<f64>();
+        let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.refinement)];
+        let motion = RecordedPose { centre, deviations }.stepped(&matches, before)?;
+        let reach = matches.iter().map(|m| (m.shown.place - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
         let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
-        Some((motion, moved < SETTLED * self.h))
+        let shown = matches.iter().map(|matched| matched.shown).collect();
+        Some(Improvement { motion, has_settled: moved < SETTLED * self.h, shown })
     }
 
     /// Matches of the components that own points, in ascending order.
@@ -153,13 +153,38 @@ impl PoseAlignment<'_> {
             seen_color += self.exposed(point) / n;
             noise += f64::from(point.noise) / n;
         }
-        // Not divided by the number of points: errors of neighbouring pixels do not average out.
-        let variance = noise * noise + plane.variance;
-        Match { plane, variance, seen: plane.seed + seen, seen_color }
+        let (component, place) = (component(run), plane.seed + seen);
+        Match { plane, shown: Shown { component, place, color: seen_color, noise } }
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
         vector([0, 1, 2].map(|i| (point.color[i] * self.gain[i]).min(1.0)))
+    }
+}
+
+impl RecordedPose {
+    /// A more probable motion than `before` by what matches say; `None` of too few.
+    pub fn stepped(&self, matches: &[Match<'_>], before: &Motion) -> Option<Motion> {
+        if matches.len() < MIN_COMPONENTS {
+            return None;
+        }
+        let mut motion = *before;
+        for _ in 0..STEPS {
+            // About the recorded pose in every round: about the last one, rounds could wander off.
+            let mut normal = RigidEquations::prior(&motion, self.deviations);
+            let part = |matches: &[Match<'_>]| {
+                let mut part = RigidEquations::NONE;
+                matches.iter().for_each(|matched| part.add_match(matched, self.centre, &motion));
+                part
+            };
+            // In parts of one size, added in their order: sums round alike on any number of threads.
+            let parts: Vec<_> = matches.par_chunks(PART).map(part).collect();
+            parts.iter().for_each(|part| normal.join(part));
+            let [turn, shift] = normal.solution()?;
+            motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
+            motion.shift += shift;
+        }
+        Some(motion)
     }
 }
 
@@ -170,20 +195,23 @@ fn component(run: &[u64]) -> u32 {
 
 impl RigidEquations {
     fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion) {
+        let Match { plane, shown } = matched;
         // About the camera's centre, so that a turn leaves the camera where it is.
-        let arm = motion.turn * (matched.seen - centre);
-        let offset = centre + arm + motion.shift - matched.plane.mean;
-        let distance = matched.plane.normal.dot(offset);
-        let weight = 1.0 / (ALIKE * matched.variance);
+        let arm = motion.turn * (shown.place - centre);
+        let offset = centre + arm + motion.shift - plane.mean;
+        let distance = plane.normal.dot(offset);
+        // Not divided by the number of points: errors of neighbouring pixels do not average out.
+        let variance = shown.noise * shown.noise + plane.variance;
+        let weight = 1.0 / (ALIKE * variance);
         // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
-        let trust = 1.0 / (1.0 + distance * distance / (matched.variance * ROBUST));
-        let across = weight * trust * matched.plane.normal;
-        let color = matched.seen_color - matched.plane.color - matched.plane.gradient * offset;
+        let trust = 1.0 / (1.0 + distance * distance / (variance * ROBUST));
+        let across = weight * trust * plane.normal;
+        let color = shown.color - plane.color - plane.gradient * offset;
         let weight = 1.0 / (ALIKE * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
-        let along = weight * trust * matched.plane.gradient.transpose();
+        let along = weight * trust * plane.gradient.transpose();
         // Plane and channels at once: all of them move with one arm.
-        let information = outer(across, matched.plane.normal) + along * matched.plane.gradient;
+        let information = outer(across, plane.normal) + along * plane.gradient;
         self.add_all(information, distance * across - along * color, arm);
     }
 }

@@ -13,7 +13,7 @@ use crate::train::learner::Learner;
 use glam::{DQuat, DVec3};
 
 /// Three walls of a room with a painted pattern, seen from a point inside it.
-fn room(turn: DQuat, shift: DVec3) -> Observation {
+pub fn room(turn: DQuat, shift: DVec3) -> Observation {
     let mut rng = Rng::new(3, Purpose::Synthetic, 0);
     let point = |_| {
         let [u, v] = [0; 2].map(|_| rng.range(-1.0, 1.0));

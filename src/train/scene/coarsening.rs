@@ -34,7 +34,8 @@ pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneSta
     let shares = state.shares.unwrap_or_else(|| vec![WHOLE; state.seeds.len()]);
     let narrower = |share: u8| ((f64::from(share) / by).round() as u8).max(1);
     let shares = Some(shares.into_iter().map(narrower).collect());
-    Some(SceneState { coarsened: steps, shares, sums, visibility, ..state })
+    // What frames taught was in the units before: it stays where it is.
+    Some(SceneState { coarsened: steps, shares, sums, visibility, kept: Vec::new(), ..state })
 }
 
 /// Sums with offsets in units that are `by` times as long, in whole quanta.
@@ -82,6 +83,7 @@ mod tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
+            kept: Vec::new(),
         }
     }
 

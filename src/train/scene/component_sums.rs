@@ -217,6 +217,19 @@ impl<W: SumScalar> ComponentSums<W> {
         ids.iter().zip(sums).map(with).collect()
     }
 
+    /// Adds changes of what some components, ascending, were taught by as many points as before, in parts of as
+    /// many of them. Exact, but for second moments that would be those of no points any more.
+    pub fn change(&mut self, ids: &[u32], changes: &[[i32; N_SUMS]], parts: usize) {
+        self.add_quanta(ids, changes, parts);
+        let mended = |&id: &u32| {
+            let mut sums = self.sums(id as usize);
+            let is_restrained = restrain(&mut sums, W::SLACK);
+            (make_definite(&mut sums) || is_restrained).then_some((id as usize, sums))
+        };
+        let mended: Vec<_> = ids.par_iter().with_min_len(256).filter_map(mended).collect();
+        mended.into_iter().for_each(|(id, sums)| self.replace(id, &sums));
+    }
+
     /// Spills rows that another frame might make overflow into wide ones.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         for &id in touched {

@@ -178,6 +178,12 @@ impl SceneConfig {
         }
     }
 
+    /// Whether frames are looked at a second time, and moved with what they taught (`scene.md`, A second look):
+    /// where recorded poses are corrected.
+    pub fn looks_twice(&self) -> bool {
+        self.align && !self.track
+    }
+
     /// How splats learn from photographs, given what they are.
     pub fn photometric_rule(&self) -> Option<PhotometricRule> {
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))

@@ -61,6 +61,7 @@ pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneStat
         exposures: state.exposures.iter().map(|frame| frame.moved(motion)).collect(),
         poses: state.poses.iter().map(|frame| frame.moved(motion)).collect::<Option<_>>()?,
         photometric,
+        kept: state.kept.into_iter().map(|kept| kept.turned(motion.rotation())).collect(),
         ..state
     })
 }

@@ -32,7 +32,7 @@ pub struct ColoredPlane {
 
 impl ColoredPlane {
     /// Of sums about `seed`; `None` of few points, or points whose normals differ.
-    fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
+    pub fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
         let normal = sums.normal / sums.count;
         if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
             return None;

@@ -23,6 +23,12 @@ const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
 /// Owner, shift and distance of a point.
 const SCENE_POINT_BYTES: usize = 16;
+/// Frames that are kept for a second look at most.
+pub const MOST_KEPT_FRAMES: usize = 16;
+/// Bytes of all that these taught at most.
+pub const MOST_KEPT_BYTES: usize = 32 << 20;
+/// What a frame taught, by pixel: of the Kinect 5,500 components of 168 bytes, and half as many that it showed.
+const KEPT_PIXEL_BYTES: usize = 4;
 
 impl SceneConfig {
     /// What a run over frames of `pixels`, so many of them in memory at once, takes with as many components
@@ -42,7 +48,12 @@ impl SceneConfig {
             None => [0; 2],
         };
         let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
-        let fixed = of_photographs + SCENE_PROGRAM_BYTES;
+        let kept = match self.looks_twice() {
+            // And once more in a checkpoint.
+            true => 2 * (MOST_KEPT_FRAMES * pixels * KEPT_PIXEL_BYTES).min(MOST_KEPT_BYTES),
+            false => 0,
+        };
+        let fixed = of_photographs + SCENE_PROGRAM_BYTES + kept as u64;
         // A lattice is merged only in a copy.
         let most = match self.births.is_order_invariant() {
             true => self.most_seeds(),

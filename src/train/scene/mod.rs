@@ -44,6 +44,8 @@ mod ray_search;
 mod refine;
 mod rigid_equations;
 mod runs;
+#[cfg(test)]
+mod second_look_tests;
 mod seed_groups;
 mod seed_positions;
 pub mod spacing;

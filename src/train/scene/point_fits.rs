@@ -15,6 +15,7 @@ use super::seed_positions::SeedPositions;
 use super::spacing::Spacing;
 use super::sum_scalar::SumScalar;
 use crate::model::device_error::DeviceError;
+use crate::model::scene::kept::Taught;
 use crate::model::scene::points_device::{OPEN, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;
 use crate::observation::surface::SurfacePoint;
@@ -156,7 +157,7 @@ impl PointFits {
     }
 
     /// Adds the points to the sums of their components, as [`accumulate`] does where components are looked
-    /// at by their projection.
+    /// at by their projection, and gives what that gives.
     pub fn accumulate<W: SumScalar>(
         &mut self,
         component_sums: &mut ComponentSums<W>,
@@ -165,7 +166,7 @@ impl PointFits {
         h: f64,
         rule: VisibilityRule,
         touched: &mut Vec<u32>,
-    ) {
+    ) -> Option<Taught> {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
         let mut on_trial = None;
@@ -175,14 +176,18 @@ impl PointFits {
             match fitter.sums(slots, frame, h) {
                 Ok(sums) if is_alone => {
                     component_sums.add_quanta(&slots.ids, sums, PARTS);
+                    let mut taught = frame.is_noted.then(Taught::default);
                     touched.clear();
                     if !slots.left.is_empty() {
                         let frame = Matched { owners: &slots.left, ..frame };
-                        accumulate(component_sums, seed_positions, frame, h, rule, touched);
+                        taught =
+                            accumulate(component_sums, seed_positions, frame, h, rule, touched);
                     }
+                    taught.iter_mut().for_each(|taught| taught.append(&slots.ids, sums));
                     touched.extend_from_slice(&slots.ids);
                     touched.sort_unstable();
-                    return self.count(frame.points.len());
+                    self.count(frame.points.len());
+                    return taught.map(Taught::in_order);
                 }
                 Ok(sums) => on_trial = Some(component_sums.rows_with(&slots.ids, sums)),
                 Err(error) => self.give_up(error.reason),
@@ -190,11 +195,12 @@ impl PointFits {
         }
         let device_ms = clock.lap_ms();
         self.used.processor_frames += 1;
-        accumulate(component_sums, seed_positions, frame, h, rule, touched);
+        let taught = accumulate(component_sums, seed_positions, frame, h, rule, touched);
         if let Some(expected) = on_trial {
             let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
             self.judge(found.eq(expected), [clock.lap_ms(), device_ms]);
         }
+        taught
     }
 
     /// Counts a frame of so many points that was the device's.

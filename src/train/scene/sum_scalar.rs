@@ -19,6 +19,8 @@ pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
     fn of_sum(sum: f64) -> Self;
     /// A sum of whole quanta.
     fn of_quanta(quanta: i32) -> Self;
+    /// What a sum received since it was `before`, in whole quanta.
+    fn since(self, before: Self) -> i32;
     /// Sum of both; integers wrap.
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
@@ -50,6 +52,11 @@ impl SumScalar for i32 {
     #[inline(always)]
     fn of_quanta(quanta: i32) -> Self {
         quanta
+    }
+
+    #[inline(always)]
+    fn since(self, before: Self) -> i32 {
+        self.wrapping_sub(before)
     }
 
     #[inline(always)]
@@ -93,6 +100,10 @@ macro_rules! plain_sum_scalar {
 
             fn of_quanta(quanta: i32) -> Self {
                 (f64::from(quanta) * QUANTUM) as $t
+            }
+
+            fn since(self, before: Self) -> i32 {
+                (f64::from(self - before) / QUANTUM).round_ties_even() as i32
             }
 
             #[inline(always)]

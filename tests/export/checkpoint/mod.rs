@@ -3,6 +3,7 @@
 mod damage;
 mod files;
 mod forms;
+mod kept;
 mod raw;
 mod scene;
 mod values;

@@ -88,6 +88,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
+        kept: Vec::new(),
     }))
 }
 
@@ -242,6 +243,7 @@ pub fn nothing() -> SceneState {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
+        kept: Vec::new(),
     }
 }
 
@@ -392,7 +394,7 @@ fn seeds_may_have_shares_of_the_scale() {
     assert_refused(&short, &["SHAR", "20 elements", "found 19"]);
 }
 
-const VIEWPOINT: Viewpoint = Viewpoint { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8] };
+pub const VIEWPOINT: Viewpoint = Viewpoint { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8] };
 
 #[test]
 fn frames_may_have_corrected_poses() {

@@ -1,8 +1,10 @@
 //! Values no model has are refused: a checkpoint with a right checksum may still be wrong.
 
+mod kept;
 mod mixture;
 mod scene;
 
+pub(super) use kept::{kept, kept_numbers};
 pub(super) use mixture::mixture;
 pub(super) use scene::{scales, scene, waiting};
 

@@ -198,7 +198,12 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 /// of positive semi-definite matrices as far as pairs of axes tell.
 #[inline]
 #[expect(clippy::indexing_slicing, reason = "the table holds places among the sums")]
-fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(), Defect> {
+pub(super) fn sums(
+    tag: [u8; 4],
+    k: usize,
+    row: &[f64; N_SUMS],
+    slack: Slack,
+) -> Result<(), Defect> {
     let n = row[0];
     let most = MAX_TERM * n * (1.0 + slack.relative);
     let last = n - row[28] - row[31];

@@ -239,6 +239,7 @@ impl Fused {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: Some(photometric),
+            kept: Vec::new(),
         }
     }
 }

@@ -84,6 +84,13 @@ impl PhotometricLearner {
         self.state.move_by(motion);
     }
 
+    /// Moves the camera of a frame's photograph, if that still waits.
+    pub fn move_photograph(&mut self, frame: u64, motion: &Pose) {
+        let is_it = |waiting: &&mut WaitingPhotograph| waiting.view.frame == frame as f64;
+        let waiting = self.state.waiting.iter_mut().filter(is_it);
+        waiting.for_each(|waiting| waiting.view = waiting.view.moved(motion));
+    }
+
     /// Frames come again: what was learnt to be drawn at rest is over.
     pub fn go_on(&mut self) {
         self.comparers.go_on();

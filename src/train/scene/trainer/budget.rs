@@ -86,6 +86,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.component_elbo.score_by(wider.scoring);
         (self.grid, self.components) = (wider.grid, wider.components);
         self.component_sums = wider.component_sums;
+        self.kept = wider.kept;
         self.fits.forget_seeds();
         true
     }
@@ -106,6 +107,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
         let Self { component_sums, components, grid, .. } = self;
         merge_down(component_sums, components, grid, self.config.h, target, worthwhile);
+        // What frames taught of components that are parts of others stays where it is.
+        let has_points = |id: u32| component_sums.plane_sums(id as usize).0 > 0.0;
+        self.kept.iter_mut().for_each(|kept| kept.taught.retain(has_points));
         // What photographs taught of two splats says nothing of their union: it begins anew.
         for (id, before) in before.into_iter().enumerate() {
             if count(&self.component_sums, id) != before {

@@ -1,6 +1,7 @@
 //! Which components the points of a frame belong to, and their sums: what a device can do too.
 
 use super::SceneTrainer;
+use crate::model::scene::kept::Taught;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::accumulate::Matched;
 use crate::train::scene::births::assign_to_lattice;
@@ -42,14 +43,20 @@ impl<W: SumScalar> SceneTrainer<W> {
         Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
     }
 
-    /// Adds the points to the sums of their components.
-    pub(super) fn sum_up(&mut self, points: &[SurfacePoint], weight: u32, gain: [f32; 3]) {
+    /// Adds the points to the sums of their components; what they added, where frames are kept.
+    pub(super) fn sum_up(
+        &mut self,
+        points: &[SurfacePoint],
+        weight: u32,
+        gain: [f32; 3],
+    ) -> Option<Taught> {
         self.component_sums.grow(self.components.n_rows());
         let (owners, shifts) = (&self.owners, &self.shifts);
-        let matched = Matched { points, owners, shifts, gain, weight };
+        let is_noted = self.config.looks_twice();
+        let matched = Matched { points, owners, shifts, gain, weight, is_noted };
         let (h, looks) = (self.config.h, self.config.visibility);
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let (sums, touched) = (&mut self.component_sums, &mut self.touched);
-        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched);
+        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched)
     }
 }

@@ -9,6 +9,7 @@ mod fitting;
 mod photograph;
 mod posing;
 mod seam;
+mod second_look;
 mod tracking;
 
 use super::coarsening;
@@ -25,6 +26,7 @@ use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
+use crate::model::scene::kept::{KeptFrame, Shown, Taught};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::SplatContext;
 use crate::model::scene::state::{SceneState, WHOLE, seed_order};
@@ -43,6 +45,7 @@ use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Every so many frames all components are told to have changed.
@@ -88,6 +91,10 @@ pub struct SceneTrainer<W> {
     exposures: Vec<FrameExposure>,
     /// How their poses were corrected, unless these are taken for exact.
     poses: Vec<FramePose>,
+    /// What the frame being learnt shows of the components that it was aligned to.
+    shown: Vec<Shown>,
+    /// Frames that are still to be looked at a second time, the oldest first.
+    kept: VecDeque<KeptFrame>,
     /// Where the cameras of the frames were found, while poses are tracked.
     trajectory: Vec<TrackedPose>,
     /// Points of the frame being learnt as its corrected pose has them.
@@ -130,6 +137,8 @@ impl<W: SumScalar> SceneTrainer<W> {
             unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
             poses: Vec::new(),
+            shown: Vec::new(),
+            kept: VecDeque::new(),
             trajectory: Vec::new(),
             moved: Vec::new(),
             photometric: PhotometricLearner::default(),
@@ -160,6 +169,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         trainer.exposures = state.exposures;
         trainer.poses = state.poses;
+        trainer.kept = state.kept.into();
         trainer.trajectory = state.trajectory;
         trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
         trainer.frames = frames;
@@ -193,7 +203,18 @@ impl<W: SumScalar> SceneTrainer<W> {
             poses,
             trajectory: self.trajectory.clone(),
             photometric,
+            kept: self.kept_in(&order),
         }
+    }
+
+    /// Frames that are kept, by the numbers of components in a stored order.
+    fn kept_in(&self, order: &[u32]) -> Vec<KeptFrame> {
+        if !self.config.births.is_order_invariant() {
+            return self.kept.iter().cloned().collect();
+        }
+        let mut numbers = vec![0; order.len()];
+        (0..).zip(order).for_each(|(number, &id)| numbers[id as usize] = number);
+        self.kept.iter().map(|kept| kept.renumbered(&numbers)).collect()
     }
 
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
@@ -252,14 +273,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         let is_rebuilt = merged > 0 || self.coarsened != coarsened;
         let gain = if is_rebuilt { self.gain(points, frame.point_weight) } else { gain };
         lap(&mut ms, SceneStage::Refine);
-        self.sum_up(points, frame.point_weight, gain);
+        let taught = self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
         // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
         self.learn_photograph(frame, &camera, gain);
         lap(&mut ms, SceneStage::Photometric);
-        self.log(frame, &camera, gain);
+        self.log(frame, &camera, gain, taught);
         let is_moved = self.hold_to_recorded(frame);
         lap(&mut ms, SceneStage::Pose);
         // Looks, merging and another scale change components without points as well.
@@ -277,14 +298,21 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Keeps how a frame was exposed and where it stood, as far as these were fitted.
-    fn log(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
+    /// Keeps how a frame was exposed and where it stood, as far as these were fitted, and what it taught.
+    fn log(
+        &mut self,
+        frame: &Observation,
+        camera: &Camera,
+        gain: [f32; 3],
+        taught: Option<Taught>,
+    ) {
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
         if self.config.align && !self.config.track {
             self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
         }
+        self.keep(frame, taught);
     }
 
     /// The splat of a component by its points alone.

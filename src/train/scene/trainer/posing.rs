@@ -6,7 +6,9 @@ use crate::math::pose::Pose;
 use crate::model::splat::pose_log::corrected;
 use crate::model::splat::viewpoint::reach;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::align::{FEW, PoseAlignment, ROUNDS, TURN_DEVIATION, a_few, looked_at};
+use crate::train::scene::align::{
+    FEW, Improvement, PoseAlignment, ROUNDS, TURN_DEVIATION, a_few, looked_at,
+};
 use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::config::BirthRule;
 use crate::train::scene::gauge::{common_motion, moved_seed};
@@ -44,12 +46,15 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// That of a frame with as many of its points as are [`looked_at`].
     pub(super) fn motion_of(&mut self, part: &Observation) -> Option<Motion> {
         let mut owners = std::mem::take(&mut self.owners);
-        let motion = self.found_motion(part, &mut owners);
+        let found = self.found_motion(part, &mut owners);
         self.owners = owners;
-        motion
+        self.shown.clear();
+        let Improvement { motion, shown, .. } = found?;
+        self.shown = shown;
+        Some(motion)
     }
 
-    fn found_motion(&self, part: &Observation, owners: &mut Vec<u32>) -> Option<Motion> {
+    fn found_motion(&self, part: &Observation, owners: &mut Vec<u32>) -> Option<Improvement> {
         let h = self.config.h;
         let ridge = self.config.splat_rule.gradient_ridge * h * h;
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
@@ -58,11 +63,11 @@ impl<W: SumScalar> SceneTrainer<W> {
         // A few of the points lead so near to where all do that these take one round more.
         let few = a_few(part);
         let near = self.settled(&few, FEWEST / FEW as f64, ROUNDS, likely, &mut planes, owners);
-        let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near, 1));
+        let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near.motion, 1));
         self.settled(part, FEWEST, rounds, start, &mut planes, owners)
     }
 
-    /// The motion that so many rounds at most from `motion` on lead to. Fewer points than `fewest` do not
+    /// What so many rounds at most from `motion` on lead to, one at least. Fewer points than `fewest` do not
     /// tell of the frame's exposure.
     fn settled(
         &self,
@@ -72,12 +77,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         mut motion: Motion,
         planes: &mut KnownPlanes<'_, W>,
         owners: &mut Vec<u32>,
-    ) -> Option<Motion> {
+    ) -> Option<Improvement> {
         let (h, mut moved) = (self.config.h, Vec::new());
         motion.apply(part, &mut moved);
         let mut near = matches!(self.config.births, BirthRule::Seeds)
             .then(|| NearSeeds::new(&self.grid, h as f32, moved.len()));
-        for _ in 0..rounds {
+        for round in 1.. {
             // Anew in every round: points that move come to other components, and only those tell how
             // much farther they have to go.
             match &mut near {
@@ -89,14 +94,14 @@ impl<W: SumScalar> SceneTrainer<W> {
             }
             let gain = self.gain_of(&part.points, owners, fewest);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
-            let (next, has_settled) = alignment.improved(&motion, planes)?;
-            motion = next;
-            if has_settled {
-                break;
+            let improvement = alignment.improved(&motion, planes)?;
+            if improvement.has_settled || round >= rounds {
+                return Some(improvement);
             }
+            motion = improvement.motion;
             motion.apply(part, &mut moved);
         }
-        Some(motion)
+        None
     }
 
     /// Moves the scene as a whole to where its frames were recorded, each time that there are twice as many: what
@@ -115,6 +120,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.fits.forget_seeds();
         self.component_sums.turn(motion.rotation());
         self.photometric.move_by(motion);
+        self.kept.iter_mut().for_each(|kept| kept.taught.turn(motion.rotation()));
         self.poses.iter_mut().for_each(|frame| *frame = frame.moved(motion).unwrap_or(*frame));
         self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
         true

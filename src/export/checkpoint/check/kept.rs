@@ -1,0 +1,59 @@
+//! What frames hold that are still to be looked at a second time.
+
+use super::super::error::Defect;
+use super::super::tag;
+use super::scene::sums;
+use super::{ascending, value};
+use crate::model::scene::bounds::MIXED;
+use crate::model::scene::kept::KeptFrame;
+use crate::model::scene::kept_motion::values;
+use crate::model::scene::state::SceneState;
+
+/// Names of a frame's numbers.
+const NAMES: [&str; 5] = ["frame", "pose", "deviation", "components shown", "components taught"];
+/// Whole numbers up to here are told apart.
+const MOST: f64 = (1u64 << 53) as f64;
+
+/// Frames' numbers, before anything is counted by them.
+pub(in super::super) fn kept_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> {
+    let numbers = |frame: &[f64; 5]| NAMES.into_iter().zip(*frame).collect::<Vec<_>>();
+    for (at, frame) in frames.iter().enumerate() {
+        for (name, number) in numbers(frame) {
+            let (expected, is_one) = match name {
+                "deviation" => ("a positive number", number > 0.0 && number.is_finite()),
+                _ => {
+                    let is_whole = (0.0..=MOST).contains(&number) && number.fract() == 0.0;
+                    ("a whole number of 0 or more", is_whole)
+                }
+            };
+            if !is_one {
+                return Err(value(tag::KEPT, at, name, expected, number));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Poses that are logged, components that there are, and sums that points can have.
+pub(in super::super) fn kept(state: &SceneState) -> Result<(), Defect> {
+    let (n_poses, n) = (state.poses.len() as u64, state.visibility.len());
+    for (at, KeptFrame { logged, shown, taught, .. }) in state.kept.iter().enumerate() {
+        if *logged >= n_poses {
+            let expected = format!("one of {n_poses} corrected poses");
+            return Err(value(tag::KEPT, at, NAMES[1], &expected, *logged as f64));
+        }
+        ascending(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
+        ascending(tag::KEPT_IDS, taught.ids.iter().copied(), n)?;
+        for shown in shown {
+            let numbers = shown.place.to_array().into_iter().chain(shown.color.to_array());
+            let mut numbers = numbers.chain([shown.noise]);
+            if let Some(found) = numbers.find(|x| !x.is_finite()) {
+                return Err(value(tag::KEPT_SHOWN, at, "mean", "a finite number", found));
+            }
+        }
+        for (id, row) in taught.iter() {
+            sums(tag::KEPT_SUMS, id as usize, &values(row), MIXED)?;
+        }
+    }
+    Ok(())
+}

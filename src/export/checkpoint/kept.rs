@@ -1,0 +1,73 @@
+//! The sections of frames that are still to be looked at a second time.
+
+use super::container::Section;
+use super::error::Defect;
+use super::sections::Sections;
+use super::{check, tag};
+use crate::model::scene::kept::{KeptFrame, Shown, Taught};
+use crate::model::scene::sums::N_SUMS;
+use glam::DVec3;
+
+/// Numbers of a frame: frames before it, its place among corrected poses, the deviation of its place, and of how
+/// many components it shows and taught something.
+const N_FRAME: usize = 5;
+/// Numbers of what it shows of a component: place, colour and noise.
+const N_SHOWN: usize = 7;
+
+/// All frames in a row; none without any.
+pub(super) fn sections(frames: &[KeptFrame]) -> Vec<Section<'_>> {
+    if frames.is_empty() {
+        return Vec::new();
+    }
+    let numbers = |kept: &KeptFrame| {
+        let [shown, taught] = [kept.shown.len(), kept.taught.ids.len()].map(|n| n as f64);
+        [kept.frame as f64, kept.logged as f64, kept.deviation, shown, taught]
+    };
+    let shown = || frames.iter().flat_map(|kept| &kept.shown);
+    let means = |shown: &Shown| {
+        let ([x, y, z], [r, g, b]) = (shown.place.to_array(), shown.color.to_array());
+        [x, y, z, r, g, b, shown.noise]
+    };
+    let ids = frames.iter().map(|kept| bytemuck::cast_slice(&kept.taught.ids));
+    let sums = frames.iter().map(|kept| bytemuck::cast_slice(&kept.taught.sums));
+    vec![
+        Section::owned::<f64>(tag::KEPT, frames.iter().flat_map(numbers).collect()),
+        Section::owned::<u32>(tag::KEPT_SHOWN_IDS, shown().map(|shown| shown.component).collect()),
+        Section::owned::<f64>(tag::KEPT_SHOWN, shown().flat_map(means).collect()),
+        Section::of_runs::<u32>(tag::KEPT_IDS, ids),
+        Section::of_runs::<i32>(tag::KEPT_SUMS, sums),
+    ]
+}
+
+/// Reads them; what they hold is checked with the scene.
+pub(super) fn read(sections: &Sections) -> Result<Vec<KeptFrame>, Defect> {
+    if !sections.has(tag::KEPT) {
+        return Ok(Vec::new());
+    }
+    let frames = sections.rows::<f64, N_FRAME>(tag::KEPT, None)?;
+    check::kept_numbers(&frames)?;
+    let [n_shown, n_taught] = frames.iter().fold([0usize; 2], |[a, b], &[.., shown, taught]| {
+        [a.saturating_add(shown as usize), b.saturating_add(taught as usize)]
+    });
+    let shown_ids: Vec<u32> = sections.elements(tag::KEPT_SHOWN_IDS, Some(n_shown))?;
+    let means = sections.rows::<f64, N_SHOWN>(tag::KEPT_SHOWN, Some(n_shown))?;
+    let ids: Vec<u32> = sections.elements(tag::KEPT_IDS, Some(n_taught))?;
+    let sums = sections.rows::<i32, N_SUMS>(tag::KEPT_SUMS, Some(n_taught))?;
+    let shown = |(component, [x, y, z, r, g, b, noise]): (u32, [f64; N_SHOWN])| {
+        let (place, color) = (DVec3::new(x, y, z), DVec3::new(r, g, b));
+        Shown { component, place, color, noise }
+    };
+    let mut shown = shown_ids.into_iter().zip(means).map(shown);
+    let (mut ids, mut sums) = (ids.into_iter(), sums.into_iter());
+    let kept = |&[frame, logged, deviation, n_shown, n_taught]: &[f64; N_FRAME]| KeptFrame {
+        frame: frame as u64,
+        logged: logged as u64,
+        deviation,
+        shown: shown.by_ref().take(n_shown as usize).collect(),
+        taught: Taught {
+            ids: ids.by_ref().take(n_taught as usize).collect(),
+            sums: sums.by_ref().take(n_taught as usize).collect(),
+        },
+    };
+    Ok(frames.iter().map(kept).collect())
+}

@@ -1,0 +1,171 @@
+//! Frames that are looked at a second time, and moved with what they taught.
+
+use super::align_tests::room;
+use super::config::{BirthRule, SceneConfig};
+use super::trainer::SceneTrainer;
+use crate::math::pose::Pose;
+use crate::model::scene::kept::KeptFrame;
+use crate::model::scene::kept_motion::values;
+use crate::model::scene::state::{SceneState, StoredSums};
+use crate::model::scene::sums::N_SUMS;
+use crate::observation::surface::Observation;
+use glam::{DQuat, DVec3};
+
+fn config() -> SceneConfig {
+    SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) }
+}
+
+/// After so many frames, all of them recorded rightly.
+fn trained(config: &SceneConfig, frames: usize) -> SceneTrainer<i32> {
+    let mut trainer = SceneTrainer::<i32>::new(config, DVec3::ZERO);
+    let right = room(DQuat::IDENTITY, DVec3::ZERO);
+    for _ in 0..frames {
+        trainer.train(&right);
+    }
+    trainer
+}
+
+fn rows(state: &SceneState) -> &[[i32; N_SUMS]] {
+    let StoredSums::Mixed { rows, .. } = &state.sums else { panic!("integers") };
+    rows
+}
+
+/// What a frame taught, as it would be kept if it had been learnt elsewhere.
+fn elsewhere(trainer: &SceneTrainer<i32>, kept: &KeptFrame, motion: &Pose) -> KeptFrame {
+    let mut kept = kept.clone();
+    let shift = |id: u32| {
+        let seed = trainer.splat_context(id as usize).seed;
+        (motion.transform_point(seed) - seed) / 0.05
+    };
+    let change = kept.taught.clone().change_of(motion.rotation(), shift);
+    for (sums, change) in kept.taught.sums.iter_mut().zip(&change.sums) {
+        sums.iter_mut().zip(change).for_each(|(sum, change)| *sum += change);
+    }
+    kept
+}
+
+#[test]
+fn a_frame_that_was_learnt_wrong_is_put_right_with_all_that_it_taught() {
+    let mut trainer = trained(&config(), 6);
+    let right = trainer.state();
+    let kept = right.kept[2].clone();
+    assert_eq!((kept.frame, kept.logged), (3, 3), "the first is aligned to nothing");
+    assert!(trainer.second_look(&kept).is_none(), "it stands where it should");
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.003, -0.002, 0.004));
+    let motion = Pose::IDENTITY.attached(DVec3::new(0.004, -0.006, 0.003), turn);
+    let wrong = elsewhere(&trainer, &kept, &motion);
+    trainer.move_with_taught(kept.clone(), &motion);
+    let moved = trainer.state();
+    assert_ne!(moved.sums, right.sums);
+    let real = |state: &SceneState| state.poses[3].poses().unwrap()[1];
+    let expected = real(&right).moved(&motion);
+    assert!((real(&moved).centre() - expected.centre()).length() < 1e-12);
+    let others = |state: &SceneState| [0, 1, 2, 4, 5].map(|frame: usize| state.poses[frame]);
+    assert_eq!(others(&moved), others(&right));
+
+    let back = trainer.second_look(&wrong).unwrap();
+    trainer.move_with_taught(wrong, &back);
+    let again = trainer.state();
+    let apart = (real(&again).centre() - real(&right).centre()).length();
+    assert!(apart < 0.1 * motion.centre().length(), "{apart} is left");
+    assert!((real(&again).forward() - real(&right).forward()).length() < 4e-4);
+    // Nothing was lost on the way: as many points everywhere, about where they were.
+    for (again, right) in rows(&again).iter().zip(rows(&right)) {
+        let [again, right] = [values(again), values(right)];
+        assert_eq!(again[0], right[0]);
+        let apart = (1..4).map(|i| (again[i] - right[i]).abs()).fold(0.0, f64::max);
+        // Of one frame in six, in structural scales.
+        assert!(apart <= 0.015 * right[0] + 0.001, "{apart} of {} points", right[0]);
+    }
+}
+
+/// Exactly: what a frame taught is taken back whole before it is given again.
+#[test]
+fn there_and_back_is_where_it_was() {
+    let mut trainer = trained(&config(), 4);
+    let right = trainer.state();
+    let kept = right.kept[1].clone();
+    let motion = Pose::IDENTITY.attached(DVec3::new(0.01, -0.02, 0.005), DQuat::IDENTITY);
+    let back = Pose::IDENTITY.attached(-motion.centre(), DQuat::IDENTITY);
+    let wrong = elsewhere(&trainer, &kept, &motion);
+    trainer.move_with_taught(kept, &motion);
+    trainer.move_with_taught(wrong, &back);
+    let again = trainer.state();
+    let far = rows(&again).iter().zip(rows(&right)).flat_map(|(again, right)| {
+        (0..N_SUMS).map(|i| again[i].abs_diff(right[i])).collect::<Vec<_>>()
+    });
+    // Each of the two motions rounds a sum once.
+    assert!(far.max().unwrap() <= 8);
+}
+
+fn frames() -> impl Iterator<Item = Observation> {
+    (0..21).map(|i| {
+        let off = 0.004 * f64::from(i % 5) - 0.008;
+        room(DQuat::from_rotation_z(0.3 * off), DVec3::new(off, -off, 0.5 * off))
+    })
+}
+
+#[test]
+fn whoever_goes_on_looks_again_at_the_same_frames() {
+    let mut trainer = trained(&config(), 1);
+    let mut frames = frames();
+    for frame in frames.by_ref().take(18) {
+        trainer.train(&frame);
+    }
+    let state = trainer.state();
+    // The newest of those that were aligned.
+    assert!(state.kept.iter().map(|kept| kept.frame).eq(3..19));
+    let mut gone_on = SceneTrainer::<i32>::restore(&config(), state, 19).unwrap();
+    for frame in frames {
+        trainer.train(&frame);
+        gone_on.train(&frame);
+    }
+    assert!(gone_on.state() == trainer.state());
+}
+
+/// Lattices are stored in an order of their own.
+#[test]
+fn frames_are_kept_by_the_numbers_that_components_are_stored_by() {
+    let config = SceneConfig { births: BirthRule::Lattice, ..config() };
+    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
+    for frame in frames().take(4) {
+        trainer.train(&frame);
+    }
+    let state = trainer.state();
+    assert!(!state.kept.is_empty());
+    for kept in &state.kept {
+        assert!(kept.taught.ids.is_sorted_by(|a, b| a < b));
+        assert!(kept.shown.is_sorted_by(|a, b| a.component < b.component));
+        // No component has fewer points than one of the frames gave it.
+        for (id, taught) in kept.taught.iter() {
+            assert!(rows(&state)[id as usize][0] >= taught[0], "component {id}");
+        }
+    }
+    let again = SceneTrainer::<i32>::restore(&config, state.clone(), 4).unwrap();
+    assert!(again.state() == state);
+}
+
+#[test]
+fn poses_that_are_exact_or_tracked_are_left_alone() {
+    let exact = SceneConfig { align: false, ..config() };
+    assert!(trained(&exact, 3).state().kept.is_empty());
+    assert!(!SceneConfig { track: true, ..config() }.looks_twice() && config().looks_twice());
+}
+
+#[test]
+fn components_that_became_parts_of_others_are_let_go_of() {
+    let mut trainer = trained(&config(), 3);
+    let before = trainer.state().kept;
+    let merged = trainer.merge_to(trainer.state().visibility.len() / 2);
+    assert!(merged > 100, "{merged}");
+    let after = trainer.state();
+    for (before, after_frame) in before.iter().zip(&after.kept) {
+        assert!(after_frame.taught.ids.len() < before.taught.ids.len());
+        let has_points = |&id: &u32| rows(&after)[id as usize][0] > 0;
+        assert!(after_frame.taught.ids.iter().all(has_points));
+    }
+    // What is left of them still can be moved.
+    let motion = Pose::IDENTITY.attached(DVec3::X * 0.01, DQuat::IDENTITY);
+    trainer.move_with_taught(after.kept[0].clone(), &motion);
+    assert_eq!(trainer.state().visibility, after.visibility);
+}

@@ -1,0 +1,106 @@
+//! Frames that are looked at once more when more of the scene is known, and moved with what they taught
+//! (`scene.md`, A second look).
+
+use super::SceneTrainer;
+use crate::math::pose::Pose;
+use crate::model::scene::kept::{KeptFrame, Taught};
+use crate::model::scene::kept_motion::values;
+use crate::model::scene::sums::SceneSums;
+use crate::model::splat::pose_log::FramePose;
+use crate::observation::surface::Observation;
+use crate::train::scene::accumulate::PARTS;
+use crate::train::scene::align::{Match, RecordedPose, TURN_DEVIATION};
+use crate::train::scene::known_planes::ColoredPlane;
+use crate::train::scene::memory::{MOST_KEPT_BYTES, MOST_KEPT_FRAMES};
+use crate::train::scene::rigid_equations::Motion;
+use crate::train::scene::sum_scalar::SumScalar;
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+
+/// Mean distances, in structural scales, that surfaces are moved by: less is not worth the time, more is taken
+/// for an error.
+const DISTANCES: std::ops::RangeInclusive<f64> = 0.02..=1.0;
+
+impl<W: SumScalar> SceneTrainer<W> {
+    /// Keeps what a frame taught, if it was aligned to the scene, and looks once more at the oldest of those
+    /// that are too many.
+    pub(super) fn keep(&mut self, frame: &Observation, taught: Option<Taught>) {
+        let shown = std::mem::take(&mut self.shown);
+        let Some(taught) = taught.filter(|_| !shown.is_empty()) else { return };
+        let deviation = f64::from(frame.tolerance.refinement);
+        let logged = self.poses.len() as u64 - 1;
+        let kept = KeptFrame { frame: self.frames, logged, deviation, shown, taught };
+        self.kept.push_back(kept);
+        while self.kept.len() > MOST_KEPT_FRAMES || self.kept_bytes() > MOST_KEPT_BYTES {
+            let Some(kept) = self.kept.pop_front() else { break };
+            if let Some(motion) = self.second_look(&kept) {
+                self.move_with_taught(kept, &motion);
+            }
+        }
+    }
+
+    fn kept_bytes(&self) -> usize {
+        self.kept.iter().map(KeptFrame::bytes).sum()
+    }
+
+    /// What the world as one frame saw it has to be moved by to fit what all others taught: the frame is aligned
+    /// as it was before it was learnt, by the same points, to components without what it taught them. `None`
+    /// where that is little, too much or unknown.
+    pub(in crate::train::scene) fn second_look(&self, kept: &KeptFrame) -> Option<Pose> {
+        let h = self.config.h;
+        let ridge = self.config.splat_rule.gradient_ridge * h * h;
+        let plane = |id: u32| {
+            let mut sums = self.component_sums.sums(id as usize);
+            let own = values(kept.taught.of(id)?);
+            sums.iter_mut().zip(own).for_each(|(sum, own)| *sum -= own);
+            ColoredPlane::new(&SceneSums::new(&sums, h), self.seed(id as usize), ridge)
+        };
+        let shown = kept.shown.par_iter().with_min_len(64);
+        let planes: Vec<_> = shown.map(|shown| plane(shown.component)).collect();
+        let matches = kept.shown.iter().zip(&planes);
+        let matches = matches.filter_map(|(&shown, plane)| Some((shown, plane.as_ref()?)));
+        let matches: Vec<_> = matches.map(|(shown, plane)| Match { plane, shown }).collect();
+
+        let [recorded, learnt] = self.poses.get(kept.logged as usize)?.poses()?;
+        let centre = recorded.centre() - self.origin;
+        let deviations = [TURN_DEVIATION, kept.deviation];
+        let before = Motion::between(&recorded, &learnt);
+        let pose = RecordedPose { centre, deviations };
+        let nearer = pose.stepped(&matches, &before)?;
+        let after = pose.stepped(&matches, &nearer)?;
+        let (back, place) = learnt.inverse();
+        let motion = after.of_pose(&recorded).attached(place, DQuat::from_mat3(&back));
+
+        let distance = |matched: &Match<'_>| {
+            let from_camera = matched.shown.place - centre;
+            let shift = after.shift - before.shift;
+            (after.turn * from_camera - before.turn * from_camera + shift).length()
+        };
+        let distance = matches.iter().map(distance).sum::<f64>() / matches.len() as f64;
+        DISTANCES.contains(&(distance / h)).then_some(motion)
+    }
+
+    /// Moves a frame, with what it taught of points and is still to teach by its photograph.
+    pub(in crate::train::scene) fn move_with_taught(&mut self, kept: KeptFrame, motion: &Pose) {
+        let (h, origin) = (self.config.h, self.origin);
+        let shift = |id: u32| -> DVec3 {
+            let seed = origin + self.seed(id as usize);
+            (motion.transform_point(seed) - seed) / h
+        };
+        let change = kept.taught.change_of(motion.rotation(), shift);
+        self.component_sums.change(&change.ids, &change.sums, PARTS);
+        self.photometric.move_photograph(kept.frame, motion);
+        // Both logs have every frame that was learnt, if they have any.
+        if let Some(exposure) = self.exposures.get_mut(kept.logged as usize) {
+            *exposure = exposure.moved(motion);
+        }
+        if let Some(logged) = self.poses.get_mut(kept.logged as usize)
+            && let Some([recorded, learnt]) = logged.poses()
+        {
+            *logged = FramePose::new(&recorded, &learnt.moved(motion));
+        }
+        self.touched.extend_from_slice(&change.ids);
+        self.touched.sort_unstable();
+        self.touched.dedup();
+    }
+}
