@@ -17,6 +17,13 @@ pub struct Shown {
     pub noise: f64,
 }
 
+impl Shown {
+    /// Of no points.
+    pub fn nothing(component: u32) -> Self {
+        Self { component, place: DVec3::ZERO, color: DVec3::ZERO, noise: 0.0 }
+    }
+}
+
 /// What a frame added to the sums of components.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Taught {
@@ -35,7 +42,7 @@ pub struct KeptFrame {
     pub logged: u64,
     /// Standard deviation of its recorded place, world units.
     pub deviation: f64,
-    /// What it shows of components that were known before it, ascending.
+    /// What it shows of components that were known before it.
     pub shown: Vec<Shown>,
     /// What it added.
     pub taught: Taught,
@@ -52,7 +59,6 @@ impl KeptFrame {
         let mut kept = self.clone();
         let number = |id: u32| numbers.get(id as usize).copied().unwrap_or(u32::MAX);
         kept.shown.iter_mut().for_each(|shown| shown.component = number(shown.component));
-        kept.shown.sort_unstable_by_key(|shown| shown.component);
         kept.taught = self.taught.iter().map(|(id, sums)| (number(id), *sums)).collect();
         kept
     }
@@ -131,7 +137,7 @@ mod tests {
         let stored = kept.renumbered(&[0, 9, 1, 2, 3]);
         assert_eq!(stored.taught.ids, [1, 3, 9]);
         assert_eq!(stored.taught.of(9), Some(&sums(10)));
-        assert_eq!(stored.shown.iter().map(|shown| shown.component).collect::<Vec<_>>(), [3, 9]);
+        assert_eq!(stored.shown.iter().map(|shown| shown.component).collect::<Vec<_>>(), [9, 3]);
         kept.taught.retain(|id| id != 2);
         assert_eq!((kept.taught.ids.len(), kept.taught.of(4)), (2, Some(&sums(40))));
     }

@@ -15,6 +15,7 @@
 //! round begins where the frames around say; six rounds of a few points are usual, and one of all from
 //! there. Exact poses are left alone.
 
+use super::grid::NONE;
 use super::known_planes::{ColoredPlane, KnownPlanes};
 use super::near_seeds::GROUP;
 use super::rigid_equations::{Motion, RigidEquations};
@@ -74,7 +75,7 @@ pub struct Improvement {
     pub motion: Motion,
     /// Whether it is so near to the one before that nothing more can be gained.
     pub has_settled: bool,
-    /// What the frame shows of the components that it was found by, ascending.
+    /// What the frame shows of the components that it was found by.
     pub shown: Vec<Shown>,
 }
 
@@ -90,7 +91,9 @@ pub struct RecordedPose {
 /// A frame with as many of its points, evenly chosen, as tell of its motion.
 pub fn looked_at(frame: &Observation) -> Observation {
     let every = (frame.points.len() / LOOKED_AT).max(1);
-    with_points(frame, frame.points.iter().step_by(every).copied().collect())
+    // On all threads: points lie far apart in memory that another core has just written.
+    let chosen = (0..frame.points.len().div_ceil(every)).into_par_iter().with_min_len(512);
+    with_points(frame, chosen.map(|i| frame.points[i * every]).collect())
 }
 
 /// A frame with a few of its points. Neighbours stay together: they are searched for together.
@@ -129,36 +132,41 @@ impl PoseAlignment<'_> {
         Some(Improvement { motion, has_settled: moved < SETTLED * self.h, shown })
     }
 
-    /// Matches of the components that own points, in ascending order.
+    /// Matches of the components that own points, in the order in which points come upon them: on one thread, so
+    /// that sums round alike on any machine, and however components are numbered.
     fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> Vec<Match<'p>> {
-        let owners = self.owners.iter().enumerate().filter(|(_, owner)| planes.has(**owner));
-        let mut order: Vec<u64> =
-            owners.map(|(i, &owner)| u64::from(owner) << 32 | i as u64).collect();
-        // Runs of one component, each in the order of its points: sums round alike on any machine.
-        order.par_sort_unstable();
-        let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
-        planes.learn(runs.iter().map(|run| component(run)));
+        planes.learn(self.owners);
         let planes = &*planes;
-        let matched = |run: &&[u64]| Some(self.matched(run, planes.of(component(run))?));
-        runs.par_iter().with_min_len(64).filter_map(matched).collect()
-    }
-
-    /// What the points of one component say.
-    fn matched<'p>(&self, run: &[u64], plane: &'p ColoredPlane) -> Match<'p> {
-        let n = run.len() as f64;
-        let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
-        for key in run {
-            let point = &self.frame.points[*key as u32 as usize];
-            seen += (point.position_vector() - plane.seed) / n;
-            seen_color += self.exposed(point) / n;
-            noise += f64::from(point.noise) / n;
+        let mut at = vec![NONE; planes.len()];
+        let mut sums: Vec<(f64, Match<'p>)> = Vec::new();
+        for (point, &component) in self.frame.points.iter().zip(self.owners) {
+            let Some((number, plane)) = planes.of(component) else { continue };
+            if at[number] == NONE {
+                at[number] = sums.len() as u32;
+                sums.push((0.0, Match { plane, shown: Shown::nothing(component) }));
+            }
+            let (n, Match { shown, .. }) = &mut sums[at[number] as usize];
+            *n += 1.0;
+            shown.place += point.position_vector() - plane.seed;
+            shown.color += self.exposed(point);
+            shown.noise += f64::from(point.noise);
         }
-        let (component, place) = (component(run), plane.seed + seen);
-        Match { plane, shown: Shown { component, place, color: seen_color, noise } }
+        sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect()
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
         vector([0, 1, 2].map(|i| (point.color[i] * self.gain[i]).min(1.0)))
+    }
+}
+
+impl Match<'_> {
+    /// Means of so many points in place of sums about the seed.
+    fn mean_of(mut self, n: f64) -> Self {
+        let Self { plane, shown } = &mut self;
+        shown.place = plane.seed + shown.place / n;
+        shown.color /= n;
+        shown.noise /= n;
+        self
     }
 }
 
@@ -186,11 +194,6 @@ impl RecordedPose {
         }
         Some(motion)
     }
-}
-
-/// The component of a run of keys, which hold it above the point.
-fn component(run: &[u64]) -> u32 {
-    (run[0] >> 32) as u32
 }
 
 impl RigidEquations {

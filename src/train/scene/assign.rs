@@ -31,11 +31,13 @@ pub fn assign(
     owners.clear();
     owners.resize(points.len(), NONE);
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each_init(
-        SeedGroups::default,
-        |groups, (owners, points)| {
+        || (SeedGroups::default(), Vec::with_capacity(GROUP)),
+        |(groups, places), (owners, points)| {
+            places.clear();
+            places.extend(points.iter().map(|point| point.position));
             groups.clear();
-            groups.gather(grid, spacing.h(), points);
-            groups.nearest::<WIDTH>(grid, spacing.h(), points, owners);
+            groups.gather(grid, spacing.h(), places);
+            groups.nearest::<WIDTH>(grid, spacing.h(), places, owners);
             keep_components(grid, components, spacing, points, owners);
         },
     );

@@ -26,31 +26,14 @@ pub fn gain<W: SumScalar>(
     owners: &[u32],
     fewest: f64,
 ) -> [f32; 3] {
-    let sums: Vec<Brightness> = points
-        .par_chunks(CHUNK)
-        .zip(owners.par_chunks(CHUNK))
-        .map(|(points, owners)| chunk_sums(component_sums, points, owners))
-        .collect();
-    let mut total = Brightness::default();
-    for sums in &sums {
-        total.expected += sums.expected;
-        total.seen += sums.seen;
-        total.points += sums.points;
-    }
-    if total.points < fewest {
-        return [1.0; 3];
-    }
-    // A factor alone: with an offset beside it scores were worse (`scene.md`, Gain).
-    let (expected, seen) = (total.expected.to_array(), total.seen.to_array());
-    [0, 1, 2].map(|i| {
-        let is_lit = expected[i] > 0.0 && seen[i] > 0.0;
-        if is_lit { (expected[i] / seen[i]) as f32 } else { 1.0 }
-    })
+    let chunks = points.par_chunks(CHUNK).zip(owners.par_chunks(CHUNK));
+    let chunks = chunks.map(|(points, owners)| Brightness::of(component_sums, points, owners));
+    Brightness::gain(chunks.collect::<Vec<_>>(), fewest)
 }
 
 /// Sums of colours over points of known components.
 #[derive(Default)]
-struct Brightness {
+pub struct Brightness {
     /// Of the components' means.
     expected: DVec3,
     /// Of the points.
@@ -58,26 +41,48 @@ struct Brightness {
     points: f64,
 }
 
-fn chunk_sums<W: SumScalar>(
-    component_sums: &ComponentSums<W>,
-    points: &[SurfacePoint],
-    owners: &[u32],
-) -> Brightness {
-    let mut sums = Brightness::default();
-    for (point, &owner) in points.iter().zip(owners) {
-        // Components born in this frame have no row yet.
-        if owner == NONE || owner as usize >= component_sums.len() {
-            continue;
+impl Brightness {
+    /// Of some points with their components.
+    pub fn of<W: SumScalar>(
+        component_sums: &ComponentSums<W>,
+        points: &[SurfacePoint],
+        owners: &[u32],
+    ) -> Self {
+        let mut sums = Self::default();
+        for (point, &owner) in points.iter().zip(owners) {
+            // Components born in this frame have no row yet.
+            if owner == NONE || owner as usize >= component_sums.len() {
+                continue;
+            }
+            let (n, color) = component_sums.color_sums(owner as usize);
+            if n < MIN_POINTS {
+                continue;
+            }
+            sums.expected += DVec3::from_array(color) / n;
+            sums.seen += DVec3::from_array(point.color.map(f64::from));
+            sums.points += 1.0;
         }
-        let (n, color) = component_sums.color_sums(owner as usize);
-        if n < MIN_POINTS {
-            continue;
-        }
-        sums.expected += DVec3::from_array(color) / n;
-        sums.seen += DVec3::from_array(point.color.map(f64::from));
-        sums.points += 1.0;
+        sums
     }
-    sums
+
+    /// The [`gain`] that the parts of a frame tell of together, added in their order.
+    pub fn gain(parts: impl IntoIterator<Item = Self>, fewest: f64) -> [f32; 3] {
+        let mut total = Self::default();
+        for part in parts {
+            total.expected += part.expected;
+            total.seen += part.seen;
+            total.points += part.points;
+        }
+        if total.points < fewest {
+            return [1.0; 3];
+        }
+        // A factor alone: with an offset beside it scores were worse (`scene.md`, Gain).
+        let (expected, seen) = (total.expected.to_array(), total.seen.to_array());
+        [0, 1, 2].map(|i| {
+            let is_lit = expected[i] > 0.0 && seen[i] > 0.0;
+            if is_lit { (expected[i] / seen[i]) as f32 } else { 1.0 }
+        })
+    }
 }
 
 #[cfg(test)]

@@ -78,16 +78,14 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
         Self { component_sums, seed_positions, h, ridge, places, planes: Vec::new() }
     }
 
-    /// Whether a component had points before the frame.
-    pub fn has(&self, component: u32) -> bool {
-        (component as usize) < self.places.len()
-    }
-
-    /// Works out those of the listed components that are not known yet.
-    pub fn learn(&mut self, components: impl Iterator<Item = u32>) {
-        let new: Vec<u32> = components.filter(|&id| self.places[id as usize] == NONE).collect();
-        for (&id, place) in new.iter().zip(self.planes.len() as u32..) {
-            self.places[id as usize] = place;
+    /// Works out those of the components of some points that had any before the frame and are not known yet.
+    pub fn learn(&mut self, owners: &[u32]) {
+        let mut new = Vec::new();
+        for &id in owners {
+            if let Some(place) = self.places.get_mut(id as usize).filter(|place| **place == NONE) {
+                *place = (self.planes.len() + new.len()) as u32;
+                new.push(id);
+            }
         }
         let plane = |&id: &u32| {
             let sums = SceneSums::new(&self.component_sums.sums(id as usize), self.h);
@@ -98,8 +96,15 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
         self.planes.extend(planes);
     }
 
-    /// The plane of a component that was listed; `None` of one that is none.
-    pub fn of(&self, component: u32) -> Option<&ColoredPlane> {
-        self.planes[self.places[component as usize] as usize].as_ref()
+    /// How many components were asked for so far.
+    pub fn len(&self) -> usize {
+        self.planes.len()
+    }
+
+    /// The plane of a component that was asked for and its number among these; `None` of one that is none.
+    #[inline]
+    pub fn of(&self, component: u32) -> Option<(usize, &ColoredPlane)> {
+        let place = *self.places.get(component as usize)? as usize;
+        Some((place, self.planes.get(place)?.as_ref()?))
     }
 }

@@ -23,8 +23,10 @@ pub struct NearSeeds<'a> {
 
 #[derive(Default)]
 struct Chunk {
-    /// Where the points were gathered for.
+    /// Where the points are.
     places: Vec<[f32; 3]>,
+    /// Where they were gathered for.
+    gathered: Vec<[f32; 3]>,
     groups: SeedGroups,
 }
 
@@ -36,47 +38,57 @@ impl<'a> NearSeeds<'a> {
         Self { grid, reach, chunks }
     }
 
-    /// Replaces `owners` by the component of each of the points, which is that of the nearest seed;
-    /// [`NONE`] where no seed is near enough. The points are the same ones every time, wherever they
-    /// have moved to.
-    pub fn assign(
+    /// Replaces `owners` by the component of each of the points where `place` moves them to, which is that of the
+    /// nearest seed; [`NONE`] where no seed is near enough. The points are the same ones every time. What `look`
+    /// says of every [`CHUNK`] of them and their components, in their order.
+    pub fn assign<T: Send>(
         &mut self,
         components: &Components,
         points: &[SurfacePoint],
+        place: impl Fn(&SurfacePoint) -> [f32; 3] + Sync,
         owners: &mut Vec<u32>,
-    ) {
+        look: impl Fn(&[SurfacePoint], &[u32]) -> T + Sync,
+    ) -> Vec<T> {
         owners.clear();
         owners.resize(points.len(), NONE);
         let (grid, reach) = (self.grid, self.reach);
         let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK));
-        parts.zip(&mut self.chunks).for_each(|((owners, points), chunk)| {
-            if chunk.has_left(points, MARGIN * reach) {
-                chunk.gather(grid, reach, points);
+        let parts = parts.zip(&mut self.chunks).map(|((owners, points), chunk)| {
+            chunk.move_to(points.iter().map(&place));
+            if chunk.has_left(MARGIN * reach) {
+                chunk.gather(grid, reach);
             }
-            chunk.groups.nearest::<GROUP>(grid, reach, points, owners);
+            chunk.groups.nearest::<GROUP>(grid, reach, &chunk.places, owners);
             for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
                 *owner = components.of_seed(*owner);
             }
+            look(points, owners)
         });
+        parts.collect()
     }
 }
 
 impl Chunk {
+    fn move_to(&mut self, places: impl Iterator<Item = [f32; 3]>) {
+        self.places.clear();
+        self.places.extend(places);
+    }
+
     /// Whether a point is farther than `margin` from where it was gathered for, or never was.
-    fn has_left(&self, points: &[SurfacePoint], margin: f32) -> bool {
-        let has_stayed = |(point, place): (&SurfacePoint, &[f32; 3])| {
-            squared_distance(point.position, *place) <= margin * margin
+    fn has_left(&self, margin: f32) -> bool {
+        let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
+            squared_distance(*place, *gathered) <= margin * margin
         };
-        self.places.len() != points.len() || !points.iter().zip(&self.places).all(has_stayed)
+        let Self { places, gathered, .. } = self;
+        gathered.len() != places.len() || !places.iter().zip(gathered).all(has_stayed)
     }
 
     /// Gathers seeds for points where they are now.
-    fn gather(&mut self, grid: &SeedGrid, reach: f32, points: &[SurfacePoint]) {
-        self.places.clear();
-        self.places.extend(points.iter().map(|point| point.position));
+    fn gather(&mut self, grid: &SeedGrid, reach: f32) {
+        self.gathered.clone_from(&self.places);
         self.groups.clear();
-        for points in points.chunks(GROUP) {
-            self.groups.gather(grid, (1.0 + MARGIN) * reach, points);
+        for places in self.places.chunks(GROUP) {
+            self.groups.gather(grid, (1.0 + MARGIN) * reach, places);
         }
     }
 }
@@ -114,7 +126,7 @@ mod tests {
                 at([0, 1, 2].map(|i| point.position[i] + way[i]))
             });
             let moved: Vec<SurfacePoint> = moved.collect();
-            near.assign(&components, &moved, &mut owners);
+            near.assign(&components, &moved, |point| point.position, &mut owners, |_, _| ());
             for (point, owner) in moved.iter().zip(&owners) {
                 assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
             }

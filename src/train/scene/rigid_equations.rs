@@ -25,13 +25,19 @@ impl Motion {
         Self { turn, shift: to.centre() - from.centre() }
     }
 
+    /// Where it moves a frame's points to, relative to [`Observation::origin`], world units.
+    pub fn places(&self, frame: &Observation) -> impl Fn(&SurfacePoint) -> [f32; 3] + Sync + use<> {
+        let (turn, shift) = (DMat3::from_quat(self.turn), self.shift);
+        let centre = frame.camera.pose.centre() - frame.origin;
+        move |point| array(centre + turn * (point.position_vector() - centre) + shift)
+    }
+
     /// Moves the frame's points into `points` and returns its camera, moved likewise.
     pub fn apply(&self, frame: &Observation, points: &mut Vec<SurfacePoint>) -> Camera {
         let Camera { intrinsics, pose } = frame.camera;
-        let turn = DMat3::from_quat(self.turn);
-        let centre = pose.centre() - frame.origin;
+        let (turn, place) = (DMat3::from_quat(self.turn), self.places(frame));
         let moved = |point: &SurfacePoint| SurfacePoint {
-            position: array(centre + turn * (point.position_vector() - centre) + self.shift),
+            position: place(point),
             normal: array(turn * point.normal_vector()),
             direction: array(turn * point.direction_vector()),
             ..*point

@@ -5,7 +5,6 @@
 
 use super::grid::{NONE, SeedGrid, squared_distance};
 use crate::math::simd::{Isa, Kernel, Vector};
-use crate::observation::surface::SurfacePoint;
 
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
 const MAX_CELLS: f64 = 512.0;
@@ -30,16 +29,16 @@ impl SeedGroups {
         self.seeds.clear();
     }
 
-    /// Adds a group of points with the seeds within `radius` (world units) of each, and some more.
-    pub fn gather(&mut self, grid: &SeedGrid, radius: f32, points: &[SurfacePoint]) {
+    /// Adds a group of points, given by their places, with the seeds within `radius` (world units) of each, and some more.
+    pub fn gather(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
         // A little more, as distances are rounded.
         self.gather_halves(grid, radius * (1.0 + 1e-5), points);
     }
 
     /// A group that a depth edge tears apart is halved until it holds together: one point's cells are few.
-    fn gather_halves(&mut self, grid: &SeedGrid, radius: f32, points: &[SurfacePoint]) {
-        let near = points.iter().map(|point| point.position);
-        if let Some(corners) = corners(near.filter(|p| grid.comes_near(*p, radius)), radius) {
+    fn gather_halves(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
+        let near = points.iter().copied().filter(|point| grid.comes_near(*point, radius));
+        if let Some(corners) = corners(near, radius) {
             if grid.cells_between(corners).n_cells() > MAX_CELLS && points.len() > 1 {
                 let (first, second) = points.split_at(points.len() / 2);
                 self.gather_halves(grid, radius, first);
@@ -58,7 +57,7 @@ impl SeedGroups {
         &self,
         grid: &SeedGrid,
         reach: f32,
-        points: &[SurfacePoint],
+        points: &[[f32; 3]],
         owners: &mut [u32],
     ) {
         let limit = reach * reach;
@@ -83,7 +82,7 @@ struct Nearest<'a, const N: usize> {
     groups: &'a SeedGroups,
     grid: &'a SeedGrid,
     limit: f32,
-    points: &'a [SurfacePoint],
+    points: &'a [[f32; 3]],
     owners: &'a mut [u32],
 }
 
@@ -101,8 +100,8 @@ impl<const N: usize> Kernel for Nearest<'_, N> {
                 // What is beyond the grid has no seed, whoever its neighbours are.
                 let mut places = [[f32::NAN; 3]; N];
                 for (place, point) in places.iter_mut().zip(points) {
-                    if self.grid.reaches(point.position) {
-                        *place = point.position;
+                    if self.grid.reaches(*point) {
+                        *place = *point;
                     }
                 }
                 let nearest = nearest_of(&places, seeds, self.limit);

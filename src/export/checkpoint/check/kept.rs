@@ -3,7 +3,7 @@
 use super::super::error::Defect;
 use super::super::tag;
 use super::scene::sums;
-use super::{ascending, value};
+use super::{ascending, below, value};
 use crate::model::scene::bounds::MIXED;
 use crate::model::scene::kept::KeptFrame;
 use crate::model::scene::kept_motion::values;
@@ -42,7 +42,7 @@ pub(in super::super) fn kept(state: &SceneState) -> Result<(), Defect> {
             let expected = format!("one of {n_poses} corrected poses");
             return Err(value(tag::KEPT, at, NAMES[1], &expected, *logged as f64));
         }
-        ascending(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
+        below(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
         ascending(tag::KEPT_IDS, taught.ids.iter().copied(), n)?;
         for shown in shown {
             let numbers = shown.place.to_array().into_iter().chain(shown.color.to_array());

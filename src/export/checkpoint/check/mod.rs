@@ -55,14 +55,19 @@ fn ascending(
     ids: impl Iterator<Item = u32> + Clone,
     components: usize,
 ) -> Result<(), Defect> {
-    let place = tag_text(tag);
     if !ids.clone().is_sorted_by(|a, b| a < b) {
-        return Err(Defect::malformed(place, "components in ascending order", "another order"));
+        let expected = "components in ascending order";
+        return Err(Defect::malformed(tag_text(tag), expected, "another order"));
     }
-    match ids.last().filter(|last| *last as usize >= components) {
-        Some(last) => {
+    below(tag, ids, components)
+}
+
+/// Numbers of so many components.
+fn below(tag: [u8; 4], ids: impl Iterator<Item = u32>, components: usize) -> Result<(), Defect> {
+    match ids.max().filter(|id| *id as usize >= components) {
+        Some(id) => {
             let expected = format!("components below {components}");
-            Err(Defect::malformed(place, expected, last.to_string()))
+            Err(Defect::malformed(tag_text(tag), expected, id.to_string()))
         }
         None => Ok(()),
     }

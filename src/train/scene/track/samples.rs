@@ -81,7 +81,8 @@ impl FrameSamples {
 
 fn samples(frame: &Observation, block: usize) -> SampleLevel {
     let intrinsics = &frame.camera.intrinsics;
-    let [width, height] = [intrinsics.width, intrinsics.height].map(|side| side as usize);
+    // Pictures without columns, as of frames that are made by hand, have blocks without points.
+    let [width, height] = [intrinsics.width.max(1), intrinsics.height].map(|side| side as usize);
     let (columns, rows) = (width.div_ceil(block), height.div_ceil(block));
     let mut blocks = vec![Block::default(); columns * rows];
     for point in &frame.points {

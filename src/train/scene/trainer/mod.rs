@@ -26,7 +26,7 @@ use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::kept::{KeptFrame, Shown, Taught};
+use crate::model::scene::kept::{KeptFrame, Shown};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::SplatContext;
 use crate::model::scene::state::{SceneState, WHOLE, seed_order};
@@ -278,9 +278,10 @@ impl<W: SumScalar> SceneTrainer<W> {
         // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
-        self.learn_photograph(frame, &camera, gain);
+        let changes = self.learn_photograph_and_look(frame, &camera, gain, taught);
         lap(&mut ms, SceneStage::Photometric);
-        self.log(frame, &camera, gain, taught);
+        self.log(frame, &camera, gain);
+        changes.iter().for_each(|change| self.change(change));
         let is_moved = self.hold_to_recorded(frame);
         lap(&mut ms, SceneStage::Pose);
         // Looks, merging and another scale change components without points as well.
@@ -298,21 +299,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Keeps how a frame was exposed and where it stood, as far as these were fitted, and what it taught.
-    fn log(
-        &mut self,
-        frame: &Observation,
-        camera: &Camera,
-        gain: [f32; 3],
-        taught: Option<Taught>,
-    ) {
+    /// Keeps how a frame was exposed and where it stood, as far as these were fitted.
+    fn log(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
         if self.config.align && !self.config.track {
             self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
         }
-        self.keep(frame, taught);
     }
 
     /// The splat of a component by its points alone.

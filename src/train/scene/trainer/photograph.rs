@@ -11,7 +11,7 @@ use crate::render::following_near;
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, PhotographOutcome};
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::waiting::packed;
-use crate::train::scene::photometric::{CONTRADICTION, LearntView};
+use crate::train::scene::photometric::{CONTRADICTION, LearntView, PhotometricLearner};
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
@@ -49,7 +49,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         ms.add(SceneStage::Assign as usize, clock.lap_ms());
         self.touched.clear();
         if !contradicts {
-            self.learn_photograph(frame, &camera, gain);
+            self.learn_photograph(frame, &camera, gain, |_| ());
         }
         self.end_frame(moved, was_settled);
         ms.add(SceneStage::Photometric as usize, clock.lap_ms());
@@ -96,18 +96,43 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.has_changed_all = has_changed_all || self.frames.is_multiple_of(EVERYTHING_EVERY);
     }
 
-    /// Gives new components splats that photographs can teach, and takes the step that the frame's
-    /// photograph asks of the splats, or one that has waited; where photographs wait, the frame's does.
-    pub(super) fn learn_photograph(
+    /// Learns from a frame's photograph, or one that has waited, if the scene learns from photographs at all. What
+    /// `beside` gives, which is worked out meanwhile: either keeps some threads waiting by itself.
+    pub(super) fn learn_photograph<T: Send>(
         &mut self,
         frame: &Observation,
         camera: &Camera,
         gain: [f32; 3],
-    ) {
-        let Some(rule) = self.config.photometric_rule() else { return };
-        let Some(photograph) = &frame.photograph else { return };
+        beside: impl FnOnce(&Self) -> T + Send,
+    ) -> T {
         // Taken out meanwhile: new splats are made of the sums that stay behind.
         let mut photometric = std::mem::take(&mut self.photometric);
+        let trainer = &*self;
+        let (learnt, given) = rayon::join(
+            || trainer.step_of_photograph(&mut photometric, frame, camera, gain),
+            || beside(trainer),
+        );
+        self.photometric = photometric;
+        let (changed, compared) = learnt.unwrap_or_default();
+        self.compared.extend(compared);
+        self.touched.extend(changed);
+        self.touched.sort_unstable();
+        self.touched.dedup();
+        given
+    }
+
+    /// Gives new components splats that photographs can teach, and takes the step that the frame's
+    /// photograph asks of the splats, or one that has waited; where photographs wait, the frame's does. Which
+    /// splats changed, and how the photograph compared.
+    fn step_of_photograph(
+        &self,
+        photometric: &mut PhotometricLearner,
+        frame: &Observation,
+        camera: &Camera,
+        gain: [f32; 3],
+    ) -> Option<(Vec<u32>, Option<ComparedPhotograph>)> {
+        let rule = self.config.photometric_rule()?;
+        let photograph = frame.photograph.as_ref()?;
         let splat = |id| self.splat_of_points(id);
         let points = |id| self.component_sums.plane_sums(id).0;
         photometric.begin(self.component_sums.len(), &self.touched, &rule, points, splat);
@@ -117,7 +142,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let every = rule.rows_of(photograph.colors.data.len());
         let rows = RowChoice::new(every, self.frames);
         let margin = frame.tolerance.margin;
-        let (changed, compared) = if rule.shuffle_buffer == 0 {
+        Some(if rule.shuffle_buffer == 0 {
             let pixels = photograph.exposed(gain, margin);
             let view = LearntView { camera, near, rows, contradicts_from: CONTRADICTION };
             let (changed, outcome) = photometric.learn(&view, &pixels, full_coverage, &rule);
@@ -129,12 +154,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             let most = rule.most_waiting(waiting.bytes());
             photometric.put_off(waiting);
             photometric.learn_one_beyond(most, full_coverage, &rule)
-        };
-        self.photometric = photometric;
-        self.compared.extend(compared);
-        self.touched.extend(changed);
-        self.touched.sort_unstable();
-        self.touched.dedup();
+        })
     }
 
     /// Draws what photographs have taught so far: those that wait have not. Whether these were drawn.

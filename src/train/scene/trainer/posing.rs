@@ -11,6 +11,7 @@ use crate::train::scene::align::{
 };
 use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::config::BirthRule;
+use crate::train::scene::gain::Brightness;
 use crate::train::scene::gauge::{common_motion, moved_seed};
 use crate::train::scene::known_planes::KnownPlanes;
 use crate::train::scene::near_seeds::NearSeeds;
@@ -46,7 +47,8 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// That of a frame with as many of its points as are [`looked_at`].
     pub(super) fn motion_of(&mut self, part: &Observation) -> Option<Motion> {
         let mut owners = std::mem::take(&mut self.owners);
-        let found = self.found_motion(part, &mut owners);
+        // Within the pool: its rounds are many and short, and from outside every step of them would wake threads.
+        let found = rayon::scope(|_| self.found_motion(part, &mut owners));
         self.owners = owners;
         self.shown.clear();
         let Improvement { motion, shown, .. } = found?;
@@ -78,30 +80,45 @@ impl<W: SumScalar> SceneTrainer<W> {
         planes: &mut KnownPlanes<'_, W>,
         owners: &mut Vec<u32>,
     ) -> Option<Improvement> {
-        let (h, mut moved) = (self.config.h, Vec::new());
-        motion.apply(part, &mut moved);
+        let h = self.config.h;
         let mut near = matches!(self.config.births, BirthRule::Seeds)
-            .then(|| NearSeeds::new(&self.grid, h as f32, moved.len()));
+            .then(|| NearSeeds::new(&self.grid, h as f32, part.points.len()));
         for round in 1.. {
             // Anew in every round: points that move come to other components, and only those tell how
             // much farther they have to go.
-            match &mut near {
-                Some(near) => near.assign(&self.components, &moved, owners),
-                None => {
-                    let Self { config, grid, components, .. } = self;
-                    assign_to_lattice(config.births, h as f32, grid, components, &moved, owners);
-                }
-            }
-            let gain = self.gain_of(&part.points, owners, fewest);
+            let gain = self.assign_moved(part, &motion, near.as_mut(), fewest, owners);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
             let improvement = alignment.improved(&motion, planes)?;
             if improvement.has_settled || round >= rounds {
                 return Some(improvement);
             }
             motion = improvement.motion;
-            motion.apply(part, &mut moved);
         }
         None
+    }
+
+    /// Finds the components of points where a motion takes them. Gives the gain that they tell of.
+    fn assign_moved(
+        &self,
+        part: &Observation,
+        motion: &Motion,
+        near: Option<&mut NearSeeds<'_>>,
+        fewest: f64,
+        owners: &mut Vec<u32>,
+    ) -> [f32; 3] {
+        let Self { config, grid, components, component_sums, .. } = self;
+        if let Some(near) = near {
+            let look = |points: &[SurfacePoint], owners: &[u32]| {
+                config.gain.then(|| Brightness::of(component_sums, points, owners))
+            };
+            let place = motion.places(part);
+            let parts = near.assign(components, &part.points, place, owners, look);
+            return Brightness::gain(parts.into_iter().flatten(), fewest);
+        }
+        let mut moved = Vec::new();
+        motion.apply(part, &mut moved);
+        assign_to_lattice(config.births, config.h as f32, grid, components, &moved, owners);
+        self.gain_of(&part.points, owners, fewest)
     }
 
     /// Moves the scene as a whole to where its frames were recorded, each time that there are twice as many: what

@@ -2,6 +2,7 @@
 //! (`scene.md`, A second look).
 
 use super::SceneTrainer;
+use crate::math::camera::Camera;
 use crate::math::pose::Pose;
 use crate::model::scene::kept::{KeptFrame, Taught};
 use crate::model::scene::kept_motion::values;
@@ -21,22 +22,52 @@ use rayon::prelude::*;
 /// for an error.
 const DISTANCES: std::ops::RangeInclusive<f64> = 0.02..=1.0;
 
+/// A frame that is moved with what it taught.
+pub(in crate::train::scene) struct FrameChange {
+    /// Frames that were learnt before it.
+    frame: u64,
+    /// Its place among the corrected poses.
+    logged: u64,
+    /// What takes the world as it saw it to where that fits.
+    motion: Pose,
+    /// What the sums of components change by.
+    sums: Taught,
+}
+
 impl<W: SumScalar> SceneTrainer<W> {
-    /// Keeps what a frame taught, if it was aligned to the scene, and looks once more at the oldest of those
-    /// that are too many.
-    pub(super) fn keep(&mut self, frame: &Observation, taught: Option<Taught>) {
+    /// Learns from the photograph of a frame that is about to be logged, and meanwhile looks once more at frames that
+    /// were learnt long enough ago; what that changes.
+    pub(super) fn learn_photograph_and_look(
+        &mut self,
+        frame: &Observation,
+        camera: &Camera,
+        gain: [f32; 3],
+        taught: Option<Taught>,
+    ) -> Vec<FrameChange> {
+        let kept = self.keep(frame, taught);
+        let look = |kept: KeptFrame, trainer: &Self| {
+            let motion = trainer.second_look(&kept)?;
+            Some(trainer.change_by(kept, motion))
+        };
+        self.learn_photograph(frame, camera, gain, |trainer| {
+            kept.into_iter().filter_map(|kept| look(kept, trainer)).collect()
+        })
+    }
+
+    /// Keeps what a frame taught that is about to be logged, if it was aligned to the scene. The oldest of those
+    /// that are too many then, which are to be looked at once more.
+    fn keep(&mut self, frame: &Observation, taught: Option<Taught>) -> Vec<KeptFrame> {
         let shown = std::mem::take(&mut self.shown);
-        let Some(taught) = taught.filter(|_| !shown.is_empty()) else { return };
+        let Some(taught) = taught.filter(|_| !shown.is_empty()) else { return Vec::new() };
         let deviation = f64::from(frame.tolerance.refinement);
-        let logged = self.poses.len() as u64 - 1;
+        let logged = self.poses.len() as u64;
         let kept = KeptFrame { frame: self.frames, logged, deviation, shown, taught };
         self.kept.push_back(kept);
+        let mut due = Vec::new();
         while self.kept.len() > MOST_KEPT_FRAMES || self.kept_bytes() > MOST_KEPT_BYTES {
-            let Some(kept) = self.kept.pop_front() else { break };
-            if let Some(motion) = self.second_look(&kept) {
-                self.move_with_taught(kept, &motion);
-            }
+            due.extend(self.kept.pop_front());
         }
+        due
     }
 
     fn kept_bytes(&self) -> usize {
@@ -80,26 +111,33 @@ impl<W: SumScalar> SceneTrainer<W> {
         DISTANCES.contains(&(distance / h)).then_some(motion)
     }
 
-    /// Moves a frame, with what it taught of points and is still to teach by its photograph.
-    pub(in crate::train::scene) fn move_with_taught(&mut self, kept: KeptFrame, motion: &Pose) {
+    /// What moving a frame changes of what it taught of points.
+    pub(in crate::train::scene) fn change_by(&self, kept: KeptFrame, motion: Pose) -> FrameChange {
         let (h, origin) = (self.config.h, self.origin);
         let shift = |id: u32| -> DVec3 {
             let seed = origin + self.seed(id as usize);
             (motion.transform_point(seed) - seed) / h
         };
-        let change = kept.taught.change_of(motion.rotation(), shift);
-        self.component_sums.change(&change.ids, &change.sums, PARTS);
-        self.photometric.move_photograph(kept.frame, motion);
+        let KeptFrame { frame, logged, taught, .. } = kept;
+        let sums = taught.change_of(motion.rotation(), shift);
+        FrameChange { frame, logged, motion, sums }
+    }
+
+    /// Moves a frame, with what it taught of points and is still to teach by its photograph.
+    pub(in crate::train::scene) fn change(&mut self, change: &FrameChange) {
+        let FrameChange { frame, logged, motion, sums } = change;
+        self.component_sums.change(&sums.ids, &sums.sums, PARTS);
+        self.photometric.move_photograph(*frame, motion);
         // Both logs have every frame that was learnt, if they have any.
-        if let Some(exposure) = self.exposures.get_mut(kept.logged as usize) {
+        if let Some(exposure) = self.exposures.get_mut(*logged as usize) {
             *exposure = exposure.moved(motion);
         }
-        if let Some(logged) = self.poses.get_mut(kept.logged as usize)
+        if let Some(logged) = self.poses.get_mut(*logged as usize)
             && let Some([recorded, learnt]) = logged.poses()
         {
             *logged = FramePose::new(&recorded, &learnt.moved(motion));
         }
-        self.touched.extend_from_slice(&change.ids);
+        self.touched.extend_from_slice(&sums.ids);
         self.touched.sort_unstable();
         self.touched.dedup();
     }
