@@ -1,11 +1,13 @@
 //! Adds a frame's points to the sums of their components.
 //!
-//! Threads take runs of consecutive components and gather the points of each: no two threads write
-//! one row, so there are neither atomics nor copies to merge, and rows are added to in the order of
-//! the points.
+//! Threads take runs of consecutive components with the points of these: no two threads write one row, so there
+//! are neither atomics nor copies to merge, and rows are added to in the order of the points. Neighbours in that
+//! order belong to few components, whose rows stay at hand.
 
 use super::component_sums::{ComponentSums, SumRow, Visibility};
 use super::config::VisibilityRule;
+use super::grid::NONE;
+use super::point_parts::{PARTS, PointParts};
 use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
 use crate::math::real::Real;
@@ -13,13 +15,6 @@ use crate::math::simd::{Isa, Kernel, Vector};
 use crate::model::scene::kept::Taught;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
-
-/// Runs of components that threads take; the points of each are gathered by one thread.
-// Every part looks through the owners of all points for its own: more parts, more reading.
-pub const PARTS: usize = 16;
-
-/// Points looked at for where to cut.
-const SAMPLED: usize = 1024;
 
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]
@@ -74,19 +69,21 @@ pub fn accumulate<W: SumScalar>(
     touched: &mut Vec<u32>,
 ) -> Option<Taught> {
     // Threads finish in any order: results are sorted by their first component afterwards.
-    let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
-    let firsts = firsts(frame.owners, component_sums.len());
-    component_sums.for_each_run(&firsts, |first, rows, _| {
-        let part = Isa::best().run(Part { first, rows, seed_positions, frame, h, rule });
-        if let Ok(mut parts) = parts.lock() {
-            parts.push((first, part));
+    let received = std::sync::Mutex::new(Vec::with_capacity(PARTS));
+    let parts = PointParts::new(frame.owners, component_sums.len());
+    component_sums.for_each_run(parts.firsts(), |first, rows, _| {
+        let points = parts.of(first);
+        let part = Part { first, rows, points, seed_positions, frame, h, rule };
+        let part = Isa::best().run(part);
+        if let Ok(mut received) = received.lock() {
+            received.push((first, part));
         }
     });
-    let mut parts = parts.into_inner().unwrap_or_default();
-    parts.sort_unstable_by_key(|(first, _)| *first);
+    let mut received = received.into_inner().unwrap_or_default();
+    received.sort_unstable_by_key(|(first, _)| *first);
     touched.clear();
     let mut taught = frame.is_noted.then(Taught::default);
-    for (_, Received { ids, wide, sums }) in parts {
+    for (_, Received { ids, wide, sums }) in received {
         taught = taught.filter(|_| wide.is_empty());
         taught.iter_mut().for_each(|taught| taught.append(&ids, &sums));
         touched.extend(ids);
@@ -94,19 +91,6 @@ pub fn accumulate<W: SumScalar>(
         wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
     }
     taught
-}
-
-/// Where the components of parts begin that have about as many points each: a frame sees neighbours, which
-/// were born one after the other, so parts of as many components would leave most threads without work.
-fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
-    let some = owners.iter().step_by(owners.len() / SAMPLED + 1).map(|&owner| owner as usize);
-    let mut some: Vec<usize> = some.filter(|&owner| owner < n_components).collect();
-    some.sort_unstable();
-    let cut = |part: usize| some.get(part * some.len() / PARTS).copied();
-    let mut firsts: Vec<usize> = (1..PARTS).filter_map(cut).collect();
-    firsts.insert(0, 0);
-    firsts.dedup();
-    firsts
 }
 
 /// What the components of a part received.
@@ -121,53 +105,91 @@ struct Received {
 }
 
 /// The points of consecutive components.
-struct Part<'a, W> {
+struct Part<'a, W, P> {
     first: usize,
     rows: &'a mut [SumRow<W>],
+    /// Points that belong to them, ascending.
+    points: P,
     seed_positions: SeedPositions<'a>,
     frame: Matched<'a>,
     h: f64,
     rule: VisibilityRule,
 }
 
-impl<W: SumScalar> Kernel for Part<'_, W> {
+/// A component that receives points.
+struct Taker {
+    /// Its row among those of the part.
+    row: u32,
+    n: u32,
+    seed: [f32; 3],
+    /// Sum of [`facing_pixels`], where returns are counted.
+    returns: f64,
+    /// Its place among wide sums, if a row does not hold the points.
+    wide: Option<usize>,
+}
+
+impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
+    /// By row the place of its taker, and the components that receive something in the order in which points come
+    /// upon them.
+    fn takers(&self) -> (Vec<u32>, Vec<Taker>) {
+        let Self { first, rows, points, seed_positions, frame, .. } = self;
+        let (mut places, mut takers) = (vec![NONE; rows.len()], Vec::<Taker>::new());
+        for &point in points.clone().flatten() {
+            let id = frame.owners[point as usize] as usize;
+            let place = &mut places[id - first];
+            if *place == NONE {
+                *place = takers.len() as u32;
+                let (row, seed) = ((id - first) as u32, seed_positions.of(id));
+                takers.push(Taker { row, n: 0, seed, returns: 0.0, wide: None });
+            }
+            takers[*place as usize].n += 1;
+        }
+        (places, takers)
+    }
+}
+
+impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, W, P> {
     type Output = Received;
 
     #[inline(always)]
     fn run<V: Vector>(self) -> Received {
-        let Self { first, rows, seed_positions, frame, h, rule } = self;
-        let mine = first..first + rows.len();
-        let mut order: Vec<u64> = Vec::new();
-        for (i, &owner) in frame.owners.iter().enumerate() {
-            if mine.contains(&(owner as usize)) {
-                // Component above point: one sort groups by component and keeps points in their
-                // order.
-                order.push(u64::from(owner) << 32 | i as u64);
+        let (places, mut takers) = self.takers();
+        let Self { first, rows, points, seed_positions, frame, h, rule } = self;
+        let mut received = Received::default();
+        for taker in &mut takers {
+            // A wall right before the camera can put a whole frame into one component.
+            if f64::from(taker.n) * f64::from(frame.weight) > W::FULL {
+                taker.wide = Some(received.wide.len());
+                received.wide.push(((first as u32) + taker.row, [0.0; N_SUMS]));
             }
         }
-        order.sort_unstable();
-        let mut received = Received::default();
-        for run in order.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let id = (run[0] >> 32) as usize;
-            let (row, seed) = (&mut rows[id - first], seed_positions.of(id));
-            let points = run.iter().map(|key| *key as u32 as usize);
-            // A wall right before the camera can put a whole frame into one component.
-            if run.len() as f64 * f64::from(frame.weight) > W::FULL {
-                let terms = points.clone().map(|i| frame.terms(i, seed, h));
-                received.wide.push((id as u32, wide_sums::<W>(terms)));
-            } else {
-                let before = row.sums;
-                for i in points.clone() {
-                    row.add(&frame.terms(i, seed, h));
-                }
-                if frame.is_noted {
-                    received.sums.push(std::array::from_fn(|i| row.sums[i].since(before[i])));
-                }
+        let before = |taker: &Taker| rows[taker.row as usize].sums;
+        let before: Vec<_> =
+            if frame.is_noted { takers.iter().map(before).collect() } else { Vec::new() };
+        for &point in points.flatten() {
+            let point = point as usize;
+            let row = frame.owners[point] as usize - first;
+            let taker = &mut takers[places[row] as usize];
+            let terms = frame.terms(point, taker.seed, h);
+            match taker.wide {
+                None => rows[row].add(&terms),
+                Some(wide) => add_rounded::<W>(&mut received.wide[wide].1, &terms),
             }
             if rule == VisibilityRule::Returned {
-                let returns: f64 = points.map(|i| facing_pixels(&frame.points[i])).sum();
+                taker.returns += facing_pixels(&frame.points[point]);
+            }
+        }
+        let mut order: Vec<usize> = (0..takers.len()).collect();
+        order.sort_unstable_by_key(|&taker| takers[taker].row);
+        for place in order {
+            let Taker { row, n, returns, wide, .. } = takers[place];
+            let (id, row) = (first + row as usize, &mut rows[row as usize]);
+            if frame.is_noted && wide.is_none() {
+                received.sums.push(std::array::from_fn(|i| row.sums[i].since(before[place][i])));
+            }
+            if rule == VisibilityRule::Returned {
                 let surface = h * h * seed_positions.share(id).powi(2);
-                row.count_visibility(Visibility::Hit, surface * returns / run.len() as f64);
+                row.count_visibility(Visibility::Hit, surface * returns / f64::from(n));
             }
             received.ids.push(id as u32);
         }
@@ -175,14 +197,10 @@ impl<W: SumScalar> Kernel for Part<'_, W> {
     }
 }
 
-/// Sums of so many points that a row does not hold them.
-fn wide_sums<W: SumScalar>(terms: impl Iterator<Item = [W::Term; N_SUMS]>) -> [f64; N_SUMS] {
-    let mut sums = [0.0; N_SUMS];
-    for terms in terms {
-        let rounded = terms.map(|term| W::of(term).value());
-        sums.iter_mut().zip(rounded).for_each(|(sum, term)| *sum += term);
-    }
-    sums
+/// Adds terms as a row rounds them.
+fn add_rounded<W: SumScalar>(sums: &mut [f64; N_SUMS], terms: &[W::Term; N_SUMS]) {
+    let rounded = terms.iter().map(|&term| W::of(term).value());
+    sums.iter_mut().zip(rounded).for_each(|(sum, term)| *sum += term);
 }
 
 /// Pixels per unit of area of a surface at a point, world units⁻².
@@ -227,27 +245,6 @@ mod tests {
                 ..SurfacePoint::default()
             })
             .collect()
-    }
-
-    #[test]
-    fn parts_have_about_as_many_points() {
-        // All but some of the points belong to the last hundredth of the components.
-        let owners: Vec<u32> = (0..50_000u32)
-            .map(|i| match i % 50 {
-                0 => u32::MAX,
-                1 => i / 2,
-                _ => 99_000 + i % 1000,
-            })
-            .collect();
-        let firsts = firsts(&owners, 100_000);
-        assert!(firsts[0] == 0 && firsts.len() > PARTS / 2 && firsts.is_sorted_by(|a, b| a < b));
-        let ends = firsts[1..].iter().copied().chain([100_000]);
-        let n_points = |(&first, end): (&usize, usize)| {
-            owners.iter().filter(|&&owner| (first..end).contains(&(owner as usize))).count()
-        };
-        let most = firsts.iter().zip(ends).map(n_points).max().unwrap();
-        assert!(most < 2 * owners.len() / PARTS, "{most}");
-        assert_eq!(super::firsts(&[], 10), [0]);
     }
 
     /// One component that stands at the origin and gets all points of every frame.

@@ -232,11 +232,10 @@ impl<W: SumScalar> ComponentSums<W> {
 
     /// Spills rows that another frame might make overflow into wide ones.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
-        for &id in touched {
+        let full = touched.par_iter().with_min_len(1024);
+        let full = full.filter(|id| is_full(self.row(**id as usize)));
+        for &id in full.collect::<Vec<_>>() {
             let row = &mut self.rows[id as usize];
-            if !is_full(row) {
-                continue;
-            }
             let sums = std::mem::replace(&mut row.sums, [W::default(); N_SUMS]);
             self.add_wide(id, sums.map(W::value));
         }

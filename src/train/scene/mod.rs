@@ -39,6 +39,7 @@ mod merged_moments_tests;
 mod near_seeds;
 mod observe;
 mod point_fits;
+mod point_parts;
 mod point_slots;
 mod ray_search;
 mod refine;

@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 const PARTS: usize = 64;
 
 /// A frame to look at components from.
-struct Viewer<'a> {
+pub struct Viewer<'a> {
     frame: &'a Observation,
     rotation: DMat3,
     centre: DVec3,
@@ -48,19 +48,19 @@ pub fn observe<W: SumScalar>(
     });
 }
 
-/// Whether a frame taken by `camera` measured something behind a surface at `mean` (world units from
-/// the origin), and not the surface; `None` where that is hidden, out of view or unknown.
-pub fn is_seen_through(frame: &Observation, camera: &Camera, mean: DVec3) -> Option<bool> {
-    let viewer = Viewer::new(frame, camera, 0.0);
-    let (visibility, _) = viewer.visibility(mean, DVec3::ZERO)?;
-    Some(visibility == Visibility::Miss)
-}
-
 impl<'a> Viewer<'a> {
-    fn new(frame: &'a Observation, camera: &Camera, h: f64) -> Self {
+    /// A frame taken by `camera`; `h` is the structural scale, world units.
+    pub fn new(frame: &'a Observation, camera: &Camera, h: f64) -> Self {
         let pose = &camera.pose;
         let (rotation, centre) = (pose.rotation().transpose(), pose.centre() - frame.origin);
         Self { frame, rotation, centre, h }
+    }
+
+    /// Whether the frame measured something behind a surface at `mean` (world units from the origin), and not the
+    /// surface; `None` where that is hidden, out of view or unknown.
+    pub fn sees_through(&self, mean: DVec3) -> Option<bool> {
+        let (visibility, _) = self.visibility(mean, DVec3::ZERO)?;
+        Some(visibility == Visibility::Miss)
     }
 
     /// What the frame says of a component at `mean`, and the returns it could have given.

@@ -4,12 +4,13 @@
 //! points come to. Neither changes anything: a frame at which it fails is fitted by the processor, and the
 //! device is given up. So is one whose arithmetic differs: the first frame is fitted by both and compared.
 
-use super::accumulate::{Matched, PARTS, accumulate};
+use super::accumulate::{Matched, accumulate};
 use super::assign::{assign, assign_known};
 use super::component_sums::ComponentSums;
 use super::components::Components;
 use super::config::VisibilityRule;
 use super::grid::SeedGrid;
+use super::point_parts::PARTS;
 use super::point_slots::PointSlots;
 use super::seed_positions::SeedPositions;
 use super::spacing::Spacing;

@@ -2,17 +2,19 @@
 //! (`photometric.md`, Frames that contradict).
 
 use crate::math::camera::Camera;
-use crate::model::scene::sums::SceneSums;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::grid::NONE;
-use crate::train::scene::observe::is_seen_through;
+use crate::train::scene::observe::Viewer;
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::scene::sum_scalar::SumScalar;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// Every so-many-th point is looked at: neighbours say the same.
 const EVERY: usize = 8;
+/// Points, or components, of a task; a multiple of [`EVERY`].
+const CHUNK: usize = 1024;
 /// Components looked at, about: of more every so-many-th.
 const MAX_COMPONENTS: usize = 4096;
 /// Fewest points of a component that is trusted.
@@ -57,29 +59,11 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
     /// What points and components say; nothing where too few of either are known.
     pub fn agreement(&self) -> FrameAgreement {
         let mut found = FrameAgreement::default();
-        for (point, &owner) in self.points.iter().zip(self.owners).step_by(EVERY) {
-            if owner == NONE || owner as usize >= self.component_sums.len() {
-                continue;
-            }
-            let (n, color) = self.component_sums.color_sums(owner as usize);
-            if n >= MIN_POINTS {
-                let difference = |i: usize| f64::from(point.color[i] * self.gain[i]) - color[i] / n;
-                found.squared_error += (0..3).map(|i| difference(i).powi(2)).sum::<f64>();
-                found.points += 1.0;
-            }
+        for (squared_error, points) in self.differences() {
+            found.squared_error += squared_error;
+            found.points += points;
         }
-        let n_components = self.component_sums.len();
-        for id in (0..n_components).step_by(n_components.div_ceil(MAX_COMPONENTS).max(1)) {
-            let sums = SceneSums::new(&self.component_sums.sums(id), self.h);
-            if sums.count >= MIN_POINTS {
-                let seed = DVec3::from_array(self.seed_positions.of(id).map(f64::from));
-                let mean = seed + sums.mean_offset();
-                if let Some(is_through) = is_seen_through(self.frame, self.camera, mean) {
-                    found.in_view += 1.0;
-                    found.seen_through += f64::from(u8::from(is_through));
-                }
-            }
-        }
+        (found.in_view, found.seen_through) = self.seen();
         if found.points < MIN_MATCHES {
             (found.squared_error, found.points) = (0.0, 0.0);
         }
@@ -87,5 +71,46 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
             (found.seen_through, found.in_view) = (0.0, 0.0);
         }
         found
+    }
+
+    /// Squared errors and points, by [`CHUNK`]: their sum does not depend on the number of threads.
+    fn differences(&self) -> Vec<(f64, f64)> {
+        let chunks = self.points.par_chunks(CHUNK).zip(self.owners.par_chunks(CHUNK));
+        let chunks = chunks.map(|(points, owners)| {
+            let mut sum = (0.0, 0.0);
+            for (point, &owner) in points.iter().zip(owners).step_by(EVERY) {
+                if owner == NONE || owner as usize >= self.component_sums.len() {
+                    continue;
+                }
+                let (n, color) = self.component_sums.color_sums(owner as usize);
+                if n >= MIN_POINTS {
+                    let difference =
+                        |i: usize| f64::from(point.color[i] * self.gain[i]) - color[i] / n;
+                    sum.0 += (0..3).map(|i| difference(i).powi(2)).sum::<f64>();
+                    sum.1 += 1.0;
+                }
+            }
+            sum
+        });
+        chunks.collect()
+    }
+
+    /// Components in view that the frame measured, or something behind them, and how many of them it saw through.
+    fn seen(&self) -> (f64, f64) {
+        let viewer = Viewer::new(self.frame, self.camera, self.h);
+        let every = self.component_sums.len().div_ceil(MAX_COMPONENTS).max(1);
+        let is_through = |id: usize| {
+            let (n, offset, _) = self.component_sums.plane_sums(id);
+            if n < MIN_POINTS {
+                return None;
+            }
+            let seed = DVec3::from_array(self.seed_positions.of(id).map(f64::from));
+            viewer.sees_through(seed + DVec3::from_array(offset) * (self.h / n))
+        };
+        let ids = (0..self.component_sums.len().div_ceil(every)).into_par_iter();
+        let seen = ids.with_min_len(CHUNK).filter_map(|at| is_through(at * every));
+        let counts = seen.map(|is_through| (1, u32::from(is_through)));
+        let (in_view, through) = counts.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        (f64::from(in_view), f64::from(through))
     }
 }

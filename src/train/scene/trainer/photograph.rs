@@ -116,7 +116,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let (changed, compared) = learnt.unwrap_or_default();
         self.compared.extend(compared);
         self.touched.extend(changed);
-        self.touched.sort_unstable();
+        // A sort that merges runs in order, as both are.
+        self.touched.sort();
         self.touched.dedup();
         given
     }

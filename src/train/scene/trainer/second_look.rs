@@ -9,10 +9,10 @@ use crate::model::scene::kept_motion::values;
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::pose_log::FramePose;
 use crate::observation::surface::Observation;
-use crate::train::scene::accumulate::PARTS;
 use crate::train::scene::align::{Match, RecordedPose, TURN_DEVIATION};
 use crate::train::scene::known_planes::ColoredPlane;
 use crate::train::scene::memory::{MOST_KEPT_BYTES, MOST_KEPT_FRAMES};
+use crate::train::scene::point_parts::PARTS;
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::sum_scalar::SumScalar;
 use glam::{DQuat, DVec3};
@@ -138,7 +138,8 @@ impl<W: SumScalar> SceneTrainer<W> {
             *logged = FramePose::new(&recorded, &learnt.moved(motion));
         }
         self.touched.extend_from_slice(&sums.ids);
-        self.touched.sort_unstable();
+        // A sort that merges runs in order, as both are.
+        self.touched.sort();
         self.touched.dedup();
     }
 }
