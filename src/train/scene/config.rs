@@ -179,9 +179,9 @@ impl SceneConfig {
     }
 
     /// Whether frames are looked at a second time, and moved with what they taught (`scene.md`, A second look):
-    /// where recorded poses are corrected.
+    /// where recorded poses are corrected, and exposures: without these, frames drift after their brightness.
     pub fn looks_twice(&self) -> bool {
-        self.align && !self.track
+        self.align && !self.track && self.gain
     }
 
     /// How splats learn from photographs, given what they are.
