@@ -115,11 +115,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.photometric = photometric;
         let (changed, compared) = learnt.unwrap_or_default();
         self.compared.extend(compared);
-        self.touched.extend(changed);
+        self.touch(&changed);
+        given
+    }
+
+    /// Adds components, ascending, to those that the frame changed.
+    pub(super) fn touch(&mut self, changed: &[u32]) {
+        self.touched.extend_from_slice(changed);
         // A sort that merges runs in order, as both are.
         self.touched.sort();
         self.touched.dedup();
-        given
     }
 
     /// Gives new components splats that photographs can teach, and takes the step that the frame's

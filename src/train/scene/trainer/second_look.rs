@@ -137,9 +137,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         {
             *logged = FramePose::new(&recorded, &learnt.moved(motion));
         }
-        self.touched.extend_from_slice(&sums.ids);
-        // A sort that merges runs in order, as both are.
-        self.touched.sort();
-        self.touched.dedup();
+        self.touch(&sums.ids);
     }
 }
