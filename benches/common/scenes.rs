@@ -96,7 +96,7 @@ pub fn doubled(mut frame: Frame) -> Frame {
     let k = &mut frame.camera.intrinsics;
     (k.width, k.height) = (2 * k.width, 2 * k.height);
     (k.fx, k.fy, k.cx, k.cy) = (2.0 * k.fx, 2.0 * k.fy, 2.0 * k.cx, 2.0 * k.cy);
-    frame.color = double(&frame.color);
+    frame.color = double(&frame.color).into();
     if let Some(depth) = &mut frame.depth {
         match &mut depth.codes {
             DepthCodes::Inverse8(codes) => *codes = double(codes),

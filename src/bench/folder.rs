@@ -1,7 +1,8 @@
 //! Benches over a folder of scenes: which of its folders are scenes, and what was measured before.
 //!
 //! Several scenes take hours on small machines, so that every finished run is kept in a file of its
-//! own, and a bench that is started again goes on where it stopped.
+//! own, and a bench that is started again goes on where it stopped. Rows that another build of the program
+//! measured are measured anew: beside this one's they would make a table of two programs.
 
 use super::findings::BenchError;
 use crate::dataset::{self, Dataset, LoadOptions};
@@ -14,26 +15,38 @@ use std::sync::Arc;
 /// A finished run as it is kept.
 #[derive(Serialize, Deserialize)]
 struct Kept<R> {
-    /// What its rows depend on.
+    /// Checksum of the program that measured it.
+    program: u32,
+    /// What its rows depend on beside the program.
     of: Value,
     rows: Vec<R>,
 }
 
 /// The rows in a run's file if they are of this very run, else those that `measure` finds, which the
-/// file then holds. `of` is all that the rows depend on.
+/// file then holds. `of` is all that the rows depend on beside this very program.
 pub(super) fn kept_or_new<R: Serialize + DeserializeOwned>(
     file: &Path,
     of: Value,
     measure: impl FnOnce() -> Result<Vec<R>, BenchError>,
 ) -> Result<Vec<R>, BenchError> {
+    let program = program()?;
+    let is_same = |kept: &Kept<R>| kept.program == program && kept.of == of;
     let earlier = std::fs::read(file).ok().and_then(|b| serde_json::from_slice(&b).ok());
-    if let Some(Kept { rows, .. }) = earlier.filter(|kept: &Kept<R>| kept.of == of) {
+    if let Some(Kept { rows, .. }) = earlier.filter(is_same) {
         return Ok(rows);
     }
-    let kept = Kept { of, rows: measure()? };
+    let kept = Kept { program, of, rows: measure()? };
     std::fs::write(file, serde_json::to_vec_pretty(&kept)?)
         .map_err(|source| BenchError::File { path: file.to_owned(), source })?;
     Ok(kept.rows)
+}
+
+/// Checksum of the running program's file.
+fn program() -> Result<u32, BenchError> {
+    let path = std::env::current_exe()
+        .map_err(|source| BenchError::File { path: "the program's own file".into(), source })?;
+    let bytes = std::fs::read(&path).map_err(|source| BenchError::File { path, source })?;
+    Ok(crc32fast::hash(&bytes))
 }
 
 /// Makes the folder in which finished runs are kept.
@@ -64,4 +77,27 @@ pub(super) fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), Be
         return Err(BenchError::NoScene { folder: data.to_owned(), first });
     }
     Ok((scenes, left_out))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_this_program_and_run_alone_are_taken_from_a_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("run.json");
+        let measured = |of: &str, rows: u32| {
+            kept_or_new(&file, Value::from(of), || Ok(vec![rows])).expect("measured")
+        };
+        assert_eq!(measured("stream", 1), [1]);
+        assert_eq!(measured("stream", 2), [1], "measured before");
+        assert_eq!(measured("reversed", 3), [3], "another run");
+        let text = std::fs::read_to_string(&file).expect("kept");
+        let program = program().expect("a program");
+        let other = text.replace(&program.to_string(), &program.wrapping_add(1).to_string());
+        assert_ne!(text, other);
+        std::fs::write(&file, other).expect("written");
+        assert_eq!(measured("reversed", 4), [4], "another program");
+    }
 }

@@ -124,7 +124,7 @@ pub fn run(
     };
     let (mut input, skipped) = survey(dataset, &all, plan, &mut tick)?;
     let images: Vec<Pyramid> =
-        input.frames.iter().map(|f| Pyramid::new(f.color.clone(), LEVELS)).collect();
+        input.frames.iter().map(|f| Pyramid::new(f.color.as_ref().clone(), LEVELS)).collect();
     let before = agreement(&input, &images)?;
     tick();
     let known = dataset.known_calibration().and_then(|known| known.color_camera);

@@ -124,8 +124,8 @@ fn runs(n: usize) -> Vec<Range<usize>> {
 fn look(frames: &[FrameEntry], run: Range<usize>) -> Vec<Look<'_>> {
     let one = |index: usize| {
         let frame = frames.get(index).filter(|frame| frame.has_photograph())?;
-        let measure = PictureMeasure::of(&frame.load_color().ok()?);
-        Some(Look { index, name: &frame.name, measure })
+        let color = frame.load_color().ok()?;
+        Some(Look { index, name: &frame.name, measure: PictureMeasure::of(&color) })
     };
     run.into_par_iter().filter_map(one).collect()
 }

@@ -98,7 +98,13 @@ impl FrameEntry {
                     _ => (self.color(files)?, self.depth(files)?),
                 };
                 let (name, camera) = (self.name.clone(), self.camera);
-                Ok(Frame { name, camera, color_camera: self.color_camera, color, depth })
+                Ok(Frame {
+                    name,
+                    camera,
+                    color_camera: self.color_camera,
+                    color: color.into(),
+                    depth,
+                })
             }
         }
     }
@@ -107,10 +113,10 @@ impl FrameEntry {
     ///
     /// # Errors
     /// As [`Self::load`], of the photograph's file.
-    pub fn load_color(&self) -> Result<Image<[u8; 4]>, FrameError> {
+    pub fn load_color(&self) -> Result<Arc<Image<[u8; 4]>>, FrameError> {
         match &self.source {
             FrameSource::Synthetic { .. } => Ok(self.load()?.color),
-            FrameSource::Files(files) => self.color(files),
+            FrameSource::Files(files) => self.color(files).map(Arc::new),
         }
     }
 

@@ -14,6 +14,7 @@ use crate::math::image::Image;
 use crate::math::pose::Pose;
 use glam::{DMat4, DVec3};
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// A frame whose parts agree: depth has the camera's size, colour that of its own camera or else the
 /// same, and the pose is rigid.
@@ -27,7 +28,8 @@ pub struct Frame {
     /// `None` where colours are registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// sRGB-encoded straight (not premultiplied) RGBA bytes; alpha is 255 where the file has none.
-    pub color: Image<[u8; 4]>,
+    /// Shared, since what learns from the picture keeps it longer than the frame.
+    pub color: Arc<Image<[u8; 4]>>,
     /// Depth, in splits that have it.
     pub depth: Option<Depth>,
 }
@@ -114,7 +116,7 @@ impl Frame {
         })?;
         let pose = Pose::from_opencv(world_from_camera)?;
         let size = (intrinsics.width, intrinsics.height);
-        let color = color.image(size)?;
+        let color = color.image(size)?.into();
         let depth = depth.map(|buffer| buffer.depth(size)).transpose()?;
         let camera = Camera { intrinsics, pose };
         Ok(Self { name: name.to_owned(), camera, color_camera: None, color, depth })
@@ -155,7 +157,7 @@ impl Frame {
             let z = value / length_per_z(k, depth.kind, column, row);
             *pixel = self.color_of(&color_camera, k.ray(column, row) * z).unwrap_or([0; 4]);
         }
-        Cow::Owned(Self { color, color_camera: None, ..self.clone() })
+        Cow::Owned(Self { color: color.into(), color_camera: None, ..self.clone() })
     }
 
     /// The nearest texel to a point of the depth camera's frame.

@@ -187,7 +187,7 @@ mod tests {
         Frame {
             name: "wall".to_owned(),
             camera,
-            color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]),
+            color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]).into(),
             color_camera: None,
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0], metre: 1.0 }),
         }

@@ -181,6 +181,7 @@ mod tests {
     use crate::dataset::frame::{Depth, DepthCodes};
     use crate::math::pose::Pose;
     use glam::{DQuat, DVec3};
+    use std::sync::Arc;
 
     fn camera(width: u32, height: u32) -> Camera {
         Camera {
@@ -198,7 +199,7 @@ mod tests {
         Frame {
             name: "wall".to_owned(),
             camera,
-            color: Image::filled(width, height, [0, 0, 0, 255]),
+            color: Image::filled(width, height, [0, 0, 0, 255]).into(),
             color_camera: None,
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0], metre: 1.0 }),
         }
@@ -232,7 +233,7 @@ mod tests {
     #[test]
     fn what_shines_through_is_no_surface() {
         let mut frame = wall(camera(64, 48), |_, _| 2000);
-        frame.color.data[0][3] = 254;
+        Arc::make_mut(&mut frame.color).data[0][3] = 254;
         let found = Surfaces::of(&frame, Sensor::Kinect).unwrap();
         assert_eq!((found.z.data[0], found.z.data[1]), (0.0, 2.0));
     }

@@ -352,7 +352,7 @@ mod tests {
         Frame {
             name: "wall".to_owned(),
             camera: Camera { intrinsics, pose: Pose::IDENTITY },
-            color: Image::filled(width, height, [0, 0, 0, 255]),
+            color: Image::filled(width, height, [0, 0, 0, 255]).into(),
             color_camera: None,
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0], metre: 1.0 }),
         }

@@ -5,6 +5,7 @@ use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
+use std::sync::Arc;
 
 /// A frame's photograph and where it was taken from.
 #[derive(Clone, Debug)]
@@ -16,7 +17,7 @@ pub struct Photograph {
     /// How its axes are turned against those of the depth camera.
     pub turn: DQuat,
     /// Red, green, blue and opacity of its pixels, sRGB-encoded, in 255ths.
-    pub colors: Image<[u8; 4]>,
+    pub colors: Arc<Image<[u8; 4]>>,
     /// Factors that a calibration puts on red, green and blue.
     pub gain: [f32; 3],
     /// Depth of the surface in every pixel along this camera's axis, world units; 0 where it is not known.
@@ -60,7 +61,7 @@ impl Photograph {
             let [r, g, b] = pixel.color;
             MeasuredPixel { color: [r * gain[0], g * gain[1], b * gain[2]], ..pixel }
         };
-        let Image { width, height, .. } = self.colors;
+        let Image { width, height, .. } = *self.colors;
         let pixels = (0..height).flat_map(|row| self.row(row, margin)).map(exposed).collect();
         Image::from_vec(width, height, pixels)
     }

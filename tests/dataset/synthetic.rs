@@ -61,7 +61,7 @@ fn views_of_the_room_agree_exactly() {
 fn seeds_name_scenes_and_noise_is_off_unless_asked() {
     let load = |params: &SyntheticParams| dataset(params).unwrap().load(0, 1).unwrap();
     let (a, b) = (load(&TINY), load(&TINY));
-    assert_eq!((a.color.data.clone(), a.depth.clone()), (b.color.data, b.depth));
+    assert_eq!((&a.color, &a.depth), (&b.color, &b.depth));
     let other = load(&SyntheticParams { seed: 5, ..TINY });
     assert_ne!(a.color.data, other.color.data);
 

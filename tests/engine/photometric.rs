@@ -222,6 +222,10 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     (scene.stored_splats(), doubted)
 }
 
+fn pixels_of(frame: &mut Frame) -> &mut Vec<[u8; 4]> {
+    &mut Arc::make_mut(&mut frame.color).data
+}
+
 /// A name, and what it does to a frame.
 type Damage = (&'static str, fn(&mut Frame));
 
@@ -233,13 +237,13 @@ fn frames_that_contradict_the_scene_are_named_and_left_out() {
     assert!(none.is_empty(), "{none:?}");
     let clean = psnr(&clean);
     let damages: [Damage; 4] = [
-        ("black", |frame| frame.color.data.fill([0, 0, 0, 255])),
-        ("saturated", |frame| frame.color.data.fill([255; 4])),
+        ("black", |frame| pixels_of(frame).fill([0, 0, 0, 255])),
+        ("saturated", |frame| pixels_of(frame).fill([255; 4])),
         ("turned", |frame| {
             let turn = DQuat::from_rotation_y(0.3);
             frame.camera.pose = frame.camera.pose.attached(DVec3::new(0.1, 0.0, 0.0), turn);
         }),
-        ("another image", |frame| frame.color.data.reverse()),
+        ("another image", |frame| pixels_of(frame).reverse()),
     ];
     for (name, damage) in damages {
         let (harmed, doubted) = trained_on(damage);

@@ -15,7 +15,7 @@ use super::planes::{NOTHING, Planes, load};
 use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
 use super::sampling::PixelSampling;
 use super::sensor::Profile;
-use crate::math::simd::{Kernel, LANES, Vector};
+use crate::math::simd::{EVERY_BIT, Kernel, LANES, Vector};
 use std::ops::Range;
 
 /// Pixels on a side of the window.
@@ -134,19 +134,30 @@ fn fit_block<V: Vector, const STEP: usize>(
     let noise = load::<V, STEP>(&planes.noise[at..]);
     let inverse = load::<V, STEP>(&planes.inverse[at..]);
     let residuals = window::<V, STEP>(planes, at, noise, limits.steepness);
-    let mut sums = inliers(&residuals, [V::splat(0.0); 3], V::splat(ANY));
+    let gated = [V::splat(0.0); 3];
+    // The usual case, inside a surface: every sum but those of depths is known.
+    let mut is_whole = usable & !within(&residuals, gated, V::splat(ANY)) == 0;
+    let mut sums = match is_whole {
+        true => whole(&residuals),
+        false => inliers(&residuals, gated, V::splat(ANY)),
+    };
     let mut sound = usable & sums.are_enough();
+    let mut plane = sums.solve();
     for _ in 1..ROUNDS {
-        let next = inliers(&residuals, sums.solve(), limits.inlier);
+        // The sums of the whole window once more.
+        if is_whole && usable & !within(&residuals, plane, limits.inlier) == 0 {
+            break;
+        }
+        let next = inliers(&residuals, plane, limits.inlier);
         sound &= next.are_enough();
         // Where all that the gate let in are inliers, another round would find the same plane.
         let is_settled = usable & !sums.n.at_most(next.n) == 0;
-        sums = next;
+        (sums, is_whole) = (next, false);
+        plane = sums.solve();
         if is_settled {
             break;
         }
     }
-    let plane = sums.solve();
     // From units of q / z² to multiples of 1 / z.
     let unit = noise * inverse;
     let [excess, step_x, step_y] = [plane[0] * unit, plane[1] * unit, plane[2] * unit];
@@ -211,57 +222,89 @@ struct Sums<V> {
     dd: V,
 }
 
+/// Inverse depth that a plane expects in the columns of one row of the window, `offset` below the pixel.
+#[inline(always)]
+fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE] {
+    // Written out for a window of five columns: another radius needs other moments in `Sums`.
+    let (double_step, centre) = (step + step, middle + offset * step_down);
+    [centre - double_step, centre - step, centre, centre + step, centre + double_step]
+}
+
+/// Lanes whose whole window lies within `limit` of `plane`.
+#[inline(always)]
+fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
+    let mut inside = V::splat(EVERY_BIT);
+    for row in 0..SIDE {
+        let expected = expected(plane, V::splat(row as f32 - RADIUS as f32));
+        for column in 0..SIDE {
+            let residual = residuals[row * SIDE + column];
+            inside = inside.and(abs(residual - expected[column]).mask_at_most(limit));
+        }
+    }
+    inside.signs()
+}
+
 /// Sums over the neighbours whose residual against `plane` is at most `limit`.
 #[inline(always)]
 fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<V> {
-    let (zero, one, two) = (V::splat(0.0), V::splat(1.0), V::splat(2.0));
-    let mut sums = Sums {
-        n: zero,
-        a: zero,
-        b: zero,
-        aa: zero,
-        ab: zero,
-        bb: zero,
-        d: zero,
-        ad: zero,
-        bd: zero,
-        dd: zero,
-    };
-    let [middle, step, step_down] = plane;
-    let double_step = step + step;
+    let (zero, one) = (V::splat(0.0), V::splat(1.0));
+    let mut sums = Sums::none();
     for row in 0..SIDE {
         let offset = V::splat(row as f32 - RADIUS as f32);
-        let centre = middle + offset * step_down;
-        // Written out for a window of five columns: another radius needs other moments below.
-        let expected =
-            [centre - double_step, centre - step, centre, centre + step, centre + double_step];
+        let expected = expected(plane, offset);
         let mut count = [zero; SIDE];
-        let mut depth = [zero; SIDE];
+        let mut depths = [zero; SIDE];
         for column in 0..SIDE {
             let residual = residuals[row * SIDE + column];
             let inside = abs(residual - expected[column]).mask_at_most(limit);
             count[column] = one.and(inside);
-            depth[column] = residual.and(inside);
-            sums.dd = sums.dd + depth[column] * depth[column];
+            depths[column] = residual.and(inside);
         }
-        // Offsets are −2 to 2: moments of a row of the window are sums and differences.
-        let (n, a) = (total(count), (count[4] - count[0]) * two + (count[3] - count[1]));
-        let (d, ad) = (total(depth), (depth[4] - depth[0]) * two + (depth[3] - depth[1]));
-        let aa = (count[4] + count[0]) * V::splat(4.0) + (count[3] + count[1]);
-        sums.n = sums.n + n;
-        sums.a = sums.a + a;
-        sums.aa = sums.aa + aa;
-        sums.b = sums.b + offset * n;
-        sums.ab = sums.ab + offset * a;
-        sums.bb = sums.bb + offset * offset * n;
-        sums.d = sums.d + d;
-        sums.ad = sums.ad + ad;
-        sums.bd = sums.bd + offset * d;
+        sums.add(offset, count, depths);
+    }
+    sums
+}
+
+/// Sums over the whole window, as [`inliers`] adds them up.
+#[inline(always)]
+fn whole<V: Vector>(residuals: &[V; WINDOW]) -> Sums<V> {
+    let mut sums = Sums::none();
+    for (row, depths) in residuals.as_chunks::<SIDE>().0.iter().enumerate() {
+        let offset = V::splat(row as f32 - RADIUS as f32);
+        sums.add(offset, [V::splat(1.0); SIDE], *depths);
     }
     sums
 }
 
 impl<V: Vector> Sums<V> {
+    #[inline(always)]
+    fn none() -> Self {
+        let zero = V::splat(0.0);
+        let ([n, a, b, aa, ab, bb], [d, ad, bd, dd]) = ([zero; 6], [zero; 4]);
+        Self { n, a, b, aa, ab, bb, d, ad, bd, dd }
+    }
+
+    /// Adds a row of the window: 1 and the inverse depth of each neighbour that takes part, else zeros.
+    /// Offsets of columns are −2 to 2, so its moments are sums and differences.
+    #[inline(always)]
+    fn add(&mut self, offset: V, count: [V; SIDE], depths: [V; SIDE]) {
+        let (n, a) = (total(count), first_moment(count));
+        let (d, ad) = (total(depths), first_moment(depths));
+        let aa = (count[4] + count[0]) * V::splat(4.0) + (count[3] + count[1]);
+        self.n = self.n + n;
+        self.a = self.a + a;
+        self.aa = self.aa + aa;
+        self.b = self.b + offset * n;
+        self.ab = self.ab + offset * a;
+        self.bb = self.bb + offset * offset * n;
+        self.d = self.d + d;
+        self.ad = self.ad + ad;
+        self.bd = self.bd + offset * d;
+        for depth in depths {
+            self.dd = self.dd + depth * depth;
+        }
+    }
+
     /// Lanes with enough neighbours that are not all on one line.
     #[inline(always)]
     fn are_enough(&self) -> u32 {
@@ -307,6 +350,12 @@ impl<V: Vector> Sums<V> {
 #[inline(always)]
 fn total<V: Vector>([a, b, c, d, e]: [V; SIDE]) -> V {
     (a + b) + (d + e) + c
+}
+
+/// Sum of values times their offsets from the middle, −2 to 2.
+#[inline(always)]
+fn first_moment<V: Vector>(values: [V; SIDE]) -> V {
+    (values[4] - values[0]) * V::splat(2.0) + (values[3] - values[1])
 }
 
 #[inline(always)]

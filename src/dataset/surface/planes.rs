@@ -16,7 +16,8 @@ use crate::dataset::depth::{
 use crate::dataset::frame::Frame;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
-use crate::math::simd::{LANES, Vector};
+use crate::math::simd::{Kernel, LANES, Vector};
+use std::ops::Range;
 
 /// Depth where nothing is known; beyond every legal one.
 pub(super) const NOTHING: f32 = f32::MAX;
@@ -42,6 +43,49 @@ pub(super) struct Planes {
     opaque: Vec<[u8; 4]>,
 }
 
+/// Replaces the planes by a frame's depth. Writes the measured range of every pixel, and its status as far
+/// as it is known: [`PixelStatus::Kept`] where it is usable.
+pub(super) struct FillPlanes<'a> {
+    pub planes: &'a mut Planes,
+    pub frame: &'a Frame,
+    pub depth: &'a Depth,
+    pub profile: &'a Profile,
+    pub calibration: &'a Calibration,
+    pub ranges: &'a mut Image<f32>,
+    pub statuses: &'a mut Image<PixelStatus>,
+}
+
+impl Kernel for FillPlanes<'_> {
+    type Output = ();
+
+    // Loops over slices, which the compiler turns into whatever vectors this is compiled for.
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { planes, frame, depth, profile, calibration, ranges, statuses } = self;
+        planes.resize(&frame.camera.intrinsics, depth.size());
+        let decoding = Decoding::new(depth, profile.offset, calibration);
+        // Out of the planes while their rows are filled, which borrows all of them.
+        let mut table = std::mem::take(&mut planes.table);
+        table.fill(decoding);
+        let out = (ranges, statuses);
+        match &depth.codes {
+            DepthCodes::Inverse8(codes) => {
+                let length = |code: u8| table.of(code.into());
+                planes.fill_rows(frame, codes, depth.kind, &profile.noise, out, length);
+            }
+            DepthCodes::Linear16 { codes, .. } => {
+                let length = |code: u16| table.of(code.into());
+                planes.fill_rows(frame, codes, depth.kind, &profile.noise, out, length);
+            }
+            DepthCodes::Lengths(lengths) => {
+                let length = |length: f32| decoding.usable(decode_length(length));
+                planes.fill_rows(frame, lengths, depth.kind, &profile.noise, out, length);
+            }
+        }
+        planes.table = table;
+    }
+}
+
 impl Planes {
     /// Where a pixel lies in the planes.
     #[inline(always)]
@@ -59,40 +103,6 @@ impl Planes {
     #[inline(always)]
     pub fn blocks(&self, step: usize) -> usize {
         self.size[0].div_ceil(LANES * step)
-    }
-
-    /// Replaces the planes by a frame's depth. Writes the measured range of every pixel, and its
-    /// status as far as it is known: [`PixelStatus::Kept`] where it is usable.
-    pub fn fill(
-        &mut self,
-        frame: &Frame,
-        depth: &Depth,
-        profile: &Profile,
-        calibration: &Calibration,
-        ranges: &mut Image<f32>,
-        statuses: &mut Image<PixelStatus>,
-    ) {
-        self.resize(&frame.camera.intrinsics, depth.size());
-        let decoding = Decoding::new(depth, profile.offset, calibration);
-        // Out of `self` while rows are filled, which borrows all of it.
-        let mut table = std::mem::take(&mut self.table);
-        table.fill(decoding);
-        let out = (ranges, statuses);
-        match &depth.codes {
-            DepthCodes::Inverse8(codes) => {
-                let length = |code: u8| table.lengths[usize::from(code)];
-                self.fill_rows(frame, codes, depth.kind, &profile.noise, out, length);
-            }
-            DepthCodes::Linear16 { codes, .. } => {
-                let length = |code: u16| table.lengths[usize::from(code)];
-                self.fill_rows(frame, codes, depth.kind, &profile.noise, out, length);
-            }
-            DepthCodes::Lengths(lengths) => {
-                let length = |length: f32| decoding.usable(decode_length(length));
-                self.fill_rows(frame, lengths, depth.kind, &profile.noise, out, length);
-            }
-        }
-        self.table = table;
     }
 
     fn resize(&mut self, k: &Intrinsics, (width, height): (usize, usize)) {
@@ -116,6 +126,7 @@ impl Planes {
         self.slope_y.extend((0..height).map(|row| k.ray(0, row).y as f32));
     }
 
+    #[inline(always)]
     fn fill_rows<C: Copy>(
         &mut self,
         frame: &Frame,
@@ -123,7 +134,7 @@ impl Planes {
         kind: DepthKind,
         noise: &NoiseLaw,
         (ranges, statuses): (&mut Image<f32>, &mut Image<PixelStatus>),
-        length: impl Fn(C) -> Result<f32, PixelStatus>,
+        length: impl Fn(C) -> (f32, PixelStatus),
     ) {
         let [width, height] = self.size;
         for row in 0..height {
@@ -134,22 +145,23 @@ impl Planes {
             };
             let statuses = &mut statuses.data[pixels.clone()];
             let ranges = &mut ranges.data[pixels.clone()];
-            let some = read_row(&codes.data[pixels], colors, &mut self.lengths, statuses, &length);
+            read_row(&codes.data[pixels], colors, &mut self.lengths, statuses, &length);
+            // Before an object there is nothing to either side of it: no ray need be formed there.
+            let used = usable_of(statuses);
             let at = self.at(0, row);
-            let row_of = at..at + width;
-            // A row without a usable pixel: no ray of it need be formed.
-            if !some {
-                self.z[row_of].fill(NOTHING);
-                ranges.copy_from_slice(&self.lengths);
-                continue;
-            }
+            self.z[at..at + used.start].fill(NOTHING);
+            self.z[at + used.end..at + width].fill(NOTHING);
+            ranges[..used.start].copy_from_slice(&self.lengths[..used.start]);
+            ranges[used.end..].copy_from_slice(&self.lengths[used.end..]);
+            let inside = at + used.start..at + used.end;
             let out = Row {
-                z: &mut self.z[row_of.clone()],
-                inverse: &mut self.inverse[row_of.clone()],
-                noise: &mut self.noise[row_of],
-                ranges,
+                z: &mut self.z[inside.clone()],
+                inverse: &mut self.inverse[inside.clone()],
+                noise: &mut self.noise[inside],
+                ranges: &mut ranges[used.clone()],
             };
-            let (lengths, x, y) = (&self.lengths, &self.slope_x, self.slope_y[row]);
+            let (lengths, x) = (&self.lengths[used.clone()], &self.slope_x[used]);
+            let y = self.slope_y[row];
             match kind {
                 DepthKind::RayDistance => {
                     out.fill(lengths, x, y, noise, |length, per_z| [length / per_z, length]);
@@ -211,8 +223,10 @@ impl Row<'_> {
 #[derive(Clone, Debug, Default)]
 struct Table {
     key: Option<Decoding>,
-    /// Length, or what becomes of a pixel without a usable one.
-    lengths: Vec<Result<f32, PixelStatus>>,
+    /// Lengths, NaN where there is no usable one.
+    lengths: Vec<f32>,
+    /// Whether there is one, or what becomes of a pixel without.
+    statuses: Vec<PixelStatus>,
 }
 
 impl Table {
@@ -222,17 +236,19 @@ impl Table {
             return;
         }
         self.key = Some(decoding);
-        self.lengths.clear();
         let usable = |decoded| decoding.usable(decoded);
-        match decoding.codes {
-            CodeUnit::Inverse8 => {
-                self.lengths.extend((0..=u8::MAX).map(|d| usable(decode_inverse8(d))));
-            }
+        (self.lengths, self.statuses) = match decoding.codes {
+            CodeUnit::Inverse8 => (0..=u8::MAX).map(|d| usable(decode_inverse8(d))).unzip(),
             CodeUnit::Linear16(unit) => {
-                self.lengths.extend((0..=u16::MAX).map(|d| usable(decode_linear16(d, unit))));
+                (0..=u16::MAX).map(|d| usable(decode_linear16(d, unit))).unzip()
             }
-            CodeUnit::None => {}
-        }
+            CodeUnit::None => Default::default(),
+        };
+    }
+
+    #[inline(always)]
+    fn of(&self, code: usize) -> (f32, PixelStatus) {
+        (self.lengths[code], self.statuses[code])
     }
 }
 
@@ -268,45 +284,49 @@ impl Decoding {
         Self { codes, trusted: depth.trusted, scale, offset }
     }
 
-    /// The corrected length of a pixel, or why there is none. Trust is a matter of what the sensor
+    /// The corrected length of a pixel, or NaN and why there is none. Trust is a matter of what the sensor
     /// measured, so the interval holds for the length before it is corrected.
     #[inline(always)]
-    fn usable(&self, decoded: Option<f64>) -> Result<f32, PixelStatus> {
-        let decoded = decoded.ok_or(PixelStatus::Hole)?;
+    fn usable(&self, decoded: Option<f64>) -> (f32, PixelStatus) {
+        let Some(decoded) = decoded else { return (f32::NAN, PixelStatus::Hole) };
         let length = decoded * self.scale + self.offset;
         let is_trusted = decoded > self.trusted[0] && decoded < self.trusted[1];
         match is_trusted && length > 0.0 {
-            true if LENGTHS.contains(&length) => Ok(length as f32),
-            true => Err(PixelStatus::Far),
-            false => Err(PixelStatus::Range),
+            true if LENGTHS.contains(&length) => (length as f32, PixelStatus::Kept),
+            true => (f32::NAN, PixelStatus::Far),
+            false => (f32::NAN, PixelStatus::Range),
         }
     }
 }
 
 /// Decodes a row; a pixel that is not usable gets its range: infinite where nothing is to be seen,
-/// else NaN. Whether any is usable.
+/// else NaN.
+#[inline(always)]
 fn read_row<C: Copy>(
     codes: &[C],
     colors: &[[u8; 4]],
     lengths: &mut [f32],
     statuses: &mut [PixelStatus],
-    length_of: impl Fn(C) -> Result<f32, PixelStatus>,
-) -> bool {
-    let mut some = false;
+    length_of: impl Fn(C) -> (f32, PixelStatus),
+) {
     let out = lengths.iter_mut().zip(statuses);
     for ((code, [.., alpha]), (length, status)) in codes.iter().zip(colors).zip(out) {
+        let (decoded, found) = length_of(*code);
+        // Choices, not branches: holes and edges are where no processor guesses well.
+        let (is_opaque, is_hole) = (*alpha == u8::MAX, found == PixelStatus::Hole);
         // A transparent hole is background: the ray meets nothing, so what stood there is missed.
         // A hole in an opaque pixel is no measurement and says nothing of what lies behind it.
-        (*length, *status) = match (length_of(*code), alpha) {
-            (Err(PixelStatus::Hole), 0) => (f32::INFINITY, PixelStatus::Hole),
-            (Err(PixelStatus::Hole), _) => (f32::NAN, PixelStatus::Hole),
-            (Ok(length), 255) => {
-                some = true;
-                (length, PixelStatus::Kept)
-            }
-            (Err(status), 255) => (f32::NAN, status),
-            _ => (f32::NAN, PixelStatus::Alpha),
-        };
+        let otherwise = if is_hole & (*alpha == 0) { f32::INFINITY } else { f32::NAN };
+        *length = if is_opaque { decoded } else { otherwise };
+        *status = if is_opaque | is_hole { found } else { PixelStatus::Alpha };
     }
-    some
+}
+
+/// From the first usable pixel of a row to behind the last.
+#[inline(always)]
+fn usable_of(statuses: &[PixelStatus]) -> Range<usize> {
+    let is_usable = |status: &PixelStatus| *status == PixelStatus::Kept;
+    let first = statuses.iter().position(is_usable).unwrap_or(statuses.len());
+    let end = statuses.iter().rposition(is_usable).map_or(first, |last| last + 1);
+    first..end
 }

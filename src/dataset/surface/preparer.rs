@@ -4,17 +4,18 @@ use super::color_lookup::{Beside, ColorLookup};
 use super::emit::{EmitRows, Emitter};
 use super::fit::{FitRows, Fitted};
 use super::photographed::{registered, seen_beside};
-use super::planes::Planes;
+use super::planes::{FillPlanes, Planes};
 use super::projection::Projection;
 use super::recipe::TILE;
 use super::seen::{SeeFrame, SeenDepths};
+use super::sensor::Profile;
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
-use crate::observation::surface::Observation;
+use crate::observation::surface::{Observation, SurfacePoint};
 
 /// Turns frames into observations; keeps its scratch memory between frames.
 ///
@@ -77,7 +78,16 @@ impl Preparer {
         resize(statuses, width, height);
         let calibration = settings.calibration();
         // Whole before the first fit: windows read beyond their tile, what hides a surface comes from anywhere.
-        planes.fill(frame, depth, &profile, calibration, &mut out.ranges, statuses);
+        let ranges = &mut out.ranges;
+        isa.run(FillPlanes {
+            planes,
+            frame,
+            depth,
+            profile: &profile,
+            calibration,
+            ranges,
+            statuses,
+        });
         let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
         let camera = color_camera.as_ref().map(Projection::new);
         if let (Some(color_camera), Some(camera)) = (&color_camera, &camera) {
@@ -92,30 +102,18 @@ impl Preparer {
         let beside = camera.as_ref().map(|camera| Beside { camera, depths: seen, margin });
         let colors = ColorLookup::new(frame, calibration, beside);
         let emitter = Emitter::new(frame, planes, settings, &profile, colors);
-        out.points.clear();
-        // A row of tiles at a time: what was fitted is still in the cache when points are made.
-        for top in (0..height).step_by(TILE) {
-            let rows = top..height.min(top + TILE);
-            let fit = FitRows {
-                planes,
-                rows: rows.clone(),
-                sampling: settings.sampling,
-                profile: &profile,
-                out: fitted,
-            };
-            isa.run(fit);
-            let points = &mut out.points;
-            isa.run(EmitRows { emitter: &emitter, fitted, rows, points, statuses });
-        }
+        let rows = RowsOfTiles { isa: *isa, planes, profile: &profile, emitter: &emitter };
+        rows.replace(fitted, statuses, &mut out.points);
         out.point_weight = settings.sampling.weight();
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;
+        let earlier = out.photograph.take();
         out.photograph = settings.photograph.then(|| {
             let gain = calibration.gain(&frame.name);
             match &color_camera {
-                None => registered(frame, planes, gain),
-                Some(camera) => seen_beside(frame, seen, camera, gain),
+                None => registered(frame, planes, gain, earlier),
+                Some(camera) => seen_beside(frame, seen, camera, gain, earlier),
             }
         });
         Ok(SurfaceCounts::of(&statuses.data))
@@ -130,6 +128,34 @@ impl Preparer {
 impl Default for Preparer {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// Surfaces of a frame, a row of tiles at a time: what was fitted is still in the cache when points are made.
+struct RowsOfTiles<'a> {
+    isa: Isa,
+    planes: &'a Planes,
+    profile: &'a Profile,
+    emitter: &'a Emitter<'a>,
+}
+
+impl RowsOfTiles<'_> {
+    /// Replaces `points` by those of all rows.
+    fn replace(
+        &self,
+        fitted: &mut Fitted,
+        statuses: &mut Image<PixelStatus>,
+        points: &mut Vec<SurfacePoint>,
+    ) {
+        let Self { isa, planes, profile, emitter } = *self;
+        let (height, sampling) = (statuses.height, emitter.sampling());
+        points.clear();
+        for top in (0..height).step_by(TILE) {
+            let rows = top..height.min(top + TILE);
+            let out = &mut *fitted;
+            isa.run(FitRows { planes, rows: rows.clone(), sampling, profile, out });
+            isa.run(EmitRows { emitter, fitted, rows, points, statuses });
+        }
     }
 }
 

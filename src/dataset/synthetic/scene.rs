@@ -57,7 +57,7 @@ impl SyntheticScene {
         noise_stream: Option<u64>,
     ) -> Frame {
         let SyntheticView { color, depth_z } = self.sensed(&camera, noise_stream);
-        let codes = quantise(&depth_z, DEPTH_UNIT);
+        let (color, codes) = (color.into(), quantise(&depth_z, DEPTH_UNIT));
         let depth = Depth {
             codes: DepthCodes::Linear16 { codes, unit: DEPTH_UNIT },
             kind: DepthKind::Z,

@@ -52,7 +52,7 @@ pub fn frame(kind: DepthKind, z: impl Fn(usize, usize) -> f64) -> Frame {
         color_camera: None,
         name: "drawn".to_owned(),
         camera,
-        color: Image::from_vec(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(color).collect()),
+        color: Image::from_vec(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(color).collect()).into(),
         depth: Some(depth),
     }
 }

@@ -4,6 +4,7 @@ use super::drawn::{HEIGHT, WIDTH, frame, prepare, settings};
 use super::oracle;
 use crate::common::scratch::{open_plain, tiny};
 use glam::DVec3;
+use std::sync::Arc;
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{
@@ -43,7 +44,7 @@ fn frames_that_give_no_points_say_why() {
     assert_eq!(counts(&holes, &kinect), of(|c| &mut c.holes));
 
     let mut glass = wall();
-    glass.color.data.iter_mut().for_each(|p| p[3] = 254);
+    Arc::make_mut(&mut glass.color).data.iter_mut().for_each(|p| p[3] = 254);
     assert_eq!(counts(&glass, &kinect), of(|c| &mut c.dropped_alpha));
 
     let mut far = wall();
@@ -101,7 +102,7 @@ fn pixels_that_are_left_out_change_no_other() {
 #[test]
 fn ranges_tell_nothing_from_unknown() {
     let mut half = frame(DepthKind::Z, |column, _| if column < 20 { 1.0 } else { 0.0 });
-    for (i, pixel) in half.color.data.iter_mut().enumerate() {
+    for (i, pixel) in Arc::make_mut(&mut half.color).data.iter_mut().enumerate() {
         pixel[3] = match (i % WIDTH, i / WIDTH) {
             (5, _) => 100,
             (20.., 0..10) => 0,
@@ -128,7 +129,7 @@ fn tiny_frames_are_prepared() {
         let n = width * height;
         let k = &mut frame.camera.intrinsics;
         (k.width, k.height) = (width as u32, height as u32);
-        frame.color = Image::from_vec(width, height, vec![[9, 9, 9, 255]; n]);
+        frame.color = Image::from_vec(width, height, vec![[9, 9, 9, 255]; n]).into();
         let codes = Image::from_vec(width, height, vec![10_000; n]);
         let codes = DepthCodes::Linear16 { codes, unit: 1e-4 };
         let trusted = [0.0, f64::INFINITY];

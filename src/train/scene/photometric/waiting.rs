@@ -109,7 +109,7 @@ mod tests {
             intrinsics,
             offset: DVec3::ZERO,
             turn: DQuat::IDENTITY,
-            colors: Image::from_vec(5, 9, (0..45).map(color).collect()),
+            colors: Image::from_vec(5, 9, (0..45).map(color).collect()).into(),
             gain: [1.0, 0.5, 1.0],
             depths: Image::from_vec(5, 9, (0..45).map(depth).collect()),
             shows_coverage: true,
