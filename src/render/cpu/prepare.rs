@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide the
 /// scheduling.
-pub(super) const CHUNK: usize = 2048;
+pub(super) const CHUNK: usize = 512;
 
 /// What a chunk held; its visible records come first in its part of the lists.
 #[derive(Clone, Copy, Default)]

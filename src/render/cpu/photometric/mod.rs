@@ -42,7 +42,7 @@ use rayon::prelude::*;
 use row::{WalkCanvas, WalkRow};
 
 /// Least records per parallel task of adding rows up.
-const MIN_TASK: usize = 2048;
+const MIN_TASK: usize = 512;
 
 /// Compares photographs with splats on the processor; keeps its buffers between views.
 #[derive(Default)]

@@ -118,10 +118,11 @@ impl PhotometricLearner {
         let new = touched.par_iter().filter(|&&id| begins(id as usize));
         let new: Vec<(u32, (Splat, Appearance))> =
             new.map(|&id| (id, splat(id as usize))).filter(|(_, s)| s.0.is_drawable()).collect();
-        let mut run = self.run();
-        for (id, (splat, appearance)) in new {
-            run.begin(id as usize, splat, appearance, &rule.prior);
-        }
+        self.runs().for_each(|mut run| {
+            for &(id, (splat, appearance)) in run.own(&new, |(id, _)| *id) {
+                run.begin(id as usize - run.first, splat, appearance, &rule.prior);
+            }
+        });
     }
 
     /// Forgets a component's splat.
@@ -254,24 +255,24 @@ impl PhotometricLearner {
         variance: f64,
         rule: &PhotometricRule,
     ) -> u64 {
-        let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
-        let shapes = splats.par_chunks_mut(MIN_TASK).zip(form.par_chunks_mut(MIN_TASK));
-        let colors = appearance.par_chunks_mut(MIN_TASK).zip(color.par_chunks_mut(MIN_TASK));
         let isa = Isa::best();
-        let repaired = shapes.zip(colors).enumerate().with_max_len(1).map(
-            |(task, ((splats, form), (appearance, color)))| {
-                let (first, end) = (task * MIN_TASK, (task + 1) * MIN_TASK);
-                let before = |end: usize| seen.partition_point(|seen| (seen.id as usize) < end);
-                let run = SplatRun { first, splats, appearance, form, color };
-                let seen = &seen[before(first)..before(end)];
-                isa.run(LearnRun { run, compared, seen, variance, rule })
-            },
-        );
+        let repaired = self.runs().map(|run| {
+            let seen = run.own(seen, |seen| seen.id);
+            isa.run(LearnRun { run, compared, seen, variance, rule })
+        });
         repaired.sum()
     }
 
-    fn run(&mut self) -> SplatRun<'_> {
+    /// All splats in runs, one a task.
+    fn runs(&mut self) -> impl ParallelIterator<Item = SplatRun<'_>> {
         let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
-        SplatRun { first: 0, splats, appearance, form, color }
+        let shapes = splats.par_chunks_mut(MIN_TASK).zip(form.par_chunks_mut(MIN_TASK));
+        let colors = appearance.par_chunks_mut(MIN_TASK).zip(color.par_chunks_mut(MIN_TASK));
+        shapes.zip(colors).enumerate().with_max_len(1).map(
+            |(task, ((splats, form), (appearance, color)))| {
+                let first = task * MIN_TASK;
+                SplatRun { first, splats, appearance, form, color }
+            },
+        )
     }
 }

@@ -63,6 +63,12 @@ impl Kernel for LearnRun<'_> {
 }
 
 impl SplatRun<'_> {
+    /// Those of a list that are about its splats; the list is ascending by the number of the splat.
+    pub fn own<'l, T>(&self, list: &'l [T], splat: impl Fn(&T) -> u32) -> &'l [T] {
+        let before = |end: usize| list.partition_point(|entry| (splat(entry) as usize) < end);
+        &list[before(self.first)..before(self.first + self.splats.len())]
+    }
+
     /// Makes a row's splat what points say, and its precision the prior's.
     pub fn begin(&mut self, row: usize, splat: Splat, look: Appearance, prior: &PriorDeviations) {
         (self.splats[row], self.appearance[row]) = (splat, look);
