@@ -10,6 +10,10 @@ use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, parts};
 use glam::DVec3;
+use rayon::prelude::*;
+
+/// Components per parallel task.
+const MIN_TASK: usize = 16;
 
 /// The photographs of views at one size.
 #[derive(Clone, Copy)]
@@ -70,8 +74,11 @@ fn seen(
     let by_depth = by_depth.map(|by| by - turn.cross(by));
     let projected = projector.project(placed(place, view, estimate))?;
     let texel = photos.images[view].sample(photos.level, projected.at)?;
-    // How the pixel moves, by all unknowns.
-    let pixel: [[f64; WITH_POSE]; 2] = std::array::from_fn(|axis| {
+    // A gain scales slopes as it scales colours.
+    let gain = photos.gains[view];
+    let (mut color, mut slope) = ([0.0; 3], [[0.0; WITH_POSE]; 3]);
+    let [across, down] = [0, 1].map(|axis| {
+        // How the pixel moves, by all unknowns.
         let by_place = projected.by_place[axis];
         let mut slope = [0.0; WITH_POSE];
         slope[..CAMERA].copy_from_slice(&by_depth.map(|by| by_place.dot(by)));
@@ -80,13 +87,13 @@ fn seen(
         slope[N + 3..].copy_from_slice(&(-place.cross(by_place)).to_array());
         slope
     });
-    // A gain scales slopes as it scales colours.
-    let gain = photos.gains[view];
-    let color = std::array::from_fn(|i| gain[i] * texel.color[i]);
-    let slope = std::array::from_fn(|i| {
-        let [across, down] = texel.slope[i];
-        std::array::from_fn(|j| gain[i] * (across * pixel[0][j] + down * pixel[1][j]))
-    });
+    for i in 0..3 {
+        color[i] = gain[i] * texel.color[i];
+        let [by_column, by_row] = texel.slope[i];
+        for j in 0..WITH_POSE {
+            slope[i][j] = gain[i] * (by_column * across[j] + by_row * down[j]);
+        }
+    }
     Some(SeenColor { color, slope })
 }
 
@@ -130,31 +137,31 @@ impl ColorOffset {
     /// Adds it to its view's equations.
     pub fn add(&self, weight: f64, equations: &mut NormalEquations<WITH_POSE>) {
         equations.n += weight;
-        for i in 0..3 {
-            equations.add_residual(self.color[i], &self.slope[i], weight);
-        }
+        equations.add_residuals(self.color, self.slope.each_ref().map(|slope| &slope[..]), weight);
     }
 }
 
 /// Mean colours of components by view, before gains; sorted by component.
 pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<Patch> {
     let projector = Projector::new(&at.unknowns.camera);
-    let mut patches = Vec::new();
-    for component in 0..matches.len() {
-        for run in matches.of(component).chunk_by(|a, b| a.view == b.view) {
-            let view = run[0].view;
-            let image = &photos.images[view as usize];
-            let mut patch = Patch::new(component as u32, view);
-            run.iter()
-                .filter_map(|s| {
-                    projector.project(placed(measured(matches, s, at).0, view as usize, at))
-                })
-                .filter_map(|projected| image.sample(photos.level, projected.at))
-                .for_each(|texel| patch.add(texel.color));
-            patches.push(patch);
-        }
-    }
-    patches
+    let components = (0..matches.len()).into_par_iter().with_min_len(MIN_TASK);
+    let of = |component: usize| {
+        let runs = matches.of(component).chunk_by(|a, b| a.view == b.view);
+        runs.map(move |run| (component as u32, run))
+    };
+    let patch = |(component, run): (u32, &[MatchedPoint])| {
+        let view = run[0].view;
+        let image = &photos.images[view as usize];
+        let mut patch = Patch::new(component, view);
+        run.iter()
+            .filter_map(|s| {
+                projector.project(placed(measured(matches, s, at).0, view as usize, at))
+            })
+            .filter_map(|projected| image.sample(photos.level, projected.at))
+            .for_each(|texel| patch.add(texel.color));
+        patch
+    };
+    components.flat_map_iter(of).map(patch).collect()
 }
 
 /// Root mean square of the shift in the image, pixels, that a unit of every unknown of the camera makes.

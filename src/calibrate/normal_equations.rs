@@ -23,14 +23,37 @@ impl<const N: usize> NormalEquations<N> {
     /// Of no residual.
     pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
 
-    /// Adds a residual, how it changes with every unknown, and its weight.
+    /// Adds a residual, how it changes with the first unknowns (with the others it does not), and its weight.
     #[inline(always)]
-    pub fn add_residual(&mut self, residual: f64, slope: &[f64; N], weight: f64) {
-        self.cost += weight * residual * residual;
-        for j in 0..N {
-            self.gradient[j] += weight * slope[j] * residual;
-            for k in 0..=j {
-                self.curvature[j][k] += weight * slope[j] * slope[k];
+    pub fn add_residual(&mut self, residual: f64, slope: &[f64], weight: f64) {
+        self.add_residuals([residual], [slope], weight);
+    }
+
+    /// Adds residuals of one weight. Each sum is read and written once for all of them.
+    #[inline(always)]
+    pub fn add_residuals<const M: usize>(
+        &mut self,
+        residuals: [f64; M],
+        slopes: [&[f64]; M],
+        weight: f64,
+    ) {
+        for residual in residuals {
+            self.cost += weight * residual * residual;
+        }
+        for j in 0..slopes[0].len() {
+            let mut pull = self.gradient[j];
+            let mut weighted = [0.0; M];
+            for i in 0..M {
+                weighted[i] = weight * slopes[i][j];
+                pull += weighted[i] * residuals[i];
+            }
+            self.gradient[j] = pull;
+            for (k, sum) in self.curvature[j][..=j].iter_mut().enumerate() {
+                let mut curvature = *sum;
+                for i in 0..M {
+                    curvature += weighted[i] * slopes[i][k];
+                }
+                *sum = curvature;
             }
         }
     }
