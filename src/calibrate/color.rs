@@ -10,10 +10,6 @@ use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, parts};
 use glam::DVec3;
-use rayon::prelude::*;
-
-/// Components per parallel task.
-const MIN_TASK: usize = 16;
 
 /// The photographs of views at one size.
 #[derive(Clone, Copy)]
@@ -144,24 +140,22 @@ impl ColorOffset {
 /// Mean colours of components by view, before gains; sorted by component.
 pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<Patch> {
     let projector = Projector::new(&at.unknowns.camera);
-    let components = (0..matches.len()).into_par_iter().with_min_len(MIN_TASK);
-    let of = |component: usize| {
-        let runs = matches.of(component).chunk_by(|a, b| a.view == b.view);
-        runs.map(move |run| (component as u32, run))
-    };
-    let patch = |(component, run): (u32, &[MatchedPoint])| {
-        let view = run[0].view;
-        let image = &photos.images[view as usize];
-        let mut patch = Patch::new(component, view);
-        run.iter()
-            .filter_map(|s| {
-                projector.project(placed(measured(matches, s, at).0, view as usize, at))
-            })
-            .filter_map(|projected| image.sample(photos.level, projected.at))
-            .for_each(|texel| patch.add(texel.color));
-        patch
-    };
-    components.flat_map_iter(of).map(patch).collect()
+    let mut patches = Vec::new();
+    for component in 0..matches.len() {
+        for run in matches.of(component).chunk_by(|a, b| a.view == b.view) {
+            let view = run[0].view;
+            let image = &photos.images[view as usize];
+            let mut patch = Patch::new(component as u32, view);
+            run.iter()
+                .filter_map(|s| {
+                    projector.project(placed(measured(matches, s, at).0, view as usize, at))
+                })
+                .filter_map(|projected| image.sample(photos.level, projected.at))
+                .for_each(|texel| patch.add(texel.color));
+            patches.push(patch);
+        }
+    }
+    patches
 }
 
 /// Root mean square of the shift in the image, pixels, that a unit of every unknown of the camera makes.

@@ -137,19 +137,13 @@ impl<'a> Evidence<'a> {
     /// Median square of either kind's residuals, over some of the components.
     fn usual(&self, at: &Estimate) -> [f64; 2] {
         let projector = Projector::new(&at.unknowns.camera);
-        let components: Vec<usize> = (0..self.matches.len()).step_by(SAMPLED).collect();
-        let parts = components.par_chunks(CHUNK / SAMPLED).map(|components| {
-            let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
-            for &component in components {
-                self.look((&projector, at), component, &mut buffers);
-                found[0].extend(buffers.planes.iter().map(|p| p.off * p.off * p.precision));
-                found[1].extend(buffers.colors.iter().map(ColorOffset::square));
-            }
-            found
-        });
-        let parts: Vec<[Vec<f64>; 2]> = parts.collect();
-        let found = [0, 1].map(|k| parts.iter().flat_map(|part| &part[k]).copied().collect());
-        found.map(|mut squares: Vec<f64>| {
+        let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
+        for component in (0..self.matches.len()).step_by(SAMPLED) {
+            self.look((&projector, at), component, &mut buffers);
+            found[0].extend(buffers.planes.iter().map(|p| p.off * p.off * p.precision));
+            found[1].extend(buffers.colors.iter().map(ColorOffset::square));
+        }
+        found.map(|mut squares| {
             if squares.is_empty() {
                 return 0.0;
             }

@@ -56,11 +56,6 @@ impl<'a> Emitter<'a> {
             least_cosine: if settings.cosine { cosine } else { f32::NEG_INFINITY },
         }
     }
-
-    /// Which pixels become points.
-    pub fn sampling(&self) -> PixelSampling {
-        self.settings.sampling
-    }
 }
 
 /// Appends the points of a row of tiles and says what became of its pixels.

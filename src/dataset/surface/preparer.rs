@@ -8,14 +8,13 @@ use super::planes::{FillPlanes, Planes};
 use super::projection::Projection;
 use super::recipe::TILE;
 use super::seen::{SeeFrame, SeenDepths};
-use super::sensor::Profile;
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
-use crate::observation::surface::{Observation, SurfacePoint};
+use crate::observation::surface::Observation;
 
 /// Turns frames into observations; keeps its scratch memory between frames.
 ///
@@ -71,7 +70,7 @@ impl Preparer {
         out: &mut Observation,
     ) -> Result<SurfaceCounts, FrameError> {
         let depth = frame.depth_to_use()?;
-        let profile = settings.profile(depth, &frame.camera.intrinsics);
+        let profile = &settings.profile(depth, &frame.camera.intrinsics);
         let Self { isa, planes, fitted, seen, statuses } = self;
         let (width, height) = depth.size();
         resize(&mut out.ranges, width, height);
@@ -79,15 +78,7 @@ impl Preparer {
         let calibration = settings.calibration();
         // Whole before the first fit: windows read beyond their tile, what hides a surface comes from anywhere.
         let ranges = &mut out.ranges;
-        isa.run(FillPlanes {
-            planes,
-            frame,
-            depth,
-            profile: &profile,
-            calibration,
-            ranges,
-            statuses,
-        });
+        isa.run(FillPlanes { planes, frame, depth, profile, calibration, ranges, statuses });
         let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
         let camera = color_camera.as_ref().map(Projection::new);
         if let (Some(color_camera), Some(camera)) = (&color_camera, &camera) {
@@ -101,9 +92,16 @@ impl Preparer {
         let margin = profile.tolerance.margin;
         let beside = camera.as_ref().map(|camera| Beside { camera, depths: seen, margin });
         let colors = ColorLookup::new(frame, calibration, beside);
-        let emitter = Emitter::new(frame, planes, settings, &profile, colors);
-        let rows = RowsOfTiles { isa: *isa, planes, profile: &profile, emitter: &emitter };
-        rows.replace(fitted, statuses, &mut out.points);
+        let emitter = Emitter::new(frame, planes, settings, profile, colors);
+        let sampling = settings.sampling;
+        out.points.clear();
+        // A row of tiles at a time: what was fitted is still in the cache when points are made.
+        for top in (0..height).step_by(TILE) {
+            let rows = top..height.min(top + TILE);
+            isa.run(FitRows { planes, rows: rows.clone(), sampling, profile, out: fitted });
+            let points = &mut out.points;
+            isa.run(EmitRows { emitter: &emitter, fitted, rows, points, statuses });
+        }
         out.point_weight = settings.sampling.weight();
         out.origin = settings.origin;
         out.camera = frame.camera;
@@ -128,34 +126,6 @@ impl Preparer {
 impl Default for Preparer {
     fn default() -> Self {
         Self::new()
-    }
-}
-
-/// Surfaces of a frame, a row of tiles at a time: what was fitted is still in the cache when points are made.
-struct RowsOfTiles<'a> {
-    isa: Isa,
-    planes: &'a Planes,
-    profile: &'a Profile,
-    emitter: &'a Emitter<'a>,
-}
-
-impl RowsOfTiles<'_> {
-    /// Replaces `points` by those of all rows.
-    fn replace(
-        &self,
-        fitted: &mut Fitted,
-        statuses: &mut Image<PixelStatus>,
-        points: &mut Vec<SurfacePoint>,
-    ) {
-        let Self { isa, planes, profile, emitter } = *self;
-        let (height, sampling) = (statuses.height, emitter.sampling());
-        points.clear();
-        for top in (0..height).step_by(TILE) {
-            let rows = top..height.min(top + TILE);
-            let out = &mut *fitted;
-            isa.run(FitRows { planes, rows: rows.clone(), sampling, profile, out });
-            isa.run(EmitRows { emitter, fitted, rows, points, statuses });
-        }
     }
 }
 
