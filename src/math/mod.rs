@@ -12,6 +12,7 @@ pub mod lane_cholesky;
 pub mod measured_pixel;
 pub mod normalization;
 pub mod orbit;
+pub mod pieces;
 pub mod pose;
 pub mod real;
 pub mod rng;

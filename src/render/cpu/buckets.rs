@@ -51,16 +51,6 @@ impl Buckets {
         (&self.ends, &self.records)
     }
 
-    /// The list of every bucket, to be put in another order.
-    pub(super) fn lists_mut(&mut self) -> impl Iterator<Item = &mut [u32]> {
-        let (mut rest, mut start) = (&mut self.records[..], 0);
-        self.ends.iter().map(move |&end| {
-            let (own, later) = std::mem::take(&mut rest).split_at_mut(end - start);
-            (rest, start) = (later, end);
-            own
-        })
-    }
-
     /// Records of one bucket.
     pub(super) fn get(&self, bucket: usize) -> &[u32] {
         let start = if bucket == 0 { 0 } else { self.ends[bucket - 1] };
@@ -80,8 +70,6 @@ mod tests {
             buckets.fill(5, [3, 2, 1, 0].into_iter(), touched);
             let lists: Vec<&[u32]> = (0..5).map(|bucket| buckets.get(bucket)).collect();
             assert_eq!(lists, [&[1][..], &[], &[0], &[2, 0], &[]]);
-            let lengths: Vec<usize> = buckets.lists_mut().map(|list| list.len()).collect();
-            assert_eq!(lengths, [1, 0, 1, 2, 0]);
         }
         buckets.fill(1, std::iter::empty(), touched);
         assert!(buckets.get(0).is_empty());

@@ -6,7 +6,6 @@ use super::rows::RowLists;
 use super::view::CpuView;
 use crate::model::splat::appearance::SplatView;
 use crate::render::constants::TILE;
-#[cfg(feature = "gui")]
 use std::ops::Range;
 
 /// The records of a view and their order. Keeps its buffers between views.
@@ -29,8 +28,8 @@ impl ViewLists {
 
     /// Lists the visible records by row of tiles, of an image so many pixels high.
     pub(super) fn bin(&mut self, height: usize) {
-        let Self { rows, listings, counts, .. } = self;
-        rows.fill(height.div_ceil(TILE), || in_order(counts), listings);
+        let runs: Vec<Range<u32>> = self.runs().collect();
+        self.rows.fill(height.div_ceil(TILE), &runs, &self.listings);
     }
 
     /// Orders the list of every row by depth.
@@ -43,20 +42,10 @@ impl ViewLists {
         self.counts.iter().map(|count| count.n_visible).sum()
     }
 
-    /// The visible records in the order of their splats.
-    pub(super) fn in_order(&self) -> impl Iterator<Item = u32> {
-        in_order(&self.counts)
-    }
-
-    /// The same as runs of records: one for each [`prepare::CHUNK`] of splats, which begins there.
-    #[cfg(feature = "gui")]
-    pub(super) fn runs(&self) -> impl Iterator<Item = Range<usize>> {
+    /// The visible records in the order of their splats as runs: one for each [`prepare::CHUNK`] of splats, which
+    /// begins there.
+    pub(super) fn runs(&self) -> impl Iterator<Item = Range<u32>> {
         let firsts = (0..).step_by(prepare::CHUNK);
-        self.counts.iter().zip(firsts).map(|(count, first)| first..first + count.n_visible)
+        self.counts.iter().zip(firsts).map(|(count, first)| first..first + count.n_visible as u32)
     }
-}
-
-fn in_order(counts: &[ChunkCount]) -> impl Iterator<Item = u32> + Clone {
-    let firsts = (0..).step_by(prepare::CHUNK);
-    counts.iter().zip(firsts).flat_map(|(count, first)| first..first + count.n_visible as u32)
 }

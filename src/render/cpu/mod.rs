@@ -12,6 +12,7 @@ mod drawn;
 mod exact;
 mod lanes;
 mod lists;
+mod longest_first;
 pub mod photometric;
 mod prepare;
 mod projected;

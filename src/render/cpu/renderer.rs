@@ -5,6 +5,7 @@
 //! tile grew long (`rendering.md`, Tried and dropped).
 
 use super::lists::ViewLists;
+use super::longest_first::longest_first;
 use super::raster::{DrawRow, RowCanvas, Sheet};
 use super::view::CpuView;
 use crate::math::camera::Camera;
@@ -14,7 +15,6 @@ use crate::model::splat::appearance::SplatView;
 use crate::render::constants::TILE;
 use crate::render::finish::Finish;
 use crate::render::options::RenderOptions;
-use rayon::prelude::*;
 
 /// An image and what lies behind it; all planes have the size of the camera's image.
 #[derive(Clone, Debug)]
@@ -154,18 +154,16 @@ impl CpuRenderer {
         };
         let (isa, rows) = (Isa::best(), &self.lists.rows);
         let pixels_per_row = width * TILE;
-        self.canvases
-            .par_iter_mut()
-            .zip(image.color.data.par_chunks_mut(pixels_per_row))
-            .zip(image.coverage.data.par_chunks_mut(pixels_per_row))
-            .zip(image.depth.data.par_chunks_mut(pixels_per_row))
-            .enumerate()
-            // One row a task: rows differ much in how many splats they hold.
-            .with_max_len(1)
-            .for_each(|(row, (((canvas, color), coverage), depth))| {
-                let (top, list) = (row * TILE, rows.get(row));
-                isa.run(DrawRow { sheet, canvas: &mut *canvas, top, list });
-                canvas.write(&sheet, top, color, coverage, depth);
-            });
+        let pixels = image.color.data.chunks_mut(pixels_per_row);
+        let pixels = pixels.zip(image.coverage.data.chunks_mut(pixels_per_row));
+        let pixels = pixels.zip(image.depth.data.chunks_mut(pixels_per_row));
+        // Rows differ much in how many splats they hold.
+        let tasks = self.canvases.iter_mut().zip(pixels).enumerate();
+        let tasks = tasks.map(|(row, task)| (rows.get(row).len(), (row, task)));
+        longest_first(tasks, |(row, (canvas, ((color, coverage), depth)))| {
+            let (top, list) = (row * TILE, rows.get(row));
+            isa.run(DrawRow { sheet, canvas: &mut *canvas, top, list });
+            canvas.write(&sheet, top, color, coverage, depth);
+        });
     }
 }

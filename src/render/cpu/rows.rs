@@ -1,54 +1,72 @@
-//! Visible records by row of tiles, the rows shared out among the threads.
+//! Visible records by row of tiles.
 //!
 //! Listed first and sorted by depth then, row by row: what is listed is read in the order in which it
 //! lies in memory, lists of a row fit the caches, and all threads sort. Sorted first, the two steps
 //! took twice as long for 10⁶ splats on two cores.
 
-use super::buckets::Buckets;
+use super::longest_first::longest_first;
 use super::record::DepthEntry;
 use super::sort::DepthSorter;
+use crate::math::pieces::pieces;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+/// Groups of runs for each thread: runs differ in how many records they hold.
+const GROUPS: usize = 4;
+
 /// Lists of records by row, the nearest first once they are sorted.
 #[derive(Default)]
 pub(super) struct RowLists {
-    /// Of `rows_each` rows each; the last may have fewer.
-    parts: Vec<Buckets>,
-    rows_each: usize,
+    /// Where each row's list ends, and the next one begins.
+    ends: Vec<usize>,
+    records: Vec<u32>,
     /// One a thread.
     sorters: Vec<Mutex<DepthSorter>>,
 }
 
 impl RowLists {
-    /// Lists records, which are given in ascending order. Every thread goes through all of them and keeps
-    /// those of its rows, which costs less than putting partial lists together.
-    pub(super) fn fill<I: Iterator<Item = u32> + Clone>(
-        &mut self,
-        n_rows: usize,
-        records: impl Fn() -> I + Sync,
-        listings: &[DepthEntry],
-    ) {
-        // At least 1, since it divides below.
-        self.rows_each = n_rows.div_ceil(rayon::current_num_threads()).max(1);
-        self.parts.resize_with(n_rows.div_ceil(self.rows_each), Buckets::default);
-        let rows_each = self.rows_each;
-        self.parts.par_iter_mut().enumerate().for_each(|(part, lists)| {
-            // The last part may be short.
-            let own = part * rows_each..((part + 1) * rows_each).min(n_rows);
-            lists.fill(own.len(), records(), |i| within(&own, listings[i as usize].tile_rows()));
+    /// Lists records, which are given in ascending runs. Groups of runs are counted by row, and then each fills
+    /// its part of every row's list.
+    pub(super) fn fill(&mut self, n_rows: usize, runs: &[Range<u32>], listings: &[DepthEntry]) {
+        let Self { ends, records, .. } = self;
+        let n_groups = GROUPS * rayon::current_num_threads();
+        let groups = runs.par_chunks(runs.len().div_ceil(n_groups).max(1)).with_max_len(1);
+        let rows_of = |record: u32| listings[record as usize].tile_rows();
+        let counts: Vec<Vec<usize>> =
+            groups.clone().map(|runs| count(n_rows, runs, rows_of)).collect();
+        // Row by row, and within a row by group.
+        let sizes = (0..n_rows).flat_map(|row| counts.iter().map(move |of_rows| of_rows[row]));
+        ends.clear();
+        ends.extend((0..n_rows).scan(0, |end, row| {
+            *end += counts.iter().map(|of_rows| of_rows[row]).sum::<usize>();
+            Some(*end)
+        }));
+        records.resize(ends.last().copied().unwrap_or(0), 0);
+        let mut parts: Vec<Vec<_>> = counts.iter().map(|_| Vec::with_capacity(n_rows)).collect();
+        for (i, piece) in pieces(records, sizes).into_iter().enumerate() {
+            parts[i % counts.len()].push(piece.iter_mut());
+        }
+        parts.into_par_iter().zip(groups).for_each(|(mut rows, runs)| {
+            for record in runs.iter().cloned().flatten() {
+                for row in &mut rows[rows_of(record)] {
+                    // There are as many as were counted.
+                    if let Some(place) = row.next() {
+                        *place = record;
+                    }
+                }
+            }
         });
     }
 
     /// Sorts every list by depth.
     pub(super) fn sort(&mut self, listings: &[DepthEntry]) {
-        let Self { parts, sorters, .. } = self;
+        let Self { ends, records, sorters } = self;
         let n_threads = rayon::current_num_threads().max(sorters.len());
         sorters.resize_with(n_threads, Mutex::default);
-        let rows: Vec<&mut [u32]> = parts.iter_mut().flat_map(Buckets::lists_mut).collect();
-        // One row a task: rows differ much in how many splats they hold.
-        rows.into_par_iter().with_max_len(1).for_each(|row| {
+        let sizes = ends.iter().scan(0, |start, &end| Some(end - std::mem::replace(start, end)));
+        let rows = pieces(records, sizes).into_iter().map(|row| (row.len(), row));
+        longest_first(rows, |row| {
             // Every thread takes its own, so the lock never waits: it is how safe code says so.
             let thread = rayon::current_thread_index().unwrap_or(0) % sorters.len();
             let mut sorter = sorters[thread].lock().unwrap_or_else(PoisonError::into_inner);
@@ -58,13 +76,26 @@ impl RowLists {
 
     /// Records of one row.
     pub(super) fn get(&self, row: usize) -> &[u32] {
-        self.parts[row / self.rows_each].get(row % self.rows_each)
+        let start = if row == 0 { 0 } else { self.ends[row - 1] };
+        &self.records[start..self.ends[row]]
     }
 }
 
-/// The part of `rows` that lies in `own`, counted from its start.
-fn within(own: &Range<usize>, rows: Range<usize>) -> Range<usize> {
-    rows.start.clamp(own.start, own.end) - own.start..rows.end.clamp(own.start, own.end) - own.start
+/// How many records touch each of so many rows.
+fn count(n_rows: usize, runs: &[Range<u32>], rows_of: impl Fn(u32) -> Range<usize>) -> Vec<usize> {
+    // One more: what begins and what ends at a row is counted, which takes no loop a record.
+    let mut counts = vec![0usize; n_rows + 1];
+    for record in runs.iter().cloned().flatten() {
+        let Range { start, end } = rows_of(record);
+        counts[start] = counts[start].wrapping_add(1);
+        counts[end] = counts[end].wrapping_sub(1);
+    }
+    let mut touching = 0usize;
+    for count in &mut counts {
+        touching = touching.wrapping_add(*count);
+        *count = touching;
+    }
+    counts
 }
 
 #[cfg(test)]
@@ -83,7 +114,7 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
             let mut rows = RowLists::default();
             pool.install(|| {
-                rows.fill(5, || 0..4, &listings);
+                rows.fill(5, &[0..1, 1..1, 1..4], &listings);
                 rows.sort(&listings);
             });
             let lists: Vec<&[u32]> = (0..5).map(|row| rows.get(row)).collect();

@@ -10,11 +10,13 @@ use super::grid::NONE;
 use super::point_parts::{PARTS, PointParts};
 use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
+use crate::math::pieces::pieces;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::model::scene::kept::Taught;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
+use rayon::prelude::*;
 
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]
@@ -53,7 +55,11 @@ impl Matched<'_> {
         let color = [color(0), color(1), color(2)];
         // A power of two: rounds no term.
         let weight = R::of(f64::from(self.weight));
-        terms(offset, color, point.normal, point.direction).map(|term| weight * term)
+        let mut terms = terms(offset, color, point.normal, point.direction);
+        for term in &mut terms {
+            *term = weight * *term;
+        }
+        terms
     }
 }
 
@@ -82,15 +88,23 @@ pub fn accumulate<W: SumScalar>(
     let mut received = received.into_inner().unwrap_or_default();
     received.sort_unstable_by_key(|(first, _)| *first);
     touched.clear();
-    let mut taught = frame.is_noted.then(Taught::default);
-    for (_, Received { ids, wide, sums }) in received {
-        taught = taught.filter(|_| wide.is_empty());
-        taught.iter_mut().for_each(|taught| taught.append(&ids, &sums));
-        touched.extend(ids);
+    received.iter().for_each(|(_, part)| touched.extend(&part.ids));
+    let is_narrow = received.iter().all(|(_, part)| part.wide.is_empty());
+    let taught = (frame.is_noted && is_narrow).then(|| taught(touched, &received));
+    for (id, sums) in received.into_iter().flat_map(|(_, part)| part.wide) {
         // Wide rows are shared, so they are added to when all threads are done.
-        wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
+        component_sums.add_wide(id, sums);
     }
     taught
+}
+
+/// What all parts received.
+fn taught(ids: &[u32], received: &[(usize, Received)]) -> Taught {
+    let mut sums = vec![[0; N_SUMS]; ids.len()];
+    let parts = pieces(&mut sums, received.iter().map(|(_, part)| part.sums.len()));
+    let parts = parts.into_par_iter().zip(received);
+    parts.for_each(|(to, (_, part))| to.copy_from_slice(&part.sums));
+    Taught { ids: ids.to_vec(), sums }
 }
 
 /// What the components of a part received.
@@ -213,14 +227,10 @@ fn facing_pixels(point: &SurfacePoint) -> f64 {
 
 #[inline(always)]
 fn clamp<R: Real>(value: R, most: f32) -> R {
-    let most = R::of(f64::from(most));
-    if value > most {
-        most
-    } else if value < -most {
-        -most
-    } else {
-        value
-    }
+    let (least, most) = (R::of(f64::from(-most)), R::of(f64::from(most)));
+    // One choice after the other: neither is a branch then.
+    let value = if value > most { most } else { value };
+    if value < least { least } else { value }
 }
 
 #[cfg(test)]

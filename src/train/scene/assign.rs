@@ -16,8 +16,6 @@ use rayon::prelude::*;
 /// Points that are searched for together.
 // As many as a tile of eight by eight pixels that are looked at, in whose order points come.
 const GROUP: usize = 64;
-/// Points that are compared with a seed at once.
-const WIDTH: usize = 16;
 
 /// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`]
 /// where no seed is near enough.
@@ -37,7 +35,7 @@ pub fn assign(
             places.extend(points.iter().map(|point| point.position));
             groups.clear();
             groups.gather(grid, spacing.h(), places);
-            groups.nearest::<WIDTH>(grid, spacing.h(), places, owners);
+            groups.nearest(grid, spacing.h(), places, owners);
             keep_components(grid, components, spacing, points, owners);
         },
     );

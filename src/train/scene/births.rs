@@ -6,6 +6,7 @@ use super::grid::{NONE, SeedGrid};
 use super::lattice;
 use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
+use rayon::prelude::*;
 
 /// What the births of one frame were.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,16 +39,20 @@ pub fn give_birth(
     owners: &mut [u32],
     limits: Limits,
 ) -> FrameBirths {
+    let lone = owners.par_iter().enumerate().with_min_len(4096);
+    let lone: Vec<usize> = lone.filter(|(_, owner)| **owner == NONE).map(|(i, _)| i).collect();
+    // Older seeds are out of their reach: that is why they have none.
+    let (mut fresh, first) = (SeedGrid::new(spacing.h().into()), grid.len() as u32);
     // One point after the other, on one thread: every birth decides who is born after it.
     let mut births = FrameBirths::default();
-    for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
+    for i in lone {
+        let (point, owner) = (&points[i], &mut owners[i]);
         let place = seed_of(rule, spacing.h(), point.position);
-        let reach = spacing.reach(point);
         let nearest = match rule {
-            BirthRule::Seeds => grid.nearest(place),
+            BirthRule::Seeds => fresh.nearest(place).map(|seed| first + seed),
             BirthRule::Lattice | BirthRule::BodyCentred => grid.at(place),
         };
-        *owner = match nearest.filter(|&seed| grid.is_within(seed, place, reach)) {
+        *owner = match nearest.filter(|&seed| grid.is_within(seed, place, spacing.reach(point))) {
             Some(seed) => components.of_seed(seed),
             // Before the budget: such a place has no cell that a seed could be filed under.
             None if !grid.reaches(place) => {
@@ -56,15 +61,14 @@ pub fn give_birth(
             }
             None if components.used() < limits.components && grid.len() < limits.seeds => {
                 births.born += 1;
+                fresh.insert(place);
                 components.born(grid.insert(place), spacing.share(point))
             }
-            None => nearest.map_or_else(
-                || {
-                    births.refused += 1;
-                    NONE
-                },
-                |seed| components.of_seed(seed),
-            ),
+            None => {
+                let near = (rule == BirthRule::Seeds).then(|| grid.nearest(place)).flatten();
+                births.refused += usize::from(near.is_none());
+                near.map_or(NONE, |seed| components.of_seed(seed))
+            }
         };
     }
     births
@@ -79,7 +83,6 @@ pub fn assign_to_lattice(
     points: &[SurfacePoint],
     owners: &mut Vec<u32>,
 ) {
-    use rayon::prelude::*;
     let owner = |p: &SurfacePoint| {
         grid.at(seed_of(rule, h, p.position)).map_or(NONE, |seed| components.of_seed(seed))
     };

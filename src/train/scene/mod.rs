@@ -27,6 +27,7 @@ mod births;
 mod coarsening;
 mod component_sums;
 mod components;
+mod explain;
 mod fusion;
 mod gain;
 mod gauge;

@@ -58,7 +58,7 @@ impl<'a> NearSeeds<'a> {
             if chunk.has_left(MARGIN * reach) {
                 chunk.gather(grid, reach);
             }
-            chunk.groups.nearest::<GROUP>(grid, reach, &chunk.places, owners);
+            chunk.groups.nearest(grid, reach, &chunk.places, owners);
             for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
                 *owner = components.of_seed(*owner);
             }

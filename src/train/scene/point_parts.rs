@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 /// Runs of components, each for one thread.
-pub const PARTS: usize = 16;
+pub const PARTS: usize = 32;
 /// Points looked at for where to cut.
 const SAMPLED: usize = 1024;
 /// Points that are listed by one thread.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 2048;
 
 /// The points of a frame in parts of consecutive components.
 pub struct PointParts {

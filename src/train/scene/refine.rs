@@ -12,37 +12,54 @@ const MAX_TRUST: f64 = 2.0;
 /// Least cosine between ray and plane normal.
 const MIN_COSINE: f64 = 0.3;
 
-/// How far along its ray to move a point, world units. `h` is the structural scale, `limit` the
-/// largest distance to the plane at which it is taken for the same surface.
-#[inline(always)]
-pub fn shift<W: SumScalar>(
-    component_sums: &ComponentSums<W>,
-    id: usize,
+/// A component as a plane that draws points to it.
+pub struct RefinementPlane {
     seed: [f32; 3],
-    h: f64,
-    point: &SurfacePoint,
-    limit: f64,
-) -> f64 {
-    let (n, first, normal) = component_sums.plane_sums(id);
-    if n < MIN_POINTS {
-        return 0.0;
+    /// Mean of its points about the seed, world units.
+    offset: [f64; 3],
+    /// Sum of normals as it is: its length cancels where it is divided by a slope.
+    normal: [f64; 3],
+    length: f64,
+    /// Times as much as a point that the plane counts for.
+    trust: f64,
+}
+
+impl RefinementPlane {
+    /// Of a component; `h` is the structural scale, world units. `None` of one of few points.
+    #[inline(always)]
+    pub fn new<W: SumScalar>(
+        component_sums: &ComponentSums<W>,
+        id: usize,
+        seed: [f32; 3],
+        h: f64,
+    ) -> Option<Self> {
+        let (n, first, normal) = component_sums.plane_sums(id);
+        if n < MIN_POINTS {
+            return None;
+        }
+        let offset = first.map(|sum| sum * h / n);
+        // A limit of 2 instead of 4 gains 0.035 dB on Lego.
+        let trust = (n / MIN_POINTS).min(MAX_TRUST);
+        Some(Self { seed, offset, normal, length: dot(normal, normal).sqrt(), trust })
     }
-    let direction = point.direction.map(f64::from);
-    // The sum of normals as it is: its length cancels where it is divided by `slope`.
-    let length = dot(normal, normal).sqrt();
-    let slope = dot(normal, direction);
-    // Along a slanted ray a small error of the plane moves a point far.
-    if -slope < MIN_COSINE * length {
-        return 0.0;
+
+    /// How far along its ray to move a point, world units. `limit` is the largest distance to the plane at which
+    /// it is taken for the same surface.
+    #[inline(always)]
+    pub fn shift(&self, point: &SurfacePoint, limit: f64) -> f64 {
+        let Self { seed, offset, normal, length, trust } = self;
+        let slope = dot(*normal, point.direction.map(f64::from));
+        // Along a slanted ray a small error of the plane moves a point far.
+        if -slope < MIN_COSINE * length {
+            return 0.0;
+        }
+        let along = |i: usize| f64::from(seed[i]) - f64::from(point.position[i]) + offset[i];
+        let distance = dot(*normal, [along(0), along(1), along(2)]) / slope;
+        if distance.abs() > limit {
+            return 0.0;
+        }
+        distance * trust / (1.0 + trust)
     }
-    let along = |i: usize| f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n;
-    let distance = dot(normal, [along(0), along(1), along(2)]) / slope;
-    if distance.abs() > limit {
-        return 0.0;
-    }
-    // A limit of 2 instead of 4 gains 0.035 dB on Lego.
-    let trust = (n / MIN_POINTS).min(MAX_TRUST);
-    distance * trust / (1.0 + trust)
 }
 
 #[inline(always)]

@@ -1,10 +1,10 @@
 //! The nearest seed of many points: neighbours gather the seeds around them together, and compare all with
 //! all.
 //!
-//! Straight loops that vectors run through, where a lookup per point would chase buckets.
+//! Straight loops over vectors, where a lookup per point would chase buckets.
 
 use super::grid::{NONE, SeedGrid, squared_distance};
-use crate::math::simd::{Isa, Kernel, Vector};
+use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector, load_rows};
 
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
 const MAX_CELLS: f64 = 512.0;
@@ -51,17 +51,10 @@ impl SeedGroups {
     }
 
     /// Sets by point its nearest seed, no farther than `reach`; [`NONE`] where none is. The points are those
-    /// that were gathered for, no farther from there than they were gathered more widely; `N` of them
-    /// are compared at once.
-    pub fn nearest<const N: usize>(
-        &self,
-        grid: &SeedGrid,
-        reach: f32,
-        points: &[[f32; 3]],
-        owners: &mut [u32],
-    ) {
+    /// that were gathered for, no farther from there than they were gathered more widely.
+    pub fn nearest(&self, grid: &SeedGrid, reach: f32, points: &[[f32; 3]], owners: &mut [u32]) {
         let limit = reach * reach;
-        Isa::best().run(Nearest::<N> { groups: self, grid, limit, points, owners });
+        Isa::best().run(Nearest { groups: self, grid, limit, points, owners });
     }
 }
 
@@ -78,7 +71,7 @@ fn corners(places: impl Iterator<Item = [f32; 3]>, radius: f32) -> Option<[[f32;
     (low[0] <= high[0]).then_some(wider)
 }
 
-struct Nearest<'a, const N: usize> {
+struct Nearest<'a> {
     groups: &'a SeedGroups,
     grid: &'a SeedGrid,
     limit: f32,
@@ -86,7 +79,7 @@ struct Nearest<'a, const N: usize> {
     owners: &'a mut [u32],
 }
 
-impl<const N: usize> Kernel for Nearest<'_, N> {
+impl Kernel for Nearest<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -96,15 +89,18 @@ impl<const N: usize> Kernel for Nearest<'_, N> {
             let (these, later) = points.split_at(group.n_points);
             let (found, left) = owners.split_at_mut(group.n_points);
             let seeds = &self.groups.seeds[start..group.end];
-            for (points, owners) in these.chunks(N).zip(found.chunks_mut(N)) {
-                // What is beyond the grid has no seed, whoever its neighbours are.
-                let mut places = [[f32::NAN; 3]; N];
-                for (place, point) in places.iter_mut().zip(points) {
+            for (points, owners) in these.chunks(LANES).zip(found.chunks_mut(LANES)) {
+                // Places that are not there, and those beyond the grid, have no seed, whoever their neighbours
+                // are.
+                let mut along = [[f32::NAN; LANES]; 3];
+                for (lane, point) in points.iter().enumerate() {
                     if self.grid.reaches(*point) {
-                        *place = *point;
+                        for (along, x) in along.iter_mut().zip(point) {
+                            along[lane] = *x;
+                        }
                     }
                 }
-                let nearest = nearest_of(&places, seeds, self.limit);
+                let nearest = nearest_of::<V>(&along, seeds, self.limit);
                 owners.copy_from_slice(&nearest[..owners.len()]);
             }
             (points, owners, start) = (later, left, group.end);
@@ -112,24 +108,45 @@ impl<const N: usize> Kernel for Nearest<'_, N> {
     }
 }
 
-/// The nearest of some seeds to each of some places, no farther than the root of `limit`.
+/// The nearest of some seeds to each of eight places, no farther than the root of `limit`.
 #[inline(always)]
-fn nearest_of<const N: usize>(
-    places: &[[f32; 3]; N],
+fn nearest_of<V: Vector>(
+    along: &[[f32; LANES]; 3],
     seeds: &[(u32, [f32; 3])],
     limit: f32,
-) -> [u32; N] {
-    let along: [[f32; N]; 3] = std::array::from_fn(|axis| places.map(|place| place[axis]));
-    // Whole arrays even for few places: loops of constant length become vectors.
-    let (mut best, mut found) = ([limit; N], [NONE; N]);
+) -> [u32; LANES] {
+    let places: [V; 3] = load_rows(along);
+    let (mut best, mut found) = (V::splat(limit), V::splat(f32::from_bits(NONE)));
+    let mut doubtful = V::splat(0.0);
     for &(id, seed) in seeds {
-        for i in 0..N {
-            let d2 = squared_distance([along[0][i], along[1][i], along[2][i]], seed);
-            // Equal distances go to the older seed, in whatever order blocks are visited.
-            let closer = d2 < best[i] || (d2 == best[i] && id < found[i]);
-            best[i] = if closer { d2 } else { best[i] };
-            found[i] = if closer { id } else { found[i] };
-        }
+        let x = places[0] - V::splat(seed[0]);
+        let y = places[1] - V::splat(seed[1]);
+        let z = places[2] - V::splat(seed[2]);
+        let squared = x * x + y * y + z * z;
+        let is_closer = squared.mask_at_most(best);
+        let is_farther = best.mask_at_most(squared);
+        doubtful = V::select(is_closer.and(is_farther), V::splat(EVERY_BIT), doubtful);
+        best = squared.min(best);
+        found = V::select(is_closer, V::splat(f32::from_bits(id)), found);
     }
-    found
+    let mut nearest = [NONE; LANES];
+    for (nearest, found) in nearest.iter_mut().zip(found.to_array()) {
+        *nearest = found.to_bits();
+    }
+    // Equal distances go to the older seed, in whatever order blocks are visited.
+    let mut doubtful = doubtful.signs();
+    while doubtful != 0 {
+        let lane = doubtful.trailing_zeros() as usize % LANES;
+        doubtful &= doubtful - 1;
+        nearest[lane] =
+            oldest_nearest([along[0][lane], along[1][lane], along[2][lane]], seeds, limit);
+    }
+    nearest
+}
+
+/// The same of one place.
+fn oldest_nearest(place: [f32; 3], seeds: &[(u32, [f32; 3])], limit: f32) -> u32 {
+    let near = seeds.iter().map(|&(id, seed)| (squared_distance(place, seed), id));
+    let near = near.filter(|(squared, _)| *squared <= limit);
+    near.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).map_or(NONE, |(_, id)| id)
 }

@@ -7,6 +7,8 @@ use super::view::PreparedView;
 use crate::math::simd::{LANES, Vector, gather_rows};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// What a photograph says of the splats of a view.
 pub struct Compared<'a> {
@@ -61,7 +63,15 @@ impl<'a> Compared<'a> {
             let is_seen = self.sums[place as usize][WEIGHT] > weight;
             is_seen.then_some(SeenSplat { id, record, place })
         };
-        (0..).zip(lists.in_order()).filter_map(seen).collect()
+        let mut n_before = 0;
+        let ranked = |run: Range<u32>| {
+            let rank = n_before;
+            n_before += run.len() as u32;
+            (rank, run)
+        };
+        let runs: Vec<_> = lists.runs().map(ranked).collect();
+        let runs = runs.into_par_iter().with_min_len(4);
+        runs.flat_map_iter(|(rank, run)| (rank..).zip(run).filter_map(seen)).collect()
     }
 
     /// The sums by parameters of up to eight splats, one in each lane and as they were drawn; lanes

@@ -33,6 +33,7 @@ pub use walk::PixelRule;
 pub(in crate::render) use walk::{MIN_WEIGHT, SEEN};
 
 use super::lists::ViewLists;
+use super::longest_first::longest_first;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::Isa;
@@ -96,16 +97,16 @@ impl PhotometricWalk {
         let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), lists);
         let n_rows = if photograph.width > 0 { photograph.height.div_ceil(TILE) } else { 0 };
         self.canvases.resize_with(n_rows, WalkCanvas::default);
-        // One row a task: rows differ much in how many splats they hold.
-        let canvases = self.canvases.par_iter_mut().enumerate().with_max_len(1);
-        canvases.for_each(|(row, canvas)| {
+        // Rows differ much in how many splats they hold.
+        let tasks = self.canvases.iter_mut().enumerate().map(|(row, canvas)| {
             let list = lists.get(row);
-            isa.run(WalkRow { records, list, row, photograph, rule, rows, canvas });
+            (list.len(), WalkRow { records, list, row, photograph, rule, rows, canvas })
         });
+        longest_first(tasks, |task| isa.run(task));
     }
 
     /// Row after row: the order of additions is part of the result. Every task goes through all rows
-    /// and keeps its own records, as listing by row does, so there are no more tasks than threads.
+    /// and keeps its own records, so there are no more tasks than threads.
     fn add_rows(&mut self, lists: &ViewLists) {
         let (canvases, rows_of) = (&self.canvases, &lists.rows);
         let n_records = lists.records.records.len();

@@ -4,6 +4,7 @@ use super::super::buckets::Buckets;
 use super::super::prepare::CHUNK;
 use super::super::record::{ConicRecord, Gradient};
 use super::view::PreparedView;
+use crate::math::pieces::pieces;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -89,7 +90,11 @@ impl PackedView {
 
     fn find_runs(&mut self, view: &PreparedView<'_>) {
         let records = &view.lists.records.records;
-        let runs = view.lists.runs().map(|records| Run { records, rank: 0, first: 0 });
+        let runs = view.lists.runs().map(|records| Run {
+            records: records.start as usize..records.end as usize,
+            rank: 0,
+            first: 0,
+        });
         self.runs.clear();
         self.runs.extend(runs);
         // Pairs of the run itself first, then of those before.
@@ -115,7 +120,7 @@ fn pack_splats(
     splats.resize(view.n_drawn(), PackedSplat::zeroed());
     places.resize(view.n_drawn(), PackedPlace::zeroed());
     let sizes = || runs.iter().map(|run| run.records.len());
-    let tasks = split(splats, sizes()).into_par_iter().zip(split(places, sizes())).zip(runs);
+    let tasks = pieces(splats, sizes()).into_par_iter().zip(pieces(places, sizes())).zip(runs);
     tasks.with_max_len(1).for_each(|((splats, places), run)| {
         let mut first = run.first;
         for ((i, splat), place) in run.records.clone().zip(splats).zip(places) {
@@ -137,19 +142,13 @@ fn pack_lists(runs: &[Run], rows: &[Buckets], starts: &mut Vec<u32>, entries: &m
         before += records.len();
     }
     entries.resize(before, 0);
-    let of_rows = split(entries, rows.iter().map(|row| row.lists().1.len()));
+    let of_rows = pieces(entries, rows.iter().map(|row| row.lists().1.len()));
     of_rows.into_par_iter().zip(rows).with_max_len(1).for_each(|(entries, row)| {
         for (entry, &record) in entries.iter_mut().zip(row.lists().1) {
             let run = &runs[record as usize / CHUNK];
             *entry = (run.rank + record as usize - run.records.start) as u32;
         }
     });
-}
-
-/// A list in pieces of so many, which it holds.
-fn split<T>(list: &mut [T], sizes: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
-    let mut rest = list;
-    sizes.map(|size| rest.split_off_mut(..size).unwrap_or_default()).collect()
 }
 
 fn n_tiles(record: &ConicRecord) -> usize {

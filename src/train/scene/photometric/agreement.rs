@@ -13,8 +13,10 @@ use rayon::prelude::*;
 
 /// Every so-many-th point is looked at: neighbours say the same.
 const EVERY: usize = 8;
-/// Points, or components, of a task; a multiple of [`EVERY`].
+/// Points of a task; a multiple of [`EVERY`].
 const CHUNK: usize = 1024;
+/// Components of a task, at least.
+const MIN_TASK: usize = 128;
 /// Components looked at, about: of more every so-many-th.
 const MAX_COMPONENTS: usize = 4096;
 /// Fewest points of a component that is trusted.
@@ -108,7 +110,7 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
             viewer.sees_through(seed + DVec3::from_array(offset) * (self.h / n))
         };
         let ids = (0..self.component_sums.len().div_ceil(every)).into_par_iter();
-        let seen = ids.with_min_len(CHUNK).filter_map(|at| is_through(at * every));
+        let seen = ids.with_min_len(MIN_TASK).filter_map(|at| is_through(at * every));
         let counts = seen.map(|is_through| (1, u32::from(is_through)));
         let (in_view, through) = counts.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
         (f64::from(in_view), f64::from(through))

@@ -34,8 +34,10 @@ use step::{LearnRun, SplatRun};
 
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
 const MIN_SEEN: f32 = 0.5;
-/// Components per parallel task.
-const MIN_TASK: usize = 512;
+/// Components of a task that begins splats: those that a frame touches lie together.
+const BEGUN_BY_TASK: usize = 64;
+/// The same that learns, which takes eight of those that are seen at a time.
+const LEARNT_BY_TASK: usize = 256;
 
 fn pixel_rule(full_coverage: f32, rule: &PhotometricRule) -> PixelRule {
     let [tau, coverage, depth] = [rule.tau, rule.coverage, rule.depth].map(|value| value as f32);
@@ -112,15 +114,16 @@ impl PhotometricLearner {
         splat: impl Fn(usize) -> (Splat, Appearance) + Sync,
     ) {
         self.state.grow(n_components);
-        let state = &self.state;
-        let is_taught = |id: usize| is_taught(&state.color[id], &rule.prior);
-        let begins = |id: usize| !state.has(id) || points(id) < rule.young || !is_taught(id);
-        let new = touched.par_iter().filter(|&&id| begins(id as usize));
-        let new: Vec<(u32, (Splat, Appearance))> =
-            new.map(|&id| (id, splat(id as usize))).filter(|(_, s)| s.0.is_drawable()).collect();
-        self.runs().for_each(|mut run| {
-            for &(id, (splat, appearance)) in run.own(&new, |(id, _)| *id) {
-                run.begin(id as usize - run.first, splat, appearance, &rule.prior);
+        self.runs(BEGUN_BY_TASK).for_each(|mut run| {
+            for &id in run.own(touched, |id| *id) {
+                let (id, row) = (id as usize, id as usize - run.first);
+                let begins = !run.has(row)
+                    || points(id) < rule.young
+                    || !is_taught(&run.color[row], &rule.prior);
+                let begun = begins.then(|| splat(id)).filter(|(splat, _)| splat.is_drawable());
+                if let Some((splat, appearance)) = begun {
+                    run.begin(row, splat, appearance, &rule.prior);
+                }
             }
         });
     }
@@ -256,21 +259,21 @@ impl PhotometricLearner {
         rule: &PhotometricRule,
     ) -> u64 {
         let isa = Isa::best();
-        let repaired = self.runs().map(|run| {
+        let repaired = self.runs(LEARNT_BY_TASK).map(|run| {
             let seen = run.own(seen, |seen| seen.id);
             isa.run(LearnRun { run, compared, seen, variance, rule })
         });
         repaired.sum()
     }
 
-    /// All splats in runs, one a task.
-    fn runs(&mut self) -> impl ParallelIterator<Item = SplatRun<'_>> {
+    /// All splats in runs of so many, one a task.
+    fn runs(&mut self, n: usize) -> impl ParallelIterator<Item = SplatRun<'_>> {
         let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
-        let shapes = splats.par_chunks_mut(MIN_TASK).zip(form.par_chunks_mut(MIN_TASK));
-        let colors = appearance.par_chunks_mut(MIN_TASK).zip(color.par_chunks_mut(MIN_TASK));
+        let shapes = splats.par_chunks_mut(n).zip(form.par_chunks_mut(n));
+        let colors = appearance.par_chunks_mut(n).zip(color.par_chunks_mut(n));
         shapes.zip(colors).enumerate().with_max_len(1).map(
-            |(task, ((splats, form), (appearance, color)))| {
-                let first = task * MIN_TASK;
+            move |(task, ((splats, form), (appearance, color)))| {
+                let first = task * n;
                 SplatRun { first, splats, appearance, form, color }
             },
         )

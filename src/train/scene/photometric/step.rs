@@ -69,6 +69,11 @@ impl SplatRun<'_> {
         &list[before(self.first)..before(self.first + self.splats.len())]
     }
 
+    /// Whether a row has a splat.
+    pub fn has(&self, row: usize) -> bool {
+        self.splats[row].opacity > 0.0
+    }
+
     /// Makes a row's splat what points say, and its precision the prior's.
     pub fn begin(&mut self, row: usize, splat: Splat, look: Appearance, prior: &PriorDeviations) {
         (self.splats[row], self.appearance[row]) = (splat, look);

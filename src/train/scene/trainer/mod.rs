@@ -16,12 +16,12 @@ use super::coarsening;
 use super::component_sums::ComponentSums;
 use super::components::Components;
 use super::config::{SceneConfig, VisibilityRule};
+use super::explain::Explainer;
 use super::gain::{MIN_MATCHES, gain};
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::SeedGrid;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::point_fits::PointFits;
-use super::refine::shift;
 use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
 use crate::math::camera::Camera;
@@ -266,9 +266,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         let coarsened = self.coarsened;
         let [born, merged] = self.bear(points, |stage| lap(&mut ms, stage));
-        // Before refinement: evidence is of points as they were measured.
-        let (n_points, elbo_mean) = self.explain(points);
-        self.refine(points, frame.tolerance);
+        let (n_points, elbo_mean) = self.explain(points, frame.tolerance);
         // By merging and by another scale points may have come to other components.
         let is_rebuilt = merged > 0 || self.coarsened != coarsened;
         let gain = if is_rebuilt { self.gain(points, frame.point_weight) } else { gain };
@@ -325,42 +323,23 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Points that have a component, and the mean of their ELBO under the initial model; 0 without
-    /// points.
-    fn explain(&mut self, points: &[SurfacePoint]) -> (usize, f64) {
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        let q = |(point, &owner): (&SurfacePoint, &u32)| match owner {
-            NONE => f64::NAN,
-            id => f64::from(squared_distance(point.position, seed_positions.of(id as usize))),
+    /// Finds where points lie most probably. Gives those that have a component, and the mean of their ELBO under
+    /// the initial model, as they were measured; 0 without points.
+    fn explain(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) -> (usize, f64) {
+        let explainer = Explainer {
+            component_sums: &self.component_sums,
+            seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
+            h: self.config.h,
+            spacing: self.spacing(),
+            tolerance,
+            refines: self.config.refine,
         };
-        points.par_iter().zip(&self.owners).with_min_len(1024).map(q).collect_into_vec(&mut self.q);
+        let (sum, n) = explainer.explain(points, &self.owners, &mut self.q, &mut self.shifts);
         if let Some(owners) = self.component_elbo.owners() {
             owners.clone_from(&self.owners);
             self.component_elbo.count(&self.q, self.components.n_rows());
         }
-        // On one thread: partial sums of several would round by how many there are.
-        let (sum, n) =
-            self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
         (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
-    }
-
-    fn refine(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) {
-        self.shifts.clear();
-        self.shifts.resize(points.len(), 0.0);
-        if !self.config.refine {
-            return;
-        }
-        let (component_sums, h, spacing) = (&self.component_sums, self.config.h, self.spacing());
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(points);
-        shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
-            let id = owner as usize;
-            // Components born in this frame have no row yet; `NONE` is beyond all.
-            if id < component_sums.len() {
-                let limit = f64::from(tolerance.refinement.max(spacing.reach_along_ray(point)));
-                *moved = shift(component_sums, id, seed_positions.of(id), h, point, limit) as f32;
-            }
-        });
     }
 
     /// `weight` is the number of pixels that each of the points stands for.

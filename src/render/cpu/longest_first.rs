@@ -1,0 +1,38 @@
+//! Tasks that differ much in how long they take, on all threads.
+
+use std::sync::{Mutex, PoisonError};
+
+/// Runs tasks, each with about how much work it is, those of most work first: what is left for the end is
+/// short, so that no thread waits long for another.
+pub(super) fn longest_first<T: Send>(
+    tasks: impl Iterator<Item = (usize, T)>,
+    run: impl Fn(T) + Sync,
+) {
+    let mut tasks: Vec<(usize, T)> = tasks.collect();
+    tasks.sort_by_key(|(work, _)| *work);
+    let tasks = Mutex::new(tasks);
+    let next = || tasks.lock().unwrap_or_else(PoisonError::into_inner).pop();
+    rayon::scope(|scope| {
+        for _ in 0..rayon::current_num_threads() {
+            scope.spawn(|_| {
+                while let Some((_, task)) = next() {
+                    run(task);
+                }
+            });
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_task_runs_once_and_the_longest_first() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let ran = Mutex::new(Vec::new());
+        let tasks = [3, 0, 7, 7, 1].into_iter().map(|work| (work, work));
+        pool.install(|| longest_first(tasks, |task| ran.lock().unwrap().push(task)));
+        assert_eq!(*ran.lock().unwrap(), [7, 7, 3, 1, 0]);
+    }
+}
