@@ -45,7 +45,7 @@ impl TileRecord<f32> {
 /// Adds a point of responsibility `r` at offset `d` from the component's initial mean to sums.
 #[inline(always)]
 pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]) {
-    let rd = d.map(|v| r * v);
+    let rd = [r * d[0], r * d[1], r * d[2]];
     let terms = [
         r,
         rd[0],

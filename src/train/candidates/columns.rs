@@ -61,14 +61,19 @@ impl Columns {
     pub fn append(&mut self, other: &Columns, span: Range<usize>) {
         let n = span.len();
         self.reserve(self.len + n);
-        // Whole vectors: what is written beyond the end is overwritten or padding.
-        for k in (0..n).step_by(LANES) {
-            let (to, from) = (self.len + k, span.start + k);
-            self.x[to..to + LANES].copy_from_slice(&other.x[from..from + LANES]);
-            self.y[to..to + LANES].copy_from_slice(&other.y[from..from + LANES]);
-            self.z[to..to + LANES].copy_from_slice(&other.z[from..from + LANES]);
-            let tags = &mut self.tag[to..to + LANES];
-            tags.iter_mut().zip(from as u32..).for_each(|(tag, entry)| *tag = entry);
+        // Whole vectors: what is written beyond the end is overwritten or padding. Of one length each, so that
+        // one comparison bounds all columns.
+        let whole = n.next_multiple_of(LANES);
+        let (to, from) = (self.len..self.len + whole, span.start..span.start + whole);
+        let (x, y, z) = (&other.x[from.clone()], &other.y[from.clone()], &other.z[from]);
+        let (to_x, to_y) = (&mut self.x[to.clone()], &mut self.y[to.clone()]);
+        let (to_z, to_tag) = (&mut self.z[to.clone()], &mut self.tag[to]);
+        for at in (0..whole).step_by(LANES) {
+            to_x[at..at + LANES].copy_from_slice(&x[at..at + LANES]);
+            to_y[at..at + LANES].copy_from_slice(&y[at..at + LANES]);
+            to_z[at..at + LANES].copy_from_slice(&z[at..at + LANES]);
+            let tags = to_tag[at..at + LANES].iter_mut();
+            tags.zip((span.start + at) as u32..).for_each(|(tag, entry)| *tag = entry);
         }
         self.len += n;
     }

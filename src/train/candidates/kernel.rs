@@ -8,6 +8,7 @@
 //! agree in the remaining bits are reported as uncertain and ranked again in full.
 
 use super::columns::{Columns, STEP};
+use super::lists::CHUNK;
 use crate::math::simd::{LANES, Vector};
 use std::ops::Range;
 
@@ -133,17 +134,21 @@ pub(super) fn ranked(values: [f32; STEP], rank: usize) -> f32 {
 pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, near: &mut Columns) {
     let size = list.len.next_multiple_of(LANES);
     near.reserve(size);
+    // Of one length each, so that one comparison bounds all of them.
+    let (x, y, z) = (&list.x[..size], &list.y[..size], &list.z[..size]);
+    let tag: &[f32] = bytemuck::cast_slice(&list.tag[..size]);
+    let room = size + STEP;
+    let (near_x, near_y) = (&mut near.x[..room], &mut near.y[..room]);
+    let (near_z, near_tag) = (&mut near.z[..room], &mut near.tag[..room]);
+    let near_tag: &mut [f32] = bytemuck::cast_slice_mut(near_tag);
     // Whole vectors without a branch: what is written beyond the end is overwritten.
     let mut n = 0;
     let limit = V::splat(limit);
-    let (x, y, z) = (&list.x[..size], &list.y[..size], &list.z[..size]);
-    let tag: &[f32] = bytemuck::cast_slice(&list.tag[..size]);
-    let near_tag: &mut [f32] = bytemuck::cast_slice_mut(&mut near.tag);
     for (at, d2) in (0..size).step_by(LANES).zip(distance2[..size].chunks_exact(LANES)) {
         let inside = V::load(d2).at_most(limit);
-        V::load(&x[at..]).compress(inside).store(&mut near.x[n..]);
-        V::load(&y[at..]).compress(inside).store(&mut near.y[n..]);
-        V::load(&z[at..]).compress(inside).store(&mut near.z[n..]);
+        V::load(&x[at..]).compress(inside).store(&mut near_x[n..]);
+        V::load(&y[at..]).compress(inside).store(&mut near_y[n..]);
+        V::load(&z[at..]).compress(inside).store(&mut near_z[n..]);
         V::load(&tag[at..]).compress(inside).store(&mut near_tag[n..]);
         n += inside.count_ones() as usize;
     }
@@ -165,50 +170,79 @@ fn largest(v: [f32; LANES]) -> f32 {
     max(max(max(v[0], v[1]), max(v[2], v[3])), max(max(v[4], v[5]), max(v[6], v[7])))
 }
 
-/// Neighbours of eight points as sorted keys.
+/// Neighbours of the points of a chunk as sorted keys; what is said of places behind the last means nothing.
 pub(super) struct Neighbours<const KEYS: usize> {
-    /// Per rank the keys of the lanes: squared distance whose low bits are the entry.
-    pub keys: [[f32; LANES]; KEYS],
-    /// Lanes in which the last key and the one before are equal but for the entry: which of them
+    /// Per rank the keys of the points: squared distance whose low bits are the entry.
+    pub keys: [[f32; CHUNK]; KEYS],
+    /// Points of which the last key and the one before are equal but for the entry: which of them
     /// is nearer is not known.
     pub set_uncertain: u32,
-    /// Lanes in which any two neighbouring keys are equal but for the entry.
+    /// Points of which any two neighbouring keys are equal but for the entry.
     pub order_uncertain: u32,
 }
 
-/// The `KEYS` nearest entries of `near` for eight points from `first` on. `entry_bits` is a mask of
-/// low bits that holds every entry. All squared distances must be finite.
+/// The `KEYS` nearest entries of `near` for the points of a chunk. `entry_bits` is a mask of low bits that
+/// holds every entry. All squared distances must be finite.
 #[inline(always)]
 pub(super) fn neighbours<V: Vector, const KEYS: usize>(
     near: &Columns,
     points: &Columns,
-    first: usize,
+    chunk: Range<usize>,
     entry_bits: u32,
 ) -> Neighbours<KEYS> {
-    let points = load_position::<V>(points, first);
-    let mut keys = [V::splat(f32::INFINITY); KEYS];
+    let mut found = Neighbours { keys: [[0.0; CHUNK]; KEYS], set_uncertain: 0, order_uncertain: 0 };
+    let first = load_position::<V>(points, chunk.start);
+    if chunk.len() > LANES {
+        let both = [first, load_position(points, chunk.start + LANES)];
+        let keys = sorted_keys::<V, 2, KEYS>(near, both, entry_bits);
+        found.keep(&keys[0], 0, entry_bits);
+        found.keep(&keys[1], LANES, entry_bits);
+    } else {
+        found.keep(&sorted_keys::<V, 1, KEYS>(near, [first], entry_bits)[0], 0, entry_bits);
+    }
+    found
+}
+
+impl<const KEYS: usize> Neighbours<KEYS> {
+    /// Keeps the keys of eight points from `first` of the chunk on.
+    #[inline(always)]
+    fn keep<V: Vector>(&mut self, keys: &[V; KEYS], first: usize, entry_bits: u32) {
+        let (mut set_uncertain, mut order_uncertain) = (0, 0);
+        // The last pair alone decides which entries are found, the others in what order.
+        for pair in keys.windows(2) {
+            set_uncertain = pair[0].agrees(pair[1], !entry_bits);
+            order_uncertain |= set_uncertain;
+        }
+        self.set_uncertain |= set_uncertain << first;
+        self.order_uncertain |= order_uncertain << first;
+        for (lanes, key) in self.keys.iter_mut().zip(keys) {
+            key.store(&mut lanes[first..]);
+        }
+    }
+}
+
+/// The least keys of `N` times eight points, sorted. Several at once: insertions of one wait for each other.
+#[inline(always)]
+fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
+    near: &Columns,
+    points: [[V; 3]; N],
+    entry_bits: u32,
+) -> [[V; KEYS]; N] {
+    let mut keys = [[V::splat(f32::INFINITY); KEYS]; N];
     let n = near.len;
     let columns = near.x[..n].iter().zip(&near.y[..n]).zip(&near.z[..n]);
     for (entry, ((&x, &y), &z)) in (0u32..).zip(columns) {
-        let d2 = distance2(splat_position([x, y, z]), points);
-        let mut key = d2.tag(!entry_bits, entry);
-        for kept in &mut keys {
-            // Both from what was kept before: compared with the new one, the wrong id of equals is
-            // evicted (`train.md`, Pitfalls).
-            let low = kept.min(key);
-            key = kept.max(key);
-            *kept = low;
+        let position = splat_position([x, y, z]);
+        for i in 0..N {
+            let mut key = distance2(position, points[i]).tag(!entry_bits, entry);
+            for kept in &mut keys[i] {
+                // Both from what was kept before: compared with the new one, the wrong id of equals is
+                // evicted (`train.md`, Pitfalls).
+                let low = kept.min(key);
+                key = kept.max(key);
+                *kept = low;
+            }
         }
     }
-    let (mut set_uncertain, mut order_uncertain) = (0, 0);
-    // The last pair alone decides which entries are found, the others in what order.
-    for pair in keys.windows(2) {
-        set_uncertain = pair[0].agrees(pair[1], !entry_bits);
-        order_uncertain |= set_uncertain;
-    }
-    let mut lanes = [[0.0; LANES]; KEYS];
-    for (lanes, key) in lanes.iter_mut().zip(keys) {
-        key.store(lanes);
-    }
-    Neighbours { keys: lanes, set_uncertain, order_uncertain }
+    keys
 }

@@ -129,14 +129,14 @@ impl Lists {
         self.near.len.next_power_of_two() as u32 - 1
     }
 
-    /// The nearest of the near list for eight points from `first` on, by the branch-free kernel.
+    /// The nearest of the near list for the points of a chunk, by the branch-free kernel.
     #[inline(always)]
     pub(super) fn neighbours<V: Vector, const KEYS: usize>(
         &self,
         points: &Columns,
-        first: usize,
+        chunk: Range<usize>,
     ) -> Neighbours<KEYS> {
-        neighbours::<V, KEYS>(&self.near, points, first, self.place_bits())
+        neighbours::<V, KEYS>(&self.near, points, chunk, self.place_bits())
     }
 
     /// The nearest raw entry of every point of a chunk.
@@ -152,20 +152,12 @@ impl Lists {
             return nearest;
         }
         let place_bits = self.place_bits();
-        let mut first = chunk.start;
-        let mut out = &mut nearest[..];
-        while first < chunk.end {
-            let found: Neighbours<2> = self.neighbours::<V, 2>(points, first);
-            let (eight, rest) = out.split_at_mut(LANES);
-            for (lane, nearest) in eight.iter_mut().enumerate() {
-                let [key, second] = [found.keys[0][lane], found.keys[1][lane]];
-                let place = (key.to_bits() & place_bits) as usize;
-                nearest.entry = self.near.tag[place];
-                // Without the place a key is a lower bound of its squared distance.
-                nearest.second2 = f32::from_bits(second.to_bits() & !place_bits);
-            }
-            out = rest;
-            first += LANES;
+        let Neighbours { keys: [keys, seconds], .. } = self.neighbours::<V, 2>(points, chunk);
+        for ((nearest, key), second) in nearest.iter_mut().zip(keys).zip(seconds) {
+            let place = (key.to_bits() & place_bits) as usize;
+            nearest.entry = self.near.tag[place];
+            // Without the place a key is a lower bound of its squared distance.
+            nearest.second2 = f32::from_bits(second.to_bits() & !place_bits);
         }
         nearest
     }

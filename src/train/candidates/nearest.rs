@@ -11,7 +11,7 @@ use super::kernel::Neighbours;
 use super::lists::{Among, Lists};
 use super::search::{CandidateSearch, VisitChunk};
 use crate::math::real::Real;
-use crate::math::simd::{Isa, Kernel, LANES, Vector};
+use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
 use std::num::NonZero;
 use std::ops::Range;
@@ -128,18 +128,16 @@ impl NarrowVisitor<'_> {
     ) {
         let rank = KEYS - 1;
         let place_bits = lists.place_bits();
-        for first in chunk.clone().step_by(LANES) {
-            let found: Neighbours<KEYS> = lists.neighbours::<V, KEYS>(points, first);
-            for (lane, point) in (first..chunk.end).take(LANES).enumerate() {
-                if (found.set_uncertain | found.order_uncertain) >> lane & 1 == 1 {
-                    self.rank::<V>(lists, Among::Near, points, point);
-                    continue;
-                }
-                let place = points.tag[point] as usize * rank;
-                for (id, keys) in self.ids[place..place + rank].iter_mut().zip(&found.keys) {
-                    let entry = lists.near().tag[(keys[lane].to_bits() & place_bits) as usize];
-                    *id = self.grid.ids()[entry as usize];
-                }
+        let found: Neighbours<KEYS> = lists.neighbours::<V, KEYS>(points, chunk.clone());
+        for (i, point) in chunk.enumerate() {
+            if (found.set_uncertain | found.order_uncertain) >> i & 1 == 1 {
+                self.rank::<V>(lists, Among::Near, points, point);
+                continue;
+            }
+            let place = points.tag[point] as usize * rank;
+            for (id, keys) in self.ids[place..place + rank].iter_mut().zip(&found.keys) {
+                let entry = lists.near().tag[(keys[i].to_bits() & place_bits) as usize];
+                *id = self.grid.ids()[entry as usize];
             }
         }
     }

@@ -187,20 +187,23 @@ impl TileMemory {
         // By points, never by groups of the search: those follow the grid, sums of f32 their order.
         for (i, &owner) in range.zip(&self.owners) {
             let (space, color) = (points.position(i), points.color(i));
-            let mut add = |slot: u32, r: f32| {
-                let mean = self.components[slot as usize].space;
-                let d = [space[0] - mean[0], space[1] - mean[1], space[2] - mean[2]];
-                add_point(&mut sums[slot as usize], r, d, color);
-            };
             if owner & SHARED == 0 {
-                add(owner, 1.0);
+                self.add(owner, 1.0, space, color, sums);
             } else if owner != NOBODY {
                 let shares = self.shared[(owner & !SHARED) as usize].clone();
                 for &(slot, r) in &self.shares[shares.start as usize..shares.end as usize] {
-                    add(slot, r);
+                    self.add(slot, r, space, color, sums);
                 }
             }
         }
+    }
+
+    // No closure: that would not be compiled for the kernel's instructions.
+    #[inline(always)]
+    fn add(&self, slot: u32, r: f32, space: [f32; 3], color: [f32; 3], sums: &mut [[f32; N_SUMS]]) {
+        let mean = self.components[slot as usize].space;
+        let d = [space[0] - mean[0], space[1] - mean[1], space[2] - mean[2]];
+        add_point(&mut sums[slot as usize], r, d, color);
     }
 }
 

@@ -75,7 +75,7 @@ pub struct Improvement {
     pub motion: Motion,
     /// Whether it is so near to the one before that nothing more can be gained.
     pub has_settled: bool,
-    /// What the frame shows of the components that it was found by.
+    /// What the frame shows of the components that it was found by, of the last round.
     pub shown: Vec<Shown>,
 }
 
@@ -114,12 +114,13 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 }
 
 impl PoseAlignment<'_> {
-    /// A more probable motion than the one that the components were found with; `None` where too little of the
-    /// scene is known.
+    /// A more probable motion than the one that the components were found with, in a round that is the last whatever
+    /// it finds, or not; `None` where too little of the scene is known.
     pub fn improved<W: SumScalar>(
         &self,
         before: &Motion,
         planes: &mut KnownPlanes<'_, W>,
+        is_last: bool,
     ) -> Option<Improvement> {
         let matches = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
@@ -128,8 +129,10 @@ impl PoseAlignment<'_> {
         let reach = matches.iter().map(|m| (m.shown.place - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
         let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
-        let shown = matches.iter().map(|matched| matched.shown).collect();
-        Some(Improvement { motion, has_settled: moved < SETTLED * self.h, shown })
+        let has_settled = moved < SETTLED * self.h;
+        let shown = if is_last || has_settled { &matches[..] } else { &[] };
+        let shown = shown.iter().map(|matched| matched.shown).collect();
+        Some(Improvement { motion, has_settled, shown })
     }
 
     /// Matches of the components that own points, in the order in which points come upon them: on one thread, so

@@ -92,8 +92,7 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
             let seed = DVec3::from_array(self.seed_positions.of(id as usize).map(f64::from));
             ColoredPlane::new(&sums, seed, self.ridge)
         };
-        let planes: Vec<_> = new.par_iter().with_min_len(64).map(plane).collect();
-        self.planes.extend(planes);
+        self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
     }
 
     /// How many components were asked for so far.

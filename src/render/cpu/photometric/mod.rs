@@ -36,13 +36,15 @@ use super::lists::ViewLists;
 use super::longest_first::longest_first;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::pieces::pieces;
 use crate::math::simd::Isa;
 use crate::render::constants::TILE;
 use compared::SumOrder;
 use rayon::prelude::*;
 use row::{WalkCanvas, WalkRow};
+use std::ops::Range;
 
-/// Least records per parallel task of adding rows up.
+/// Least visible records per parallel task of adding rows up.
 const MIN_TASK: usize = 512;
 
 /// Compares photographs with splats on the processor; keeps its buffers between views.
@@ -106,15 +108,30 @@ impl PhotometricWalk {
     }
 
     /// Row after row: the order of additions is part of the result. Every task goes through all rows
-    /// and keeps its own records, so there are no more tasks than threads.
+    /// and keeps its own records, so there are hardly more tasks than threads.
     fn add_rows(&mut self, lists: &ViewLists) {
         let (canvases, rows_of) = (&self.canvases, &lists.rows);
+        let runs: Vec<Range<u32>> = lists.runs().collect();
+        // What is visible lies together: tasks of as many records, visible or not, would leave most threads
+        // without work.
+        let share = (lists.n_visible() / rayon::current_num_threads()).max(MIN_TASK);
+        let mut n = 0;
+        let tasks = runs.chunk_by(|run, _| {
+            n = if n >= share { run.len() } else { n + run.len() };
+            n < share
+        });
+        let tasks: Vec<&[Range<u32>]> = tasks.collect();
         let n_records = lists.records.records.len();
-        let of_task = n_records.div_ceil(rayon::current_num_threads()).max(MIN_TASK);
         self.totals.resize(n_records, [0.0; N_IMAGE_SUMS]);
-        self.totals.par_chunks_mut(of_task).enumerate().for_each(|(task, totals)| {
-            totals.fill([0.0; N_IMAGE_SUMS]);
-            let first = (task * of_task) as u32;
+        let firsts = || tasks.iter().map(|runs| runs[0].start as usize);
+        let ends = firsts().skip(1).chain([n_records]);
+        let sizes = firsts().zip(ends).map(|(first, end)| end - first);
+        let totals = pieces(&mut self.totals, sizes).into_par_iter().zip(&tasks).with_max_len(1);
+        totals.for_each(|(totals, runs)| {
+            let first = runs[0].start;
+            for Range { start, end } in runs.iter() {
+                totals[(start - first) as usize..(end - first) as usize].fill([0.0; N_IMAGE_SUMS]);
+            }
             let rows = canvases.iter().enumerate();
             for (&record, sums) in rows.flat_map(|(i, row)| rows_of.get(i).iter().zip(&row.sums)) {
                 // Records before the first wrap around and lie behind the last.

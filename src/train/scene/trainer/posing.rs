@@ -88,8 +88,9 @@ impl<W: SumScalar> SceneTrainer<W> {
             // much farther they have to go.
             let gain = self.assign_moved(part, &motion, near.as_mut(), fewest, owners);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
-            let improvement = alignment.improved(&motion, planes)?;
-            if improvement.has_settled || round >= rounds {
+            let is_last = round >= rounds;
+            let improvement = alignment.improved(&motion, planes, is_last)?;
+            if improvement.has_settled || is_last {
                 return Some(improvement);
             }
             motion = improvement.motion;
