@@ -8,6 +8,9 @@ use std::ops::Range;
 // selection.
 pub(super) const STEP: usize = 2 * LANES;
 
+/// Points that share a list of candidates.
+pub(in crate::train) const CHUNK: usize = 16;
+
 /// Positions as columns, and what each stands for. Behind the `len` entries every column has at
 /// least [`STEP`] more, so that whole vectors can be read and written at any entry.
 #[derive(Clone, Debug, Default)]

@@ -36,7 +36,10 @@ impl Extent {
     pub fn of<V: Vector>(points: &Columns, range: Range<usize>) -> Self {
         let [lo, hi] = bounding_box::<V>(points, range.clone());
         // Halved before they are added: the sum of two large corners would overflow.
-        let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * lo[i] + 0.5 * hi[i]);
+        let mut centre = [0.0; 3];
+        for axis in 0..3 {
+            centre[axis] = 0.5 * lo[axis] + 0.5 * hi[axis];
+        }
         let reach2 = reach2::<V>(points, range, centre);
         let largest = lo.iter().chain(&hi).fold(0f32, |largest, v| largest.max(v.abs()));
         let slack = COORDINATE_MARGIN * largest + MIN_MARGIN;

@@ -170,8 +170,12 @@ impl MeanGrid {
     pub(super) fn gather(&self, lo: [f32; 3], hi: [f32; 3], radius: f32, list: &mut Columns) {
         let shape = &self.shape;
         list.len = 0;
-        let first: [usize; 3] = std::array::from_fn(|i| coordinate(shape, lo[i] - radius, i));
-        let last: [usize; 3] = std::array::from_fn(|i| coordinate(shape, hi[i] + radius, i));
+        // In loops: what arrays are made of by closures is compiled for the baseline.
+        let (mut first, mut last) = ([0; 3], [0; 3]);
+        for axis in 0..3 {
+            first[axis] = coordinate(shape, lo[axis] - radius, axis);
+            last[axis] = coordinate(shape, hi[axis] + radius, axis);
+        }
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {
                 let row = (z * shape.dims[1] + y) * shape.dims[0];

@@ -7,8 +7,7 @@
 //! `max` moves both at once, without branches and without registers for indices. Distances that
 //! agree in the remaining bits are reported as uncertain and ranked again in full.
 
-use super::columns::{Columns, STEP};
-use super::lists::CHUNK;
+use super::columns::{CHUNK, Columns, STEP};
 use crate::math::simd::{LANES, Vector};
 use std::ops::Range;
 

@@ -4,15 +4,12 @@
 //! group, and a near one of a few dozen entries for sixteen points, short enough to compare every
 //! point with every entry.
 
-use super::columns::{Columns, STEP};
+use super::columns::{CHUNK, Columns, STEP};
 use super::extent::{Extent, RELATIVE_MARGIN};
 use super::kernel::{Neighbours, distances, neighbours, ranked, select};
 use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;
-
-/// Points that share a list of candidates.
-pub(in crate::train) const CHUNK: usize = 16;
 
 /// Longest list whose entries fit in the low bits of a key.
 // Thirteen of the 23 bits of a mantissa. Fewer bits of distance would leave more points to be

@@ -24,12 +24,12 @@ mod nearest;
 mod reach;
 mod search;
 
-pub(in crate::train) use columns::Columns;
+pub(in crate::train) use columns::{CHUNK, Columns};
 pub use error::IndexError;
 pub use grid::MeanGrid;
 pub(in crate::train) use grid::grid_shape;
 pub use kd_tree::KdTree;
-pub(in crate::train) use lists::{Among, CHUNK, Lists, Nearest};
+pub(in crate::train) use lists::{Among, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
 pub(in crate::train) use reach::AnyWithin;
 pub use search::CandidateSearch;

@@ -5,10 +5,10 @@
 //! the triangle inequality and carry margins for rounding, which cost candidates, never
 //! correctness.
 
-use super::columns::Columns;
+use super::columns::{CHUNK, Columns};
 use super::extent::{Extent, MAX_RADIUS};
 use super::grid::MeanGrid;
-use super::lists::{CHUNK, Lists};
+use super::lists::Lists;
 use crate::math::simd::Vector;
 use std::ops::Range;
 

@@ -180,17 +180,20 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
         let before = |taker: &Taker| rows[taker.row as usize].sums;
         let before: Vec<_> =
             if frame.is_noted { takers.iter().map(before).collect() } else { Vec::new() };
-        for &point in points.flatten() {
-            let point = point as usize;
-            let row = frame.owners[point] as usize - first;
-            let taker = &mut takers[places[row] as usize];
-            let terms = frame.terms(point, taker.seed, h);
-            match taker.wide {
-                None => rows[row].add(&terms),
-                Some(wide) => add_rounded::<W>(&mut received.wide[wide].1, &terms),
-            }
-            if rule == VisibilityRule::Returned {
-                taker.returns += facing_pixels(&frame.points[point]);
+        // A loop in a loop: of iterators put together the next point is a call.
+        for points in points {
+            for &point in points {
+                let point = point as usize;
+                let row = frame.owners[point] as usize - first;
+                let taker = &mut takers[places[row] as usize];
+                let terms = frame.terms(point, taker.seed, h);
+                match taker.wide {
+                    None => rows[row].add(&terms),
+                    Some(wide) => add_rounded::<W>(&mut received.wide[wide].1, &terms),
+                }
+                if rule == VisibilityRule::Returned {
+                    taker.returns += facing_pixels(&frame.points[point]);
+                }
             }
         }
         let mut order: Vec<usize> = (0..takers.len()).collect();

@@ -106,7 +106,11 @@ impl SeedGrid {
     /// The cell of a place within reach.
     #[inline(always)]
     pub fn cell_of(&self, position: [f32; 3]) -> [i32; 3] {
-        position.map(|x| (x * self.per_cell).floor() as i32)
+        let mut cell = [0; 3];
+        for axis in 0..3 {
+            cell[axis] = (position[axis] * self.per_cell).floor() as i32;
+        }
+        cell
     }
 
     /// Whether a place may lie within `radius` world units of a seed: beyond the rim, too.
@@ -174,7 +178,12 @@ impl SeedGrid {
     /// First nodes of the blocks that some cells lie in.
     #[inline(always)]
     fn heads_of(&self, cells: CellBox) -> Heads<'_> {
-        let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> self.block_bits));
+        // In loops: what arrays are mapped by is compiled for the baseline.
+        let (mut low, mut high) = (cells.low, cells.high);
+        for axis in 0..3 {
+            low[axis] >>= self.block_bits;
+            high[axis] >>= self.block_bits;
+        }
         Heads { grid: self, low, high, next: low }
     }
 
