@@ -30,7 +30,7 @@ pub const MAX_TERM: f64 = 7.84;
 /// surface and the unit direction it was seen in, world axes.
 #[inline(always)]
 pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3]) -> [R; N_SUMS] {
-    // Written out: a closure would not be compiled for the instructions of the kernels that call this.
+    // Entry by entry: a mapped array would be a call below the kernels that use this, compiled for the baseline.
     let real = |x: f32| R::of(x.into());
     let n = [real(normal[0]), real(normal[1]), real(normal[2])];
     let v = [real(direction[0]), real(direction[1]), real(direction[2])];
