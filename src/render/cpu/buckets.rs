@@ -1,5 +1,7 @@
 //! Records listed under every row of tiles (or tile) that they touch.
 
+use crate::math::pieces::pieces;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Lists of records by bucket, each in the order the records came in.
@@ -18,29 +20,62 @@ impl Buckets {
         records: impl Iterator<Item = u32> + Clone,
         touched: impl Fn(u32) -> Range<usize>,
     ) {
-        // Cleared and not made anew: the lists of the next image need about as much room.
+        // Used again and not made anew: the lists of the next image need about as much room.
         let Self { ends, records: listed } = self;
-        ends.clear();
-        // One more: what begins and what ends at a bucket is counted, which takes no loop a record.
-        ends.resize(n_buckets + 1, 0);
-        // Not `for`: what yields the records may be runs of them, which a closure goes through faster.
-        records.clone().for_each(|record| {
-            let Range { start, end } = touched(record);
-            ends[start] = ends[start].wrapping_add(1);
-            ends[end] = ends[end].wrapping_sub(1);
-        });
+        count(n_buckets, records.clone(), &touched, ends);
         // Each entry first holds where its bucket starts; filling moves it to the end.
-        let (mut touching, mut total) = (0usize, 0);
+        let mut total = 0;
         for end in ends.iter_mut() {
-            touching = touching.wrapping_add(std::mem::replace(end, total));
-            total += touching;
+            total += std::mem::replace(end, total);
         }
-        ends.truncate(n_buckets);
         listed.resize(total, 0);
         records.for_each(|record| {
             for bucket in touched(record) {
                 listed[ends[bucket]] = record;
                 ends[bucket] += 1;
+            }
+        });
+    }
+
+    /// The same on all threads, of records in ascending runs, so many runs at a time: those are counted first,
+    /// and then fill their part of every list.
+    pub(super) fn fill_by(
+        &mut self,
+        n_buckets: usize,
+        runs: &[Range<u32>],
+        n: usize,
+        touched: impl Fn(u32) -> Range<usize> + Sync,
+    ) {
+        let Self { ends, records: listed } = self;
+        let groups = runs.par_chunks(n).with_max_len(1);
+        let count_group = |runs: &[Range<u32>]| {
+            let mut counts = Vec::new();
+            count(n_buckets, runs.iter().cloned().flatten(), &touched, &mut counts);
+            counts
+        };
+        let counts: Vec<Vec<usize>> = groups.clone().map(count_group).collect();
+        // List by list, and within a list by group.
+        let sizes: Vec<usize> =
+            (0..n_buckets).flat_map(|i| counts.iter().map(move |of_group| of_group[i])).collect();
+        ends.clear();
+        ends.extend((0..n_buckets).scan(0, |end, i| {
+            let of_groups = &sizes[i * counts.len()..(i + 1) * counts.len()];
+            *end += of_groups.iter().sum::<usize>();
+            Some(*end)
+        }));
+        listed.resize(ends.last().copied().unwrap_or(0), 0);
+        let mut parts: Vec<Vec<_>> = counts.iter().map(|_| Vec::with_capacity(n_buckets)).collect();
+        for (i, piece) in pieces(listed, sizes.into_iter()).into_iter().enumerate() {
+            parts[i % counts.len()].push(piece.iter_mut());
+        }
+        parts.into_par_iter().zip(groups).for_each(|(mut parts, runs)| {
+            for record in runs.iter().cloned().flatten() {
+                for part in &mut parts[touched(record)] {
+                    // There are as many places as were counted.
+                    if let Some(place) = part.next() {
+                        *place = record;
+                    }
+                }
             }
         });
     }
@@ -56,6 +91,37 @@ impl Buckets {
         let start = if bucket == 0 { 0 } else { self.ends[bucket - 1] };
         &self.records[start..self.ends[bucket]]
     }
+
+    /// The lists of all buckets, to be put in another order.
+    pub(super) fn each_mut(&mut self) -> Vec<&mut [u32]> {
+        let mut start = 0;
+        let sizes = self.ends.iter().map(|&end| end - std::mem::replace(&mut start, end));
+        pieces(&mut self.records, sizes)
+    }
+}
+
+/// How many records touch each of so many buckets.
+fn count(
+    n_buckets: usize,
+    records: impl Iterator<Item = u32>,
+    touched: impl Fn(u32) -> Range<usize>,
+    counts: &mut Vec<usize>,
+) {
+    counts.clear();
+    // One more: what begins and what ends at a bucket is counted, which takes no loop a record.
+    counts.resize(n_buckets + 1, 0);
+    // Not `for`: what yields the records may be runs of them, which a closure goes through faster.
+    records.for_each(|record| {
+        let Range { start, end } = touched(record);
+        counts[start] = counts[start].wrapping_add(1);
+        counts[end] = counts[end].wrapping_sub(1);
+    });
+    let mut touching = 0usize;
+    for count in counts.iter_mut() {
+        touching = touching.wrapping_add(*count);
+        *count = touching;
+    }
+    counts.truncate(n_buckets);
 }
 
 #[cfg(test)]

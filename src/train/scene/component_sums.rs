@@ -5,9 +5,9 @@
 //! 2⁵³ of them; 2 % of the components of the Kinect room need one. Sums in f32 and f64 exist to show that nothing
 //! is lost: all three draw the same picture within 0.005 dB.
 
-use super::runs::runs;
 use super::sum_scalar::SumScalar;
 use super::wide_sums::WideSums;
+use crate::math::pieces::pieces;
 use crate::model::scene::bounds::{make_definite, restrain};
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
@@ -190,8 +190,10 @@ impl<W: SumScalar> ComponentSums<W> {
         firsts: &[usize],
         f: impl Fn(usize, &mut [SumRow<W>], WideRows<'_>) + Sync,
     ) {
-        let runs = runs(&mut self.rows, firsts).into_par_iter().with_max_len(1);
-        runs.for_each(|(first, rows)| f(first, rows, WideRows(&self.wide)));
+        let ends = firsts.iter().skip(1).copied().chain([self.rows.len()]);
+        let sizes = ends.zip(firsts).map(|(end, first)| end.saturating_sub(*first));
+        let runs = pieces(&mut self.rows, sizes).into_par_iter().zip(firsts).with_max_len(1);
+        runs.for_each(|(rows, &first)| f(first, rows, WideRows(&self.wide)));
     }
 
     /// Adds sums of whole quanta to the rows of some components, in ascending order, in parts of as many of them.

@@ -45,7 +45,6 @@ mod point_slots;
 mod ray_search;
 mod refine;
 mod rigid_equations;
-mod runs;
 #[cfg(test)]
 mod second_look_tests;
 mod seed_groups;
