@@ -244,6 +244,11 @@ fn render_times_a_gpu_and_says_what_does_not_fit_it() {
     assert!(bench.text.contains("skipped, "), "{}", bench.text);
     let named = bench.json["machine"]["adapter"].as_str().unwrap().contains(&name);
     assert!(named, "{}", bench.json["machine"]);
+    let (splats, sizes) = (vec![100], vec![fits]);
+    let alone = RenderPlan { splats, sizes, device: BenchDevice::Tiles, ..plan };
+    let bench = counted(|progress| render::run(&alone, &scene, progress)).unwrap();
+    let rows = self::rows(&bench);
+    assert!(rows.len() == 2 && rows.iter().all(|row| row["path"] == "tiles"), "{rows:?}");
 }
 
 #[test]

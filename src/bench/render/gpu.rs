@@ -33,14 +33,11 @@ struct TimedMethod {
 }
 
 impl TimedGpu {
-    /// Every path on the adapter chosen.
-    pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
-        // Shared by both paths: drivers were seen to break when several devices come and go.
+    /// Paths on the adapter chosen.
+    pub fn all(choice: &AdapterChoice, paths: &[DrawPath]) -> Result<Vec<Self>, HeadlessError> {
+        // Shared by all paths: drivers were seen to break when several devices come and go.
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
-        [DrawPath::Quads, DrawPath::Tiles]
-            .into_iter()
-            .map(|path| Self::new(gpu.clone(), path))
-            .collect()
+        paths.iter().map(|&path| Self::new(gpu.clone(), path)).collect()
     }
 
     fn new(gpu: Rc<HeadlessGpu>, path: DrawPath) -> Result<Self, HeadlessError> {

@@ -7,7 +7,7 @@ use super::scene::BenchScene;
 use crate::bench::findings::{BenchError, BenchOptions};
 use crate::render::Renderer;
 #[cfg(feature = "gui")]
-use crate::render::gpu::adapters::AdapterChoice;
+use crate::render::gpu::{DrawPath, adapters::AdapterChoice};
 
 /// Renderers that are timed, in the order of the rows.
 pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
@@ -18,9 +18,12 @@ pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
 pub enum BenchDevice {
     /// The CPU renderer.
     Cpu,
-    /// A graphics adapter.
+    /// A graphics adapter, by both of its paths.
     #[cfg(feature = "gui")]
     Gpu,
+    /// Compute tiles of a graphics adapter alone: what draws beside them costs them memory and clock.
+    #[cfg(feature = "gui")]
+    Tiles,
     /// The CPU renderer, and a graphics adapter where there is one that is not software.
     All,
 }
@@ -77,9 +80,11 @@ impl RenderPlan {
             painters.push(Box::new(TimedCpu::default()));
         }
         #[cfg(feature = "gui")]
-        if matches!(self.device, BenchDevice::Gpu | BenchDevice::All) {
+        if self.device != BenchDevice::Cpu {
             let choice = self.adapter.as_deref().map_or(AdapterChoice::Auto, AdapterChoice::parse);
-            match TimedGpu::all(&choice) {
+            let all = [DrawPath::Quads, DrawPath::Tiles];
+            let paths = if self.device == BenchDevice::Tiles { &all[1..] } else { &all };
+            match TimedGpu::all(&choice, paths) {
                 Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
                 // One that was asked for must be there; as one of all it may be missing.
                 Err(error) if self.device == BenchDevice::All && self.adapter.is_none() => {

@@ -14,7 +14,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Entries one task takes.
 const PART: usize = 1 << 12;
-/// Of so many components one may move for the others to keep their order.
+/// Of so many components one may move for the others to keep their order: to sort all anew takes less then.
 const FEW: usize = 64;
 /// Of so many components one may have moved since cells were made for all of them.
 const STALE: usize = 4;
@@ -82,16 +82,16 @@ impl Index {
         moved: impl Iterator<Item = u32> + Clone,
     ) -> Result<(), IndexError> {
         let n = moved.clone().count();
-        let is_few = FEW * n <= model.len() && STALE * (self.n_moved + n) <= model.len();
         let is_finite = |id: u32| model.space[id as usize].iter().all(|v| v.to_f64().is_finite());
-        let is_shift = is_few && self.sorted.get().is_some() && moved.clone().all(is_finite);
+        let keeps_cells = STALE * (self.n_moved + n) <= model.len() && moved.clone().all(is_finite);
         // Either may fail: nothing is replaced before both are known.
-        let shape = if is_shift { self.shape } else { self.shape_of(model)? };
+        let shape = if keeps_cells { self.shape } else { self.shape_of(model)? };
         if self.tree.is_some() {
             self.tree = Some(tree(&model.space)?);
         }
-        (self.shape, self.is_shift) = (shape, is_shift);
-        self.n_moved = if is_shift { self.n_moved + n } else { 0 };
+        self.shape = shape;
+        self.n_moved = if keeps_cells { self.n_moved + n } else { 0 };
+        self.is_shift = keeps_cells && FEW * n <= model.len() && self.sorted.get().is_some();
         if let Some(sorted) = self.sorted.take() {
             *self.spare.get_mut().unwrap_or_else(PoisonError::into_inner) = sorted;
         }

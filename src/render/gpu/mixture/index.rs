@@ -5,10 +5,13 @@ use super::memory::{Load, Memory, Part};
 use super::shader;
 use crate::model::paper::mixture_device::GridShape;
 use crate::render::gpu::constants::{STRIP_CELLS, module};
-use crate::render::gpu::kernel::{ComputeKernel, Grid};
+use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
 
 /// The kernels of a counting sort, in their order, and what each binds.
 pub(super) struct IndexKernels([(ComputeKernel, &'static [(u32, Part)]); 5]);
+
+/// The same with their buffers.
+pub(super) struct BoundIndex([Bound; 5]);
 
 const RENEW: [(u32, Part); 3] = [(0, Part::Index), (1, Part::Moved), (2, Part::Components)];
 const COUNT: [(u32, Part); 4] =
@@ -36,10 +39,19 @@ impl IndexKernels {
         ])
     }
 
+    /// Every kernel with the buffers that it works on.
+    pub(super) fn bind(&self, device: &wgpu::Device, memory: &Memory) -> BoundIndex {
+        BoundIndex(self.0.each_ref().map(|(kernel, parts)| {
+            let resource = |&(at, part)| (at, memory.buffer(part).as_entire_binding());
+            kernel.bind(device, &parts.iter().map(resource).collect::<Vec<_>>())
+        }))
+    }
+}
+
+impl BoundIndex {
     /// Records that what has moved of the means is taken over, and all are sorted anew.
     pub(super) fn record(
         &self,
-        device: &wgpu::Device,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         memory: &Memory,
@@ -56,9 +68,7 @@ impl IndexKernels {
             label: Some("index over means"),
             timestamp_writes: None,
         });
-        for ((kernel, parts), grid) in self.0.iter().zip([moved, means, strips, strips, means]) {
-            let resource = |&(at, part)| (at, memory.buffer(part).as_entire_binding());
-            let bound = kernel.bind(device, &parts.iter().map(resource).collect::<Vec<_>>());
+        for (bound, grid) in self.0.iter().zip([moved, means, strips, strips, means]) {
             bound.dispatch(&mut pass, grid);
         }
     }

@@ -132,7 +132,7 @@ impl Memory {
         self.buffers.get(part as usize)
     }
 
-    /// Makes room in some parts, whose contents may be lost.
+    /// Makes room in some parts, whose contents may be lost; whether any is another buffer now.
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
@@ -141,9 +141,9 @@ impl Memory {
         device: &wgpu::Device,
         load: &Load,
         parts: &[Part],
-    ) -> Result<(), GpuError> {
+    ) -> Result<bool, GpuError> {
         let needed = parts.iter().map(|&part| (part as usize, load.bytes(part)));
-        self.buffers.make_room_for_pass(device, needed).map(drop)
+        self.buffers.make_room_for_pass(device, needed)
     }
 }
 

@@ -23,7 +23,7 @@ use crate::model::device_error::DeviceError;
 use crate::model::paper::mixture_device::{
     DevicePass, GridShape, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule, PointColumns,
 };
-use index::IndexKernels;
+use index::{BoundIndex, IndexKernels};
 use layout::{Frame, Mean};
 use memory::{HEAD_WORDS, Load, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, READ, RECORD_BYTES};
 use rayon::prelude::*;
@@ -42,6 +42,8 @@ pub struct GpuMixture {
     kernel: ComputeKernel,
     index: IndexKernels,
     memory: Memory,
+    /// Kernels of the pass and of the index with the buffers of now.
+    bound: Option<(Bound, BoundIndex)>,
     load: Load,
     /// Records to make room for in the next pass that sums.
     room: u64,
@@ -78,6 +80,7 @@ impl GpuMixture {
             kernel: ComputeKernel::new(&device, &shader, "run"),
             index: IndexKernels::new(&device),
             memory: Memory::new(&device),
+            bound: None,
             device,
             queue,
             faults,
@@ -99,8 +102,8 @@ impl GpuMixture {
         self.load.means = space.len() as u64;
         self.load.moved = moved.map_or(space.len(), <[u32]>::len) as u64;
         self.load.cells = shape.n_cells() as u64;
-        self.memory.make_room(&self.device, &self.load, &OF_INDEX)?;
-        self.memory.make_room(&self.device, &self.load, &OF_MEANS)?;
+        self.make_room(&OF_INDEX)?;
+        self.make_room(&OF_MEANS)?;
         let mut packed = std::mem::take(&mut self.packed);
         packed.resize(self.load.moved as usize, Mean::default());
         packed.par_chunks_mut(PACKED).enumerate().for_each(|(task, packed)| {
@@ -124,9 +127,8 @@ impl GpuMixture {
         }
         self.load.points = columns[0].len() as u64;
         self.load.tiles = tiles.len().saturating_sub(1) as u64;
-        let parts = [Part::Distances, Part::Outcome];
-        self.memory.make_room(&self.device, &self.load, &OF_FRAME)?;
-        self.memory.make_room(&self.device, &self.load, &parts)?;
+        self.make_room(&OF_FRAME)?;
+        self.make_room(&[Part::Distances, Part::Outcome])?;
         let columns = columns.map(bytemuck::cast_slice);
         self.write(FRAME_UPLOAD, columns.into_iter().chain([bytemuck::cast_slice(tiles)]))
     }
@@ -137,7 +139,7 @@ impl GpuMixture {
         upload: Upload,
         pieces: impl Iterator<Item = &'a [u8]>,
     ) -> Result<(), GpuError> {
-        self.memory.make_room(&self.device, &self.load, &[upload.from])?;
+        self.make_room(&[upload.from])?;
         let buffer = self.memory.buffer(upload.from);
         let bytes = self.load.bytes(upload.from);
         copy_pieces(buffer, bytes, pieces).map_err(no_pass)?;
@@ -150,13 +152,15 @@ impl GpuMixture {
     /// Runs a pass with room for as many records as the load says; how many there are, and how many open
     /// tiles.
     fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], GpuError> {
+        self.make_room(&[Part::Records, Part::Readback])?;
         let Self { device, queue, memory, load, .. } = self;
-        memory.make_room(device, load, &[Part::Records, Part::Readback])?;
         let sizes = [load.points, load.tiles, load.records].map(|n| n as usize);
         let frame = Frame::new(&self.cells, rule, sizes, with_sums);
         queue.write_buffer(memory.buffer(Part::Frame), 0, bytemuck::bytes_of(&frame));
         let mut encoder = device.create_command_encoder(&Default::default());
-        self.record(&mut encoder, &self.bind());
+        let bound = self.bound.take().unwrap_or_else(|| self.bind());
+        self.record(&mut encoder, &bound);
+        self.bound = Some(bound);
         let readback = self.memory.buffer(Part::Readback);
         let bytes = self.load.bytes(Part::Readback);
         let uploads = self.due.iter().map(|upload| self.memory.buffer(upload.from));
@@ -171,14 +175,25 @@ impl GpuMixture {
         Ok(head.map(u64::from))
     }
 
-    fn bind(&self) -> Bound {
+    /// Makes room in some parts, whose contents may be lost.
+    fn make_room(&mut self, parts: &[Part]) -> Result<(), GpuError> {
+        let is_other = self.memory.make_room(&self.device, &self.load, parts);
+        if !matches!(is_other, Ok(false)) {
+            self.bound = None;
+        }
+        is_other.map(drop)
+    }
+
+    fn bind(&self) -> (Bound, BoundIndex) {
         use Part::*;
         let parts = [Frame, Points, Tiles, Starts, Means, Appearance, Distances, Records, Outcome];
         let resource = |(at, part)| (at, self.memory.buffer(part).as_entire_binding());
-        self.kernel.bind(&self.device, &(0..).zip(parts).map(resource).collect::<Vec<_>>())
+        let resources: Vec<_> = (0..).zip(parts).map(resource).collect();
+        let index = self.index.bind(&self.device, &self.memory);
+        (self.kernel.bind(&self.device, &resources), index)
     }
 
-    fn record(&self, encoder: &mut wgpu::CommandEncoder, bound: &Bound) {
+    fn record(&self, encoder: &mut wgpu::CommandEncoder, (bound, index): &(Bound, BoundIndex)) {
         let Self { memory, load, .. } = self;
         let copy = |encoder: &mut wgpu::CommandEncoder, (from, at), (to, by), bytes| {
             let (from, to) = (memory.buffer(from), memory.buffer(to));
@@ -192,7 +207,7 @@ impl GpuMixture {
             }
         }
         if self.due.contains(&MEAN_UPLOAD) {
-            self.index.record(&self.device, &self.queue, encoder, memory, load, &self.cells);
+            index.record(&self.queue, encoder, memory, load, &self.cells);
         }
         let head = HEAD_WORDS * size_of::<u32>() as u64;
         encoder.clear_buffer(memory.buffer(Part::Outcome), 0, Some(head));
@@ -216,8 +231,9 @@ impl GpuMixture {
             self.forget_answer();
             self.load.records = if with_sums { self.room } else { 0 };
             let [records, open] = self.run(rule, with_sums)?;
-            // A frame is much like the next one.
-            self.room = self.room.max(records + records / 4);
+            // A frame is much like the next one; room that is not needed comes back all the same.
+            let kept = if with_sums { self.room - self.room / 8 } else { self.room };
+            self.room = kept.max(records + records / 4).max(MIN_RECORDS);
             if records <= self.load.records {
                 return Ok([records as usize, open as usize]);
             }

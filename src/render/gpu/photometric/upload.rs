@@ -6,7 +6,7 @@ use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::TILE;
 use crate::render::cpu::photometric::{PackedView, PixelRule, RowChoice};
-use crate::render::gpu::parallel_copy::copy;
+use crate::render::gpu::parallel_copy::copy_all;
 use bytemuck::cast_slice;
 use wgpu::WriteOnly;
 
@@ -47,32 +47,37 @@ impl Comparison<'_> {
     pub(super) fn write(&self, memory: WriteOnly<'_, [u8]>, load: &Load) {
         let Self { packed, photograph, rule, rows } = *self;
         let frame = Frame::new(photograph, packed.splats.len(), rule, rows);
-        let mut rest = memory;
+        let (mut rest, mut copies) = (memory, Vec::new());
         for part in UPLOADED {
             // The buffer holds the parts by their sizes.
             let to = rest.split_off(..load.bytes(part) as usize).unwrap_or_default();
             match part {
-                Part::Frame => copy(to, bytemuck::bytes_of(&frame)),
-                Part::Splats => copy(to, cast_slice(&packed.splats)),
-                Part::Places => copy(to, cast_slice(&packed.places)),
-                Part::Starts => copy(to, cast_slice(&packed.starts)),
-                Part::Entries => copy(to, cast_slice(&packed.entries)),
-                _ => self.write_photograph(to),
+                Part::Frame => copies.push((to, bytemuck::bytes_of(&frame))),
+                Part::Splats => copies.push((to, cast_slice(&packed.splats))),
+                Part::Places => copies.push((to, cast_slice(&packed.places))),
+                Part::Starts => copies.push((to, cast_slice(&packed.starts))),
+                Part::Entries => copies.push((to, cast_slice(&packed.entries))),
+                _ => copies.extend(self.photograph_lines(to)),
             }
         }
+        copy_all(copies.into_iter());
     }
 
-    fn write_photograph(&self, to: WriteOnly<'_, [u8]>) {
+    /// The chosen rows and where they go, those of the whole photograph in one.
+    fn photograph_lines<'m>(
+        &self,
+        to: WriteOnly<'m, [u8]>,
+    ) -> impl Iterator<Item = (WriteOnly<'m, [u8]>, &[u8])> {
         let Self { photograph, rows, .. } = *self;
-        if rows == RowChoice::ALL {
-            return copy(to, cast_slice(&photograph.data));
-        }
+        let is_whole = rows == RowChoice::ALL;
+        let n_pixels = if is_whole { photograph.data.len() } else { photograph.width };
+        let firsts = self.chosen_rows().map(|row| row * photograph.width);
         let mut rest = to;
-        for row in self.chosen_rows() {
-            let pixels = &photograph.data[row * photograph.width..][..photograph.width];
-            let line = rest.split_off(..photograph.width * MEASURED_BYTES);
-            line.unwrap_or_default().copy_from_slice(cast_slice(pixels));
-        }
+        firsts.take(if is_whole { 1 } else { usize::MAX }).map(move |first| {
+            let pixels = &photograph.data[first..][..n_pixels];
+            let line = rest.split_off(..n_pixels * MEASURED_BYTES).unwrap_or_default();
+            (line, cast_slice(pixels))
+        })
     }
 }
 
