@@ -14,7 +14,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Entries one task takes.
 const PART: usize = 1 << 12;
-/// Of so many components one may move for the others to keep their order: to sort all anew takes less then.
+/// Of so many components one may move for the others to keep their order: to sort all anew takes less where more move.
 const FEW: usize = 64;
 /// Of so many components one may have moved since cells were made for all of them.
 const STALE: usize = 4;
