@@ -137,6 +137,7 @@ pub fn sound(layout: SyntheticLayout) -> &'static Files {
             n_eval: 1,
             seed: 4,
             depth_noise: 0.0,
+            ..SyntheticParams::demo()
         };
         write(&params, folder.path(), layout, &mut |_, _| ()).expect("a recording");
         Files::read(folder.path())

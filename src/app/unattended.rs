@@ -81,6 +81,7 @@ mod tests {
             n_eval: 1,
             seed: 1,
             depth_noise: 0.0,
+            ..SyntheticParams::demo()
         };
         let layout = SyntheticLayout::Blender(DepthBits::Sixteen);
         write(&params, &room, layout, &mut |_, _| {}).unwrap();

@@ -1,28 +1,36 @@
 //! `synth`: the procedural room as a dataset on disk.
 
-use super::args::{DepthBitsName, LayoutName, SynthArgs};
+use super::args::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
 use super::failure::Failure;
 use super::{output, progress};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
-use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write, write_live};
+use vbgs_studio::dataset::synthetic::{PhoneScene, SyntheticCamera, SyntheticParams};
 
 /// Writes as asked.
 pub fn run(args: &SynthArgs) -> Result<(), Failure> {
+    let camera = camera(args)?;
+    let size = match camera {
+        SyntheticCamera::Room => [320, 240],
+        SyntheticCamera::Phone(_) => [1440, 1920],
+    };
+    let [width, height] = args.size.unwrap_or(size);
     let params = SyntheticParams {
-        width: args.size[0],
-        height: args.size[1],
+        width,
+        height,
         n_train: args.frames,
         n_eval: args.eval_frames,
+        n_free: args.free_frames,
         seed: args.seed,
         depth_noise: args.depth_noise,
+        camera,
     };
     let layout = layout(args)?;
     // Nothing is checked yet: `write` refuses absurd numbers, whose sum must not overflow first.
-    let n_frames = args.frames.saturating_add(args.eval_frames);
+    let n_frames = args.frames.saturating_add(args.eval_frames).saturating_add(args.free_frames);
     let bar = progress::bar(n_frames, "frame");
     if let Some(fps) = args.live {
         bar.set_message("rendering all of them first,");
@@ -45,21 +53,39 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     Ok(())
 }
 
+fn camera(args: &SynthArgs) -> Result<SyntheticCamera, Failure> {
+    match (args.camera, args.scene) {
+        (CameraName::Room, None) => Ok(SyntheticCamera::Room),
+        (CameraName::Room, Some(_)) => {
+            let message = "--scene: expected --camera phone beside it, found --camera room";
+            Err(Failure::Usage(message.to_owned()))
+        }
+        (CameraName::Phone, None | Some(SceneName::Room)) => {
+            Ok(SyntheticCamera::Phone(PhoneScene::Room))
+        }
+        (CameraName::Phone, Some(SceneName::Door)) => Ok(SyntheticCamera::Phone(PhoneScene::Door)),
+    }
+}
+
 fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
-    if let (LayoutName::Blender, bits) = (args.layout, args.depth_bits) {
+    let name = args.layout.unwrap_or(match args.camera {
+        CameraName::Room => LayoutName::Blender,
+        CameraName::Phone => LayoutName::Record3d,
+    });
+    if let (LayoutName::Blender, bits) = (name, args.depth_bits) {
         return Ok(SyntheticLayout::Blender(match bits {
             Some(DepthBitsName::Eight) => DepthBits::Eight,
             Some(DepthBitsName::Sixteen) | None => DepthBits::Sixteen,
         }));
     }
     if let Some(DepthBitsName::Eight) = args.depth_bits {
-        let name = args.layout.to_possible_value();
+        let name = name.to_possible_value();
         return Err(Failure::Usage(format!(
             "--depth-bits: expected 16 beside --layout {}, which has no other, found 8",
             name.as_ref().map_or("", PossibleValue::get_name)
         )));
     }
-    Ok(match args.layout {
+    Ok(match name {
         LayoutName::Blender => SyntheticLayout::Blender(DepthBits::Sixteen),
         LayoutName::SevenScenes => SyntheticLayout::SevenScenes,
         LayoutName::Tum => SyntheticLayout::Tum,

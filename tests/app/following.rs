@@ -12,8 +12,15 @@ use vbgs_studio::dataset::growing::END_MARKER;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write, write_live};
 
-const ROOM: SyntheticParams =
-    SyntheticParams { width: 64, height: 48, n_train: 10, n_eval: 0, seed: 1, depth_noise: 0.0 };
+const ROOM: SyntheticParams = SyntheticParams {
+    width: 64,
+    height: 48,
+    n_train: 10,
+    n_eval: 0,
+    seed: 1,
+    depth_noise: 0.0,
+    ..SyntheticParams::demo()
+};
 
 fn has_trained(window: &mut Window, n: usize) {
     wait(window, "frames", |studio| studio.snapshot().frames_done >= n);

@@ -121,8 +121,15 @@ fn ten_thousand_frames_cost_what_is_on_screen() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("room");
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train: 4, n_eval: 0, seed: 1, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train: 4,
+        n_eval: 0,
+        seed: 1,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     write(&params, &path, SyntheticLayout::Nerfstudio, &mut |_, _| {}).unwrap();
     let file = path.join("transforms.json");
     let mut json: serde_json::Value =

@@ -155,8 +155,15 @@ pub fn enter_path(window: &mut Window, path: &Path) {
 /// A dataset small enough to train in a moment.
 pub fn dataset(folder: &Path, n_train: usize) -> PathBuf {
     let path = folder.join("room");
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train, n_eval: 1, seed: 1, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train,
+        n_eval: 1,
+        seed: 1,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     write(&params, &path, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {}).unwrap();
     path
 }

@@ -87,6 +87,7 @@ fn views_of_a_camera_whose_poses_were_corrected_are_drawn_from_where_it_stood() 
         n_eval: 0,
         seed: 1,
         depth_noise: 0.0,
+        ..SyntheticParams::demo()
     };
     write(&params, &path, SyntheticLayout::Tum, &mut |_, _| {}).unwrap();
     sway(&path.join("groundtruth.txt"));

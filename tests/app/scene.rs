@@ -148,8 +148,15 @@ fn depth_in_a_wrong_unit_is_said() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("room");
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train: 2, n_eval: 1, seed: 1, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train: 2,
+        n_eval: 1,
+        seed: 1,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     write(&params, &path, SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
     spoil_unit(&path);
     let Some(mut window) = window(None, Painting::Auto) else { return };

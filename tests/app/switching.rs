@@ -44,8 +44,15 @@ enum Stand {
 /// A dataset of one split, which has fewer splits and frames than every other one.
 fn one_split(folder: &Path) -> PathBuf {
     let path = folder.join("kitchen");
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train: 2, n_eval: 0, seed: 2, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train: 2,
+        n_eval: 0,
+        seed: 2,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     write(&params, &path, SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
     path
 }

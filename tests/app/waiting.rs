@@ -18,8 +18,15 @@ use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 /// A dataset whose frames take long enough to be waited for.
 pub fn large(folder: &Path, n_train: usize) -> PathBuf {
     let path = folder.join("large");
-    let params =
-        SyntheticParams { width: 320, height: 240, n_train, n_eval: 1, seed: 1, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 320,
+        height: 240,
+        n_train,
+        n_eval: 1,
+        seed: 1,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     write(&params, &path, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {}).unwrap();
     path
 }

@@ -14,8 +14,15 @@ pub fn open_plain(path: &Path) -> Result<Dataset, DatasetError> {
 }
 
 /// Three training frames and one evaluation frame of 32×24 pixels.
-pub const TINY: SyntheticParams =
-    SyntheticParams { width: 32, height: 24, n_train: 3, n_eval: 1, seed: 4, depth_noise: 0.0 };
+pub const TINY: SyntheticParams = SyntheticParams {
+    width: 32,
+    height: 24,
+    n_train: 3,
+    n_eval: 1,
+    seed: 4,
+    depth_noise: 0.0,
+    ..SyntheticParams::demo()
+};
 
 /// A folder's files in memory: made once, a fresh copy for each test that may damage it.
 pub struct Files(Vec<(PathBuf, Vec<u8>)>);

@@ -10,8 +10,15 @@ use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write, write_live};
 use vbgs_studio::dataset::{Dataset, FrameEntry, LoadOptions};
 
-const ROOM: SyntheticParams =
-    SyntheticParams { width: 16, height: 12, n_train: 11, n_eval: 0, seed: 3, depth_noise: 0.0 };
+const ROOM: SyntheticParams = SyntheticParams {
+    width: 16,
+    height: 12,
+    n_train: 11,
+    n_eval: 0,
+    seed: 3,
+    depth_noise: 0.0,
+    ..SyntheticParams::demo()
+};
 
 /// Later than any patience.
 const LATER: f64 = 100.0;

@@ -12,6 +12,7 @@ mod layout_bad_input;
 mod layouts;
 mod memory;
 mod odd_ones;
+mod phone;
 mod real;
 mod rolling_shutter;
 mod sequences;

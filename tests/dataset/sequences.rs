@@ -15,8 +15,15 @@ use vbgs_studio::dataset::{
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 
-const ROOM: SyntheticParams =
-    SyntheticParams { width: 64, height: 48, n_train: 9, n_eval: 2, seed: 7, depth_noise: 0.0 };
+const ROOM: SyntheticParams = SyntheticParams {
+    width: 64,
+    height: 48,
+    n_train: 9,
+    n_eval: 2,
+    seed: 7,
+    depth_noise: 0.0,
+    ..SyntheticParams::demo()
+};
 
 /// Layout, the one it is recognised as, largest depth error in metres beside its share of depth, and
 /// whether colours keep their bytes.

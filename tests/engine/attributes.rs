@@ -17,8 +17,15 @@ use vbgs_studio::train::setting::table::SettingLayer;
 const COMPONENTS: usize = 3000;
 
 fn room() -> Arc<Dataset> {
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train: 6, n_eval: 1, seed: 4, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train: 6,
+        n_eval: 1,
+        seed: 4,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     Arc::new(dataset(&params).unwrap())
 }
 

@@ -25,8 +25,15 @@ const OPTIONS: BenchOptions =
     BenchOptions { quick: true, max_frames: Some(3), repeats: Some(2), seed: 3 };
 
 fn room() -> Arc<Dataset> {
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train: 6, n_eval: 2, seed: 3, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train: 6,
+        n_eval: 2,
+        seed: 3,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     Arc::new(synthetic::dataset(&params).unwrap())
 }
 

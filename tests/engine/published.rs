@@ -80,8 +80,15 @@ fn embedded_presets_change_nothing() {
     assert_eq!(SceneRun { budget: None, ..asked }, plain);
 }
 
-const ROOM: SyntheticParams =
-    SyntheticParams { width: 64, height: 48, n_train: 2, n_eval: 1, seed: 4, depth_noise: 0.0 };
+const ROOM: SyntheticParams = SyntheticParams {
+    width: 64,
+    height: 48,
+    n_train: 2,
+    n_eval: 1,
+    seed: 4,
+    depth_noise: 0.0,
+    ..SyntheticParams::demo()
+};
 
 #[test]
 fn the_tables_say_a_scenes_defaults() {

@@ -25,6 +25,7 @@ fn room() -> Arc<Dataset> {
         n_eval: 3,
         seed: 9,
         depth_noise: 0.0,
+        ..SyntheticParams::demo()
     };
     Arc::new(dataset(&params).unwrap())
 }

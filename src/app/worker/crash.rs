@@ -80,6 +80,7 @@ mod tests {
             n_eval: 0,
             seed: 1,
             depth_noise: 0.0,
+            ..SyntheticParams::demo()
         };
         let room = folder.join("room");
         std::fs::create_dir_all(folder).unwrap();

@@ -13,6 +13,7 @@ mod precision_search;
 mod render;
 mod renderer;
 mod settings;
+mod synth;
 mod train;
 
 #[cfg(feature = "bench")]
@@ -26,11 +27,12 @@ pub use export::{AxesName, ExportArgs, FormatName, KindName};
 #[cfg(feature = "bench")]
 pub use precision_search::PrecisionSearchArgs;
 pub use render::{AxisName, PaintName, RenderArgs};
+pub use synth::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
 pub use train::{DeviceName, TrainArgs};
 
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
-use parse::{parse_count, parse_positive, parse_size};
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use parse::parse_count;
 use std::path::PathBuf;
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
@@ -104,70 +106,6 @@ pub enum Command {
     #[cfg(feature = "bench")]
     /// Find the cheapest precision of every operation within an error bound
     PrecisionSearch(PrecisionSearchArgs),
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum LayoutName {
-    /// NeRF-synthetic with depth
-    Blender,
-    SevenScenes,
-    /// TUM RGB-D
-    Tum,
-    /// Open3D or Redwood
-    Open3d,
-    /// Replica as NICE-SLAM rendered it
-    Replica,
-    /// ScanNet's export
-    Scannet,
-    Nerfstudio,
-    /// Record3D's exported folder
-    Record3d,
-    /// Record3D's .r3d
-    Record3dArchive,
-    /// Stray Scanner, its video unpacked
-    StrayScanner,
-    /// ARKit package of JSON lines
-    Arkit,
-    /// RTAB-Map's export
-    RtabMap,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum DepthBitsName {
-    #[value(name = "8")]
-    Eight,
-    #[value(name = "16")]
-    Sixteen,
-}
-
-#[derive(Args)]
-pub struct SynthArgs {
-    /// New or empty folder
-    pub out: PathBuf,
-    /// Layout to write
-    #[arg(long, value_enum, default_value = "blender")]
-    pub layout: LayoutName,
-    /// Bits of the depth, 16 if not said; only the Blender layout has 8
-    #[arg(long, value_enum)]
-    pub depth_bits: Option<DepthBitsName>,
-    /// Width and height in pixels
-    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = parse_size)]
-    pub size: [u32; 2],
-    /// Training frames
-    #[arg(long, value_name = "N", default_value_t = 96)]
-    pub frames: usize,
-    /// Evaluation frames
-    #[arg(long, value_name = "N", default_value_t = 12)]
-    pub eval_frames: usize,
-    /// Seed of the scene
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Depth noise in units of a depth camera's
-    #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub depth_noise: f64,
-    /// Write it as it is recorded, so many frames a second, for `train --follow`
-    #[arg(long, value_name = "FPS", value_parser = parse_positive, allow_negative_numbers = true)]
-    pub live: Option<f64>,
 }
 
 #[derive(Args)]

@@ -2,7 +2,7 @@
 //! per surface on a coarse grid and interpolated. It does not depend on the view, so what one frame
 //! shows every other confirms.
 
-use super::room::{CEILING_LIGHT, FurnishedRoom, Lamp, WINDOW_LIGHT};
+use super::room::{FurnishedRoom, Lamp};
 use super::solid::{Ray, Shape};
 use glam::{DVec2, DVec3, Vec3, vec3};
 
@@ -90,9 +90,8 @@ impl LightMap {
 fn gather(room: &FurnishedRoom, point: DVec3, normal: DVec3) -> Vec3 {
     // Off the surface, or it would stand in its own light.
     let start = point + normal * 1e-4;
-    from_lamp(room, start, normal, &WINDOW_LIGHT)
-        + from_lamp(room, start, normal, &CEILING_LIGHT)
-        + ambient(room, start, normal)
+    let direct = room.lamps.iter().map(|lamp| from_lamp(room, start, normal, lamp));
+    direct.sum::<Vec3>() + ambient(room, start, normal)
 }
 
 fn from_lamp(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {

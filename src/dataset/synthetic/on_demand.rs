@@ -1,6 +1,6 @@
 //! The procedural room as a dataset without files.
 
-use super::params::{ParamsError, SyntheticParams};
+use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::plan::{PlannedSplit, ViewPlan};
 use super::room;
 use crate::dataset::entry::{DatasetSplit, FrameEntry, FrameSource};
@@ -18,8 +18,15 @@ pub fn demo() -> Result<Dataset, ParamsError> {
 }
 
 /// A dataset whose frames are rendered when they are loaded.
+///
+/// # Errors
+/// Parameters outside their range, and the phone, whose recordings need files.
 pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
-    let ViewPlan { scene, splits } = ViewPlan::new(params)?;
+    if params.camera != SyntheticCamera::Room {
+        let found = "the phone, whose recordings are written to files".to_owned();
+        return Err(ParamsError { setting: "camera", expected: "the room's camera", found });
+    }
+    let ViewPlan { scene, splits, .. } = ViewPlan::new(params)?;
     let intrinsics = scene.intrinsics();
     let split = |planned: PlannedSplit| {
         let entry = |(i, pose): (usize, Pose)| FrameEntry {

@@ -5,6 +5,25 @@ const SIDE_LIMITS: [u32; 2] = [8, 8192];
 /// Largest number of frames in a split.
 const MAX_FRAMES: usize = 100_000;
 
+/// What records the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SyntheticCamera {
+    /// An ideal camera that walks around the furnished room.
+    Room,
+    /// A phone held upright: photographs that are larger than its lidar's depth, exposure steps,
+    /// motion blur and poses that drift.
+    Phone(PhoneScene),
+}
+
+/// What the phone records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PhoneScene {
+    /// The whole room, with fine print, wood grain, tiles and thin cables.
+    Room,
+    /// A flat door from nearby, with its frame, handle, hinges and the wall beside it.
+    Door,
+}
+
 /// What to generate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SyntheticParams {
@@ -16,17 +35,30 @@ pub struct SyntheticParams {
     pub n_train: usize,
     /// Frames of the split `eval`, from viewpoints between those of `train`; may be 0.
     pub n_eval: usize,
+    /// Frames of the split `free`, from anywhere in free space; may be 0.
+    pub n_free: usize,
     /// Textures, colours and the phase of the trajectory.
     pub seed: u64,
     /// Standard deviation of depth noise in units of the sensor's noise half-width
     /// `max(0.003, 0.003 z²)` m; 0 is exact depth. Only `train` is noisy.
     pub depth_noise: f64,
+    /// What records it, and what.
+    pub camera: SyntheticCamera,
 }
 
 impl SyntheticParams {
     /// The demo that the window starts with.
-    pub fn demo() -> Self {
-        Self { width: 320, height: 240, n_train: 96, n_eval: 12, seed: 0, depth_noise: 0.0 }
+    pub const fn demo() -> Self {
+        Self {
+            width: 320,
+            height: 240,
+            n_train: 96,
+            n_eval: 12,
+            n_free: 0,
+            seed: 0,
+            depth_noise: 0.0,
+            camera: SyntheticCamera::Room,
+        }
     }
 
     pub(super) fn check(&self) -> Result<(), ParamsError> {
@@ -43,6 +75,13 @@ impl SyntheticParams {
         }
         if self.n_eval > MAX_FRAMES {
             return wrong("evaluation frames", "0 to 100000", self.n_eval.to_string());
+        }
+        if self.n_free > MAX_FRAMES {
+            return wrong("free frames", "0 to 100000", self.n_free.to_string());
+        }
+        if self.camera != SyntheticCamera::Room && self.depth_noise != 0.0 {
+            let expected = "0 beside the phone, whose lidar has noise of its own";
+            return wrong("depth noise", expected, self.depth_noise.to_string());
         }
         if !(0.0..=100.0).contains(&self.depth_noise) {
             return wrong("depth noise", "0 to 100 sensor noises", self.depth_noise.to_string());

@@ -1,27 +1,53 @@
-//! The splits of a procedural recording: a smooth walk that trains, viewpoints between that measure.
+//! The splits of a procedural recording: a smooth walk that trains, viewpoints between that measure,
+//! and viewpoints away from the walk.
 
-use super::params::{ParamsError, SyntheticParams};
+use super::free_views::{self, FreeRules};
+use super::params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
+use super::phone::camera::{Capture, PhoneCamera, depth_camera};
+use super::phone::drift::drifted;
+use super::phone::walk::Walk;
 use super::scene::SyntheticScene;
 use super::trajectory;
 use super::view::SyntheticView;
 use crate::math::camera::{Camera, Intrinsics};
+use crate::math::image::Image;
 use crate::math::pose::Pose;
 use std::sync::Arc;
+
+/// How much smaller than a photograph the depth of the room's camera is in layouts of phones.
+const ROOM_FACTOR: u32 = 4;
+/// Smallest side of depth.
+const MIN_SIDE: u32 = 8;
+/// Confidence of exact depth.
+const SURE: u8 = 2;
 
 /// The scene and the viewpoints of each split.
 pub(super) struct ViewPlan {
     pub scene: Arc<SyntheticScene>,
     pub splits: Vec<PlannedSplit>,
+    phone: Option<PhoneCamera>,
 }
 
 /// The viewpoints of one split.
 pub(super) struct PlannedSplit {
     pub name: &'static str,
+    /// True poses, which frames are rendered from.
     pub poses: Vec<Pose>,
+    /// Poses that the recording states.
+    pub stated: Vec<Pose>,
+    /// Whether layouts without splits hold its frames.
+    pub is_recorded: bool,
     is_noisy: bool,
+    is_of_phone: bool,
 }
 
 impl PlannedSplit {
+    /// True pictures with true poses.
+    fn exact(name: &'static str, poses: Vec<Pose>) -> Self {
+        let stated = poses.clone();
+        Self { name, poses, stated, is_recorded: false, is_noisy: false, is_of_phone: false }
+    }
+
     /// Name of a frame's depth noise, `None` for exact depth.
     pub fn noise_stream(&self, frame: usize) -> Option<u64> {
         self.is_noisy.then_some(frame as u64)
@@ -29,18 +55,48 @@ impl PlannedSplit {
 }
 
 impl ViewPlan {
-    /// Furnishes the room and walks the camera through it.
+    /// Furnishes the scene and leads the camera through it.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         let scene = Arc::new(SyntheticScene::new(params)?);
-        let train = trajectory::train(params.n_train, params.seed);
-        let mut splits =
-            vec![PlannedSplit { name: "train", poses: train, is_noisy: params.depth_noise > 0.0 }];
-        if params.n_eval > 0 {
-            let poses = trajectory::eval(params.n_eval, params.seed);
-            // Exact: what a model is measured against must not err itself.
-            splits.push(PlannedSplit { name: "eval", poses, is_noisy: false });
-        }
-        Ok(Self { scene, splits })
+        let (train, eval, phone) = match params.camera {
+            SyntheticCamera::Room => {
+                let train = PlannedSplit {
+                    is_recorded: true,
+                    is_noisy: params.depth_noise > 0.0,
+                    ..PlannedSplit::exact("train", trajectory::train(params.n_train, params.seed))
+                };
+                let eval = PlannedSplit {
+                    is_recorded: true,
+                    // Exact: what a model is measured against must not err itself.
+                    ..PlannedSplit::exact("eval", trajectory::eval(params.n_eval, params.seed))
+                };
+                (train, eval, None)
+            }
+            SyntheticCamera::Phone(content) => {
+                let walk = Walk::new(content, params.seed);
+                let phone = PhoneCamera::new(walk, params.n_train, params.seed);
+                let poses: Vec<Pose> = (0..params.n_train).map(|i| phone.pose(i)).collect();
+                let train = PlannedSplit {
+                    stated: drifted(&poses, params.seed),
+                    is_recorded: true,
+                    is_of_phone: true,
+                    ..PlannedSplit::exact("train", poses)
+                };
+                let between = |i: usize| walk.steady((i as f64 + 0.37) / params.n_eval as f64);
+                let eval = (0..params.n_eval).map(between).collect();
+                (train, PlannedSplit::exact("eval", eval), Some(phone))
+            }
+        };
+        let free = match params.n_free {
+            0 => Vec::new(),
+            n => {
+                let trained = Camera { intrinsics: scene.intrinsics(), pose: Pose::IDENTITY };
+                free_views::choose(n, scene.room(), trained, &train.poses, &rules(params))?
+            }
+        };
+        let mut splits = vec![train, eval, PlannedSplit::exact("free", free)];
+        splits.retain(|split| !split.poses.is_empty());
+        Ok(Self { scene, splits, phone })
     }
 
     /// Colour and depth of a frame of a split, noisy where the split is.
@@ -57,5 +113,43 @@ impl ViewPlan {
     ) -> SyntheticView {
         let camera = Camera { intrinsics, pose: split.poses[frame] };
         self.scene.sensed(&camera, split.noise_stream(frame))
+    }
+
+    /// A frame as a phone stores it: [`Self::depth_camera`] measures its depth.
+    pub fn capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
+        let of_depth = self.depth_camera();
+        if let Some(phone) = self.phone.as_ref().filter(|_| split.is_of_phone) {
+            return phone.capture(&self.scene, frame, of_depth);
+        }
+        let depth_z = self.view_by(split, frame, of_depth).depth_z;
+        let confidence = Image::filled(depth_z.width, depth_z.height, SURE);
+        Capture { color: self.view(split, frame).color, depth_z, confidence }
+    }
+
+    /// The camera of a phone's depth: the photograph's lens, a smaller image.
+    pub fn depth_camera(&self) -> Intrinsics {
+        let k = self.scene.intrinsics();
+        if self.phone.is_some() {
+            return depth_camera(&k);
+        }
+        let side = |n: u32| (n / ROOM_FACTOR).max(MIN_SIDE);
+        let (width, height) = (side(k.width), side(k.height));
+        let sx = f64::from(width) / f64::from(k.width);
+        let sy = f64::from(height) / f64::from(k.height);
+        Intrinsics { width, height, fx: k.fx * sx, fy: k.fy * sy, cx: k.cx * sx, cy: k.cy * sy }
+    }
+
+    /// Whether a phone records.
+    pub fn is_of_phone(&self) -> bool {
+        self.phone.is_some()
+    }
+}
+
+fn rules(params: &SyntheticParams) -> FreeRules {
+    match params.camera {
+        SyntheticCamera::Phone(PhoneScene::Door) => FreeRules::beside(params.seed),
+        SyntheticCamera::Phone(PhoneScene::Room) | SyntheticCamera::Room => {
+            FreeRules::anywhere(params.seed)
+        }
     }
 }

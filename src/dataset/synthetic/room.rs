@@ -28,10 +28,12 @@ pub(super) struct Solid {
 #[derive(Debug)]
 pub(super) struct FurnishedRoom {
     pub solids: Vec<Solid>,
+    pub lamps: Vec<Lamp>,
     pub seed: u32,
 }
 
 /// A source of light for the baker: a rectangle.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     pub corner: DVec3,
     pub edges: [DVec3; 2],
@@ -41,7 +43,7 @@ pub(super) struct Lamp {
 }
 
 /// The window in the wall at low y, as light: daylight.
-pub(super) const WINDOW_LIGHT: Lamp = Lamp {
+const WINDOW_LIGHT: Lamp = Lamp {
     // Before the pane, which would keep its own light out of the room.
     corner: dvec3(-0.9, -2.15, 0.9),
     edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
@@ -50,7 +52,7 @@ pub(super) const WINDOW_LIGHT: Lamp = Lamp {
 };
 
 /// The panel under the ceiling, as light: warm.
-pub(super) const CEILING_LIGHT: Lamp = Lamp {
+const CEILING_LIGHT: Lamp = Lamp {
     // Below the panel for that reason too.
     corner: dvec3(-0.7, -0.5, 2.55),
     edges: [dvec3(1.4, 0.0, 0.0), dvec3(0.0, 1.0, 0.0)],
@@ -67,7 +69,13 @@ impl FurnishedRoom {
         add_fittings(&mut solids);
         add_table(&mut solids, &mut rng);
         add_furniture(&mut solids, &mut rng);
-        Self { solids, seed: rng.next_u64() as u32 }
+        let lamps = vec![WINDOW_LIGHT, CEILING_LIGHT];
+        Self { solids, lamps, seed: rng.next_u64() as u32 }
+    }
+
+    /// Low and high corner of the shell, metres.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.solids.first().map_or((LO, HI), |shell| shell.shape.bounds())
     }
 
     /// Whether anything but the shell is between a surface point and the distance 1 along `ray`.
@@ -78,21 +86,21 @@ impl FurnishedRoom {
     }
 }
 
-fn block(lo: [f64; 3], hi: [f64; 3], texture: Texture) -> Solid {
+pub(super) fn block(lo: [f64; 3], hi: [f64; 3], texture: Texture) -> Solid {
     Solid { shape: Shape::Block { lo: lo.into(), hi: hi.into() }, texture }
 }
 
-fn sphere(centre: [f64; 3], radius: f64, texture: Texture) -> Solid {
+pub(super) fn sphere(centre: [f64; 3], radius: f64, texture: Texture) -> Solid {
     Solid { shape: Shape::Sphere { centre: centre.into(), radius }, texture }
 }
 
-fn cylinder(base: [f64; 3], radius: f64, height: f64, texture: Texture) -> Solid {
+pub(super) fn cylinder(base: [f64; 3], radius: f64, height: f64, texture: Texture) -> Solid {
     Solid { shape: Shape::Cylinder { base: base.into(), radius, height }, texture }
 }
 
-const OAK: Texture = Texture::Wood(vec3(0.46, 0.28, 0.14));
+pub(super) const OAK: Texture = Texture::Wood(vec3(0.46, 0.28, 0.14));
 const WALNUT: Texture = Texture::Wood(vec3(0.24, 0.13, 0.07));
-const WHITE: Texture = Texture::Paint(vec3(0.78, 0.77, 0.74));
+pub(super) const WHITE: Texture = Texture::Paint(vec3(0.78, 0.77, 0.74));
 
 /// Window, ceiling light and pictures: what hangs on the walls.
 fn add_fittings(solids: &mut Vec<Solid>) {

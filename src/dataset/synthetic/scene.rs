@@ -1,7 +1,8 @@
 //! The furnished and lit room, and what cameras in it see.
 
 use super::light::LightMaps;
-use super::params::{ParamsError, SyntheticParams};
+use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
+use super::phone::contents;
 use super::room::FurnishedRoom;
 use super::view::{self, SyntheticView};
 use crate::dataset::depth::{Depth, DepthCodes, DepthKind, HOLE16, sensor_noise};
@@ -9,6 +10,7 @@ use crate::dataset::frame::Frame;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::rng::{Purpose, Rng};
+use glam::{DVec3, Vec3};
 
 /// Metres per step of the 16-bit depth that demo frames carry: a quarter of a millimetre, 16 m in
 /// all.
@@ -16,6 +18,8 @@ pub const DEPTH_UNIT: f64 = 0.000_25;
 
 /// Horizontal field of view of the synthetic camera, radians (68°).
 pub const FIELD_OF_VIEW: f64 = 1.187;
+/// That of the phone held upright, radians (50°).
+const PHONE_FIELD_OF_VIEW: f64 = 0.873;
 
 /// The furnished and lit room.
 #[derive(Debug)]
@@ -29,14 +33,38 @@ impl SyntheticScene {
     /// Furnishes and lights the room.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         params.check()?;
-        let room = FurnishedRoom::new(params.seed);
+        let room = match params.camera {
+            SyntheticCamera::Room => FurnishedRoom::new(params.seed),
+            SyntheticCamera::Phone(scene) => contents::furnish(scene, params.seed),
+        };
         let light = LightMaps::bake(&room);
         Ok(Self { room, light, params: *params })
     }
 
     /// Intrinsics of every frame.
     pub fn intrinsics(&self) -> Intrinsics {
-        Intrinsics::from_horizontal_fov(self.params.width, self.params.height, FIELD_OF_VIEW)
+        Intrinsics::from_horizontal_fov(self.params.width, self.params.height, self.field_of_view())
+    }
+
+    pub(super) fn field_of_view(&self) -> f64 {
+        match self.params.camera {
+            SyntheticCamera::Room => FIELD_OF_VIEW,
+            SyntheticCamera::Phone(_) => PHONE_FIELD_OF_VIEW,
+        }
+    }
+
+    pub(super) fn room(&self) -> &FurnishedRoom {
+        &self.room
+    }
+
+    /// Low and high corner of the world, metres.
+    pub(super) fn bounds(&self) -> (DVec3, DVec3) {
+        self.room.bounds()
+    }
+
+    /// Linear light of one view.
+    pub(super) fn radiance(&self, camera: &Camera) -> Image<Vec3> {
+        view::radiance(&self.room, &self.light, camera)
     }
 
     /// Noise of its training depth; see [`SyntheticParams::depth_noise`].

@@ -5,9 +5,10 @@
 //! along its distance function, then polished by Newton's method, so that its depth is exact to
 //! rounding like that of the other shapes.
 
+use super::capsule::Capsule;
 use glam::{DVec2, DVec3};
 
-/// A shape in world coordinates; upright, no rotation.
+/// A shape in world coordinates; upright but for cables, no rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     /// Axis-aligned box seen from outside.
@@ -20,6 +21,8 @@ pub(super) enum Shape {
     Cylinder { base: DVec3, radius: f64, height: f64 },
     /// Ring lying flat.
     Torus { centre: DVec3, major: f64, minor: f64 },
+    /// Straight piece of cable at any slant.
+    Cable(Capsule),
 }
 
 /// A ray; `t` of an intersection counts lengths of `direction`, which need not be a unit.
@@ -58,7 +61,7 @@ impl Shape {
         match self {
             Self::Block { .. } | Self::Shell { .. } => 6,
             Self::Cylinder { .. } => 2,
-            Self::Sphere { .. } | Self::Torus { .. } => 1,
+            Self::Sphere { .. } | Self::Torus { .. } | Self::Cable(_) => 1,
         }
     }
 
@@ -75,6 +78,7 @@ impl Shape {
                 let half = DVec3::new(major + minor, major + minor, minor);
                 (centre - half, centre + half)
             }
+            Self::Cable(capsule) => capsule.bounds(),
         }
     }
 
@@ -93,6 +97,10 @@ impl Shape {
             Self::Sphere { centre, radius } => sphere(ray, centre, radius),
             Self::Cylinder { base, radius, height } => cylinder(ray, base, radius, height),
             Self::Torus { centre, major, minor } => torus(ray, centre, major, minor),
+            Self::Cable(capsule) => {
+                let enter = capsule.enter(ray.origin, ray.direction, START);
+                enter.map(|t| Hit { t, face: 0 })
+            }
         }
     }
 
@@ -110,6 +118,7 @@ impl Shape {
                 let p = point - centre;
                 (p - p.with_z(0.0).normalize() * major).normalize()
             }
+            Self::Cable(capsule) => capsule.normal(point),
         }
     }
 
@@ -140,6 +149,7 @@ impl Shape {
                 let out = p.truncate().length() - major;
                 DVec2::new(angle(p.x, p.y), angle(out / minor, p.z / minor))
             }
+            Self::Cable(capsule) => capsule.chart(point),
         }
     }
 
@@ -167,6 +177,7 @@ impl Shape {
                 let tube = around(uv.y) * minor;
                 centre + (around(uv.x) * (major + tube.x)).extend(tube.y)
             }
+            Self::Cable(capsule) => capsule.point(uv),
         }
     }
 
@@ -184,6 +195,7 @@ impl Shape {
                 _ => DVec2::splat(2.0 * radius),
             },
             Self::Torus { major, minor, .. } => DVec2::new(TAU * major, TAU * minor),
+            Self::Cable(capsule) => capsule.face_size(),
         }
     }
 }
@@ -307,12 +319,17 @@ mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
 
-    const SHAPES: [Shape; 5] = [
+    const SHAPES: [Shape; 6] = [
         Shape::Block { lo: DVec3::new(-0.3, -0.2, 0.1), hi: DVec3::new(0.5, 0.3, 0.6) },
         Shape::Shell { lo: DVec3::new(-4.0, -4.0, -4.0), hi: DVec3::new(4.0, 4.0, 4.0) },
         Shape::Sphere { centre: DVec3::new(0.1, 0.2, 0.3), radius: 0.4 },
         Shape::Cylinder { base: DVec3::new(0.1, 0.0, -0.2), radius: 0.3, height: 0.7 },
         Shape::Torus { centre: DVec3::new(0.0, 0.1, 0.2), major: 0.5, minor: 0.15 },
+        Shape::Cable(Capsule {
+            from: DVec3::new(-0.3, 0.1, -0.2),
+            to: DVec3::new(0.4, 0.3, 0.3),
+            radius: 0.2,
+        }),
     ];
 
     #[test]
@@ -330,6 +347,7 @@ mod tests {
                 let uv = shape.chart(point, hit.face);
                 let back = shape.point(uv, hit.face);
                 assert!((back - point).length() < 1e-6, "{shape:?}: {point} and {back}");
+                assert!(shape.distance(point).abs() < 1e-9, "{shape:?}: {point}");
                 let facing = shape.normal(point, hit.face).dot(ray.direction);
                 assert!(facing < 1e-6, "{shape:?}: a visible surface faces the ray");
                 let (lo, hi) = shape.bounds();

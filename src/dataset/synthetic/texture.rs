@@ -3,7 +3,9 @@
 //! Details are blurred by `blur`, the width of a pixel on the surface in metres, so that they do not
 //! alias into something that no two views agree on.
 
-use glam::{DVec2, DVec3, Vec2, Vec3, vec3};
+use super::fine_texture::FineTexture;
+use super::pattern::{Place, band, hash, line, noise2, noise3, step, wave};
+use glam::{Vec2, Vec3, vec3};
 
 /// What a surface looks like; colours are linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,19 +30,8 @@ pub(super) enum Texture {
     Window,
     /// Shines by itself, one radiance.
     Glow(Vec3),
-}
-
-/// A place on a surface.
-pub(super) struct Place {
-    pub world: DVec3,
-    /// Chart coordinates in `[0, 1]²`.
-    pub uv: DVec2,
-    /// Metres along the chart.
-    pub size: DVec2,
-    pub face: usize,
-    /// Metres per pixel.
-    pub blur: f32,
-    pub seed: u32,
+    /// Detail of a millimetre, for the phone's scenes.
+    Fine(FineTexture),
 }
 
 impl Texture {
@@ -92,6 +83,17 @@ impl Texture {
             Self::Abstract => abstract_blocks(at),
             Self::Window => window(metres, at),
             Self::Glow(color) => color,
+            Self::Fine(texture) => texture.albedo(metres, at),
+        }
+    }
+
+    /// Whether a lidar often gets no echo from it: gloss, glass and black.
+    pub fn is_poor_target(&self) -> bool {
+        match *self {
+            Self::Window | Self::Glaze(_) => true,
+            Self::Paint(color) => color.max_element() < 0.05,
+            Self::Fine(texture) => texture.is_poor_target(),
+            _ => false,
         }
     }
 }
@@ -286,61 +288,4 @@ fn window(m: Vec2, at: &Place) -> Vec3 {
     let scene = sky.lerp(meadow, step(hills, v, at.blur));
     let bars = line(m.x / 0.6, 0.05, at.blur / 0.6).max(line(m.y / 0.6, 0.05, at.blur / 0.6));
     scene.lerp(Vec3::splat(0.62), bars)
-}
-
-/// 0 below `edge`, 1 above, a ramp of width `blur` between.
-fn step(value: f32, edge: f32, blur: f32) -> f32 {
-    ((value - edge) / blur.max(1e-4) + 0.5).clamp(0.0, 1.0)
-}
-
-/// 1 within `width` around the integers, spread (and dimmed) over `blur`.
-fn line(value: f32, width: f32, blur: f32) -> f32 {
-    let distance = (value - value.round()).abs();
-    let spread = width.max(blur);
-    (1.0 - step(distance, 0.5 * spread, blur)) * width / spread
-}
-
-/// Square wave −1, 1 with flips at the integers, fading to 0 when finer than a pixel.
-fn wave(value: f32, blur: f32) -> f32 {
-    let saw = (value * 0.5 - (value * 0.5).floor() - 0.5).abs() * 4.0 - 1.0;
-    let soft = (saw / (2.0 * blur).max(1e-3)).clamp(-1.0, 1.0);
-    soft * (1.5 - blur).clamp(0.0, 1.0)
-}
-
-/// Square wave 0, 1.
-fn band(value: f32, blur: f32) -> f32 {
-    0.5 + 0.5 * wave(value * 2.0, blur)
-}
-
-/// Uniform in `[0, 1)` from a lattice point.
-fn hash(x: i32, y: i32, seed: u32) -> f32 {
-    let mut h = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77) ^ seed;
-    h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
-    h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);
-    // 24 bits, as many as f32 holds: 1 itself is never reached by rounding.
-    ((h ^ (h >> 15)) >> 8) as f32 * (1.0 / (1u32 << 24) as f32)
-}
-
-/// Smooth value noise in `[0, 1)` with unit lattice.
-fn noise2(p: Vec2, seed: u32) -> f32 {
-    let floor = p.floor();
-    let (x, y) = (floor.x as i32, floor.y as i32);
-    let f = p - floor;
-    // Flat at the lattice points: no crease shows where cells meet.
-    let s = f * f * (3.0 - 2.0 * f);
-    let row = |y: i32| {
-        let (a, b) = (hash(x, y, seed), hash(x.wrapping_add(1), y, seed));
-        a + (b - a) * s.x
-    };
-    let (low, high) = (row(y), row(y.wrapping_add(1)));
-    low + (high - low) * s.y
-}
-
-/// Smooth value noise in `[0, 1)` with unit lattice in space.
-fn noise3(p: Vec3, seed: u32) -> f32 {
-    let floor = p.z.floor();
-    let f = p.z - floor;
-    let layer = |z: i32| noise2(p.truncate(), seed ^ (z as u32).wrapping_mul(0xC2B2_AE3D));
-    let (low, high) = (layer(floor as i32), layer((floor as i32).wrapping_add(1)));
-    low + (high - low) * f * f * (3.0 - 2.0 * f)
 }

@@ -6,12 +6,13 @@
 //! solids whose projected boxes reach it, nearest first.
 
 use super::light::LightMaps;
+use super::pattern::Place;
 use super::room::{FurnishedRoom, Solid};
 use super::solid::{Hit, Ray};
-use super::texture::Place;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Colour and exact depth of one view.
@@ -26,19 +27,43 @@ pub struct SyntheticView {
 /// Pixels on a side of the tiles that share a list of solids in reach.
 const TILE: usize = 16;
 
+/// Images with fewer pixels are cast by one thread: frames of the demo are decoded in parallel.
+const MIN_PARALLEL: usize = 1 << 18;
+
 /// Casts one ray through each pixel's centre.
 pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> SyntheticView {
+    let tone = ToneCurve::new();
+    // A camera outside the room may see nothing: black, and a hole.
+    let view = trace(room, camera, ([0, 0, 0, 255], 0.0), |ray, solid, hit| {
+        let light = shade(room, light, ray, solid, hit, &camera.intrinsics);
+        (tone.pixel(light), hit.t) // the ray's direction has z = 1 in the camera
+    });
+    SyntheticView { color: view.map(|(color, _)| *color), depth_z: view.map(|(_, z)| *z) }
+}
+
+/// Linear light that reaches each pixel through its centre.
+pub(super) fn radiance(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> Image<Vec3> {
+    trace(room, camera, Vec3::ZERO, |ray, solid, hit| {
+        shade(room, light, ray, solid, hit, &camera.intrinsics)
+    })
+}
+
+/// What `seen` makes of the first hit of each pixel's ray, by solid; `miss` without a hit.
+pub(super) fn trace<T: Copy + Send + Sync>(
+    room: &FurnishedRoom,
+    camera: &Camera,
+    miss: T,
+    seen: impl Fn(&Ray, usize, Hit) -> T + Sync,
+) -> Image<T> {
     let k = camera.intrinsics;
     let (width, height) = (k.width as usize, k.height as usize);
     let mut reaches: Vec<_> =
         room.solids.iter().enumerate().map(|(i, solid)| Reach::new(i, solid, camera)).collect();
     reaches.sort_by(|a, b| a.nearest_z.total_cmp(&b.nearest_z));
-    let tone = ToneCurve::new();
-    let mut color = Image::filled(width, height, [0, 0, 0, 255]);
-    let mut depth_z = Image::filled(width, height, 0.0);
-    let mut in_reach = Vec::new();
     let (rotation, origin) = (camera.pose.rotation(), camera.pose.centre());
-    for top in (0..height).step_by(TILE) {
+    let cast_band = |(band, pixels): (usize, &mut [T])| {
+        let top = band * TILE;
+        let mut in_reach = Vec::new();
         for left in (0..width).step_by(TILE) {
             let tile = [left..(left + TILE).min(width), top..(top + TILE).min(height)];
             in_reach.clear();
@@ -47,17 +72,20 @@ pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -
             for row in rows {
                 for column in columns.clone() {
                     let ray = Ray::new(origin, rotation * k.ray(column, row));
-                    // A camera outside the room may see nothing: black, and a hole.
-                    let Some((solid, hit)) = nearest(room, &in_reach, &ray) else { continue };
-                    let [r, g, b] = shade(room, light, &ray, solid, hit, &k).to_array();
-                    let i = row * width + column;
-                    color.data[i] = [tone.byte(r), tone.byte(g), tone.byte(b), 255];
-                    depth_z.data[i] = hit.t; // the ray's direction has z = 1 in the camera
+                    if let Some((solid, hit)) = nearest(room, &in_reach, &ray) {
+                        pixels[(row - top) * width + column] = seen(&ray, solid, hit);
+                    }
                 }
             }
         }
+    };
+    let mut image = Image::filled(width, height, miss);
+    if width * height < MIN_PARALLEL {
+        image.data.chunks_mut(TILE * width).enumerate().for_each(cast_band);
+    } else {
+        image.data.par_chunks_mut(TILE * width).enumerate().for_each(cast_band);
     }
-    SyntheticView { color, depth_z }
+    image
 }
 
 /// `in_reach` is sorted from near to far.
@@ -117,12 +145,15 @@ impl Reach {
         let k = &camera.intrinsics;
         let (width, height) = (k.width as usize, k.height as usize);
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        let mut nearest_z = f64::INFINITY;
+        let (mut nearest_z, mut farthest_z) = (f64::INFINITY, f64::NEG_INFINITY);
         for corner in 0..8 {
             let pick = |axis: usize| if corner >> axis & 1 == 0 { lo[axis] } else { hi[axis] };
             let (pixel, z) = camera.project(DVec3::new(pick(0), pick(1), pick(2)));
             (low, high) = (low.min(pixel), high.max(pixel));
-            nearest_z = nearest_z.min(z);
+            (nearest_z, farthest_z) = (nearest_z.min(z), farthest_z.max(z));
+        }
+        if farthest_z <= 0.0 {
+            return Self { solid: index, columns: 0..0, rows: 0..0, nearest_z: f64::INFINITY };
         }
         if nearest_z < NEAR {
             // The box reaches behind the camera, where projections mean nothing.
@@ -145,7 +176,7 @@ impl Reach {
 
 /// Linear light to display bytes: an exponential shoulder, then the sRGB curve, tabulated over the
 /// square root of the light because shadows need the finer steps.
-struct ToneCurve {
+pub(super) struct ToneCurve {
     table: Vec<u8>,
 }
 
@@ -154,7 +185,7 @@ impl ToneCurve {
     const WHITE: f32 = 6.0;
     const EXPOSURE: f32 = 1.15;
 
-    fn new() -> Self {
+    pub fn new() -> Self {
         let entry = |i: usize| {
             let root = i as f32 / Self::STEPS as f32;
             let linear = 1.0 - (-Self::EXPOSURE * root * root * Self::WHITE).exp();
@@ -165,6 +196,13 @@ impl ToneCurve {
             crate::math::image::unit_to_byte(encoded)
         };
         Self { table: (0..=Self::STEPS).map(entry).collect() }
+    }
+
+    /// Opaque display bytes of linear light.
+    #[inline]
+    pub fn pixel(&self, light: Vec3) -> [u8; 4] {
+        let [r, g, b] = light.to_array().map(|channel| self.byte(channel));
+        [r, g, b, 255]
     }
 
     #[inline]

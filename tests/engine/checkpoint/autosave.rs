@@ -112,6 +112,7 @@ fn large(components: usize) -> (Session, f64) {
         n_eval: 1,
         seed: 4,
         depth_noise: 0.0,
+        ..SyntheticParams::demo()
     };
     let room = Arc::new(dataset(&params).unwrap());
     // A room of so many components has them so far apart: area goes as the square.

@@ -24,8 +24,15 @@ use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, 
 const FRAMES: usize = 40;
 
 fn room_of(n_train: usize, seed: u64) -> Arc<Dataset> {
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train, n_eval: 1, seed, depth_noise: 0.0 };
+    let params = SyntheticParams {
+        width: 64,
+        height: 48,
+        n_train,
+        n_eval: 1,
+        seed,
+        depth_noise: 0.0,
+        ..SyntheticParams::demo()
+    };
     Arc::new(dataset(&params).unwrap())
 }
 

@@ -33,6 +33,7 @@ impl RoomFrames {
             n_eval: 0,
             seed,
             depth_noise: 0.0,
+            ..SyntheticParams::demo()
         };
         let dataset = synthetic::dataset(&params)?;
         let frame = unprojected(&dataset, 0)?;

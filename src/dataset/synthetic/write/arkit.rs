@@ -1,13 +1,11 @@
 //! The synthetic scene as an ARKit package: an object a line, bare floats and bytes.
 
 use super::files::{WriteError, create_folder, write_bytes, write_rgba, write_text};
-use super::sequence::{frames, phone_depth};
+use super::sequence::frames;
+use crate::dataset::synthetic::phone::camera::Capture;
 use crate::dataset::synthetic::plan::ViewPlan;
 use serde_json::json;
 use std::path::Path;
-
-/// Every pixel is sure.
-const SURE: u8 = 2;
 
 /// Images, depth, confidence and the lines.
 pub(super) fn write(
@@ -18,10 +16,10 @@ pub(super) fn write(
     let folders = ["images", "depth", "confidence"];
     folders.into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
     let k = plan.scene.intrinsics();
-    let of_depth = phone_depth(&k);
+    let of_depth = plan.depth_camera();
     let mut lines = String::new();
     for frame in frames(plan) {
-        let (color, depth_z) = frame.views(&of_depth);
+        let Capture { color, depth_z, confidence: sure } = frame.capture();
         let file = |folder: &str, end: &str| format!("{folder}/{:06}.{end}", frame.index);
         let [image, depth, confidence] =
             [file("images", "png"), file("depth", "bin"), file("confidence", "bin")];
@@ -29,7 +27,7 @@ pub(super) fn write(
         let lengths: Vec<u8> =
             depth_z.data.iter().flat_map(|z| (*z as f32).to_le_bytes()).collect();
         write_bytes(&out.join(&depth), &lengths)?;
-        write_bytes(&out.join(&confidence), &vec![SURE; depth_z.data.len()])?;
+        write_bytes(&out.join(&confidence), &sure.data)?;
         let line = json!({
             "timestamp": frame.time,
             "camera_to_world": frame.pose.to_opengl().transpose().to_cols_array_2d(),

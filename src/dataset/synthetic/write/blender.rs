@@ -3,8 +3,7 @@
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use crate::dataset::depth::INVERSE8_RANGE;
 use crate::dataset::synthetic::plan::{PlannedSplit, ViewPlan};
-use crate::dataset::synthetic::room;
-use crate::dataset::synthetic::scene::{DEPTH_UNIT, FIELD_OF_VIEW, quantise};
+use crate::dataset::synthetic::scene::{DEPTH_UNIT, SyntheticScene, quantise};
 use crate::dataset::synthetic::view::SyntheticView;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
@@ -28,8 +27,19 @@ pub(super) fn write(
     bits: DepthBits,
     on_frame: &mut dyn FnMut(),
 ) -> Result<(), WriteError> {
+    write_splits(plan, |_| true, out, bits, on_frame)
+}
+
+/// Those splits that are wanted.
+pub(super) fn write_splits(
+    plan: &ViewPlan,
+    is_wanted: fn(&PlannedSplit) -> bool,
+    out: &Path,
+    bits: DepthBits,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
     let k = plan.scene.intrinsics();
-    for split in &plan.splits {
+    for split in plan.splits.iter().filter(|split| is_wanted(split)) {
         create_folder(&out.join(split.name))?;
         for i in 0..split.poses.len() {
             let SyntheticView { color, depth_z } = plan.view(split, i);
@@ -48,7 +58,7 @@ pub(super) fn write(
         }
         // Last: a recording that was interrupted has no list that names images it lacks.
         let list = out.join(format!("transforms_{}.json", split.name));
-        write_text(&list, &frame_list(split, bits))?;
+        write_text(&list, &frame_list(&plan.scene, split, bits))?;
     }
     Ok(())
 }
@@ -71,7 +81,8 @@ fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
     })
 }
 
-fn frame_list(split: &PlannedSplit, bits: DepthBits) -> String {
+fn frame_list(scene: &SyntheticScene, split: &PlannedSplit, bits: DepthBits) -> String {
+    let (lo, hi) = scene.bounds();
     let entry = |(i, pose): (usize, &Pose)| {
         let rows = pose.to_opengl().transpose().to_cols_array_2d();
         // Without the extension, as the published lists name images.
@@ -79,9 +90,9 @@ fn frame_list(split: &PlannedSplit, bits: DepthBits) -> String {
     };
     let frames: Vec<_> = split.poses.iter().enumerate().map(entry).collect();
     let mut list = json!({
-        "camera_angle_x": FIELD_OF_VIEW,
+        "camera_angle_x": scene.field_of_view(),
         // The room is larger than the cube that the layout stands for where it says nothing.
-        "position_range": [room::LO.to_array(), room::HI.to_array()],
+        "position_range": [lo.to_array(), hi.to_array()],
         "frames": frames,
     });
     if bits == DepthBits::Sixteen {

@@ -2,8 +2,9 @@
 
 use super::blender::DepthBits;
 
-/// Folder layout to write. Layouts that know no splits hold the evaluation frames behind the training
-/// frames.
+/// Folder layout to write. Layouts without splits hold the evaluation frames of the room's camera
+/// behind the training frames; free frames, and the phone's evaluation frames, are in the folder
+/// [`super::FREE_FOLDER`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyntheticLayout {
     /// NeRF-synthetic, with depth along the ray.
@@ -49,4 +50,14 @@ impl SyntheticLayout {
         Self::Arkit,
         Self::RtabMap,
     ];
+
+    /// Whether the layout has a folder or list for each split.
+    pub(super) fn has_splits(self) -> bool {
+        matches!(self, Self::Blender(_) | Self::SevenScenes)
+    }
+
+    /// Whether a phone records in it: photographs, smaller depth and its confidence.
+    pub(super) fn is_of_phones(self) -> bool {
+        matches!(self, Self::Record3d | Self::Record3dArchive | Self::StrayScanner | Self::Arkit)
+    }
 }

@@ -20,20 +20,29 @@ pub use blender::DepthBits;
 pub use files::WriteError;
 pub use layout::SyntheticLayout;
 
-use super::params::SyntheticParams;
+use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::plan::ViewPlan;
 use files::create_empty_folder;
 use live::FramePlaces;
 use std::path::Path;
 
+/// Sub-folder of a recording in a layout without splits: the splits that it does not hold, in the
+/// Blender layout with 16-bit depth, with true poses in the world of the recording.
+pub const FREE_FOLDER: &str = "free";
+
 /// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every
-/// split. `on_frame` hears how many frames of how many are written.
+/// split. `on_frame` gets the numbers of frames written and of all frames.
+///
+/// # Errors
+/// Parameters outside their range, a layout that the camera does not record in, a folder that is not
+/// empty, and files that cannot be written.
 pub fn write(
     params: &SyntheticParams,
     out: &Path,
     layout: SyntheticLayout,
     on_frame: &mut dyn FnMut(usize, usize),
 ) -> Result<(), WriteError> {
+    check_camera(params, layout)?;
     let plan = ViewPlan::new(params)?;
     // Before anything is rendered, so that no recording is mixed with another.
     create_empty_folder(out)?;
@@ -56,7 +65,23 @@ pub fn write(
         SyntheticLayout::StrayScanner => stray::write(&plan, out, &mut count),
         SyntheticLayout::Arkit => arkit::write(&plan, out, &mut count),
         SyntheticLayout::RtabMap => rtabmap::write(&plan, out, &mut count),
+    }?;
+    if layout.has_splits() || plan.splits.iter().all(|split| split.is_recorded) {
+        return Ok(());
     }
+    let (beside, bits) = (out.join(FREE_FOLDER), DepthBits::Sixteen);
+    blender::write_splits(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
+}
+
+fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(), ParamsError> {
+    if params.camera == SyntheticCamera::Room || layout.is_of_phones() {
+        return Ok(());
+    }
+    Err(ParamsError {
+        setting: "layout",
+        expected: "record3d, record3d-archive, stray-scanner or arkit beside the phone",
+        found: format!("{layout:?}"),
+    })
 }
 
 /// Writes what [`write()`] does as a recording that grows, images in two parts, lines behind their images

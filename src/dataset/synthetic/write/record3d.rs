@@ -1,9 +1,11 @@
 //! The synthetic scene as Record3D exports it, and as it shares it: photographs and smaller depth.
 
-use super::files::{WriteError, create_folder, jpeg, write_bytes, write_jpeg, write_text};
-use super::sequence::{FRAMES_PER_SECOND, SequenceFrame, by_columns, frames, phone_depth};
+use super::files::{
+    WriteError, create_folder, jpeg, write_bytes, write_gray8, write_jpeg, write_text,
+};
+use super::sequence::{FRAMES_PER_SECOND, SequenceFrame, by_columns, frames};
+use crate::dataset::synthetic::phone::camera::Capture;
 use crate::dataset::synthetic::plan::ViewPlan;
-use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer, LayerAttributes};
 use exr::prelude::{SmallVec, WritableImage, f16};
@@ -13,25 +15,32 @@ use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Every pixel is sure.
-const SURE: u8 = 2;
+/// Folder of confidence maps.
+const CONFIDENCE: &str = "confidence";
 
-/// The exported folder: `metadata.json`, JPEG, and EXR of half floats.
+/// The exported folder: `metadata.json`, JPEG, EXR of half floats, and the phone's confidence.
 pub(super) fn write_folder(
     plan: &ViewPlan,
     out: &Path,
     on_frame: &mut dyn FnMut(),
 ) -> Result<(), WriteError> {
-    ["rgb", "depth"].into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
-    let of_depth = phone_depth(&plan.scene.intrinsics());
+    // An exact depth needs no confidence.
+    let folders: &[&str] = match plan.is_of_phone() {
+        true => &["rgb", "depth", CONFIDENCE],
+        false => &["rgb", "depth"],
+    };
+    folders.iter().try_for_each(|name| create_folder(&out.join(name)))?;
     for frame in frames(plan) {
-        let (color, depth_z) = frame.views(&of_depth);
+        let Capture { color, depth_z, confidence } = frame.capture();
         let file = |folder: &str| out.join(format!("{folder}/{}", frame.index));
         write_jpeg(&file("rgb").with_extension("jpg"), &color)?;
         write_exr(&file("depth").with_extension("exr"), &depth_z)?;
+        if plan.is_of_phone() {
+            write_gray8(&file(CONFIDENCE).with_extension("png"), &confidence)?;
+        }
         on_frame();
     }
-    write_text(&out.join("metadata.json"), &metadata(plan, &of_depth).to_string())
+    write_text(&out.join("metadata.json"), &metadata(plan).to_string())
 }
 
 /// The shared archive: `metadata`, JPEG, and packed floats.
@@ -40,7 +49,6 @@ pub(super) fn write_archive(
     out: &Path,
     on_frame: &mut dyn FnMut(),
 ) -> Result<(), WriteError> {
-    let of_depth = phone_depth(&plan.scene.intrinsics());
     let path = out.join("recording.r3d");
     let failed = |source| WriteError::Io { path: path.clone(), source };
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
@@ -49,16 +57,16 @@ pub(super) fn write_archive(
         zip.start_file(name, options).map_err(std::io::Error::other)?;
         zip.write_all(bytes)
     };
-    add("metadata", metadata(plan, &of_depth).to_string().as_bytes()).map_err(failed)?;
+    add("metadata", metadata(plan).to_string().as_bytes()).map_err(failed)?;
     for frame in frames(plan) {
-        let (color, depth_z) = frame.views(&of_depth);
+        let Capture { color, depth_z, confidence } = frame.capture();
         let i = frame.index;
         let lengths: Vec<u8> =
             depth_z.data.iter().flat_map(|z| (*z as f32).to_le_bytes()).collect();
-        let sure = vec![SURE; depth_z.data.len()];
         add(&format!("rgbd/{i}.jpg"), &jpeg(&path, &color)?).map_err(failed)?;
         add(&format!("rgbd/{i}.depth"), &packed(&lengths).map_err(failed)?).map_err(failed)?;
-        add(&format!("rgbd/{i}.conf"), &packed(&sure).map_err(failed)?).map_err(failed)?;
+        add(&format!("rgbd/{i}.conf"), &packed(&confidence.data).map_err(failed)?)
+            .map_err(failed)?;
         on_frame();
     }
     let bytes = zip.finish().map_err(|e| failed(std::io::Error::other(e)))?.into_inner();
@@ -71,8 +79,8 @@ fn packed(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
     Ok(out)
 }
 
-fn metadata(plan: &ViewPlan, of_depth: &Intrinsics) -> Value {
-    let k = plan.scene.intrinsics();
+fn metadata(plan: &ViewPlan) -> Value {
+    let (k, of_depth) = (plan.scene.intrinsics(), plan.depth_camera());
     let pose = |frame: SequenceFrame| {
         let (p, q) = (frame.pose.centre(), frame.turn(true));
         [q.x, q.y, q.z, q.w, p.x, p.y, p.z]

@@ -5,6 +5,7 @@ use super::sequence::frames;
 use crate::dataset::matrix;
 use crate::dataset::synthetic::plan::ViewPlan;
 use crate::dataset::synthetic::scene::quantise;
+use crate::dataset::synthetic::view::SyntheticView;
 use crate::math::camera::Intrinsics;
 use glam::{DMat4, DVec4};
 use std::path::Path;
@@ -28,7 +29,7 @@ pub(super) fn write(
     let half = k.scaled(DEPTH_SIZE);
     let of_depth = Intrinsics { fx: half.fx * WIDER, fy: half.fy * WIDER, ..half };
     for frame in frames(plan) {
-        let (color, depth_z) = frame.views(&of_depth);
+        let SyntheticView { color, depth_z } = frame.view_by(of_depth);
         let i = frame.index;
         write_jpeg(&out.join(format!("color/{i}.jpg")), &color)?;
         write_gray16(&out.join(format!("depth/{i}.png")), &quantise(&depth_z, DEPTH_UNIT))?;

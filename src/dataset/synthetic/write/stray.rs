@@ -1,15 +1,14 @@
 //! The synthetic scene as Stray Scanner records it, its video unpacked.
 
 use super::files::{WriteError, create_folder, write_gray8, write_gray16, write_rgba, write_text};
-use super::sequence::{frames, phone_depth};
+use super::sequence::frames;
+use crate::dataset::synthetic::phone::camera::Capture;
 use crate::dataset::synthetic::plan::ViewPlan;
 use crate::dataset::synthetic::scene::quantise;
 use std::path::Path;
 
 /// Metres per step.
 const DEPTH_UNIT: f64 = 0.001;
-/// Every pixel is sure.
-const SURE: u8 = 2;
 
 /// Images, depth, confidence, odometry and the camera.
 pub(super) fn write(
@@ -20,14 +19,13 @@ pub(super) fn write(
     let folders = ["rgb", "depth", "confidence"];
     folders.into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
     let k = plan.scene.intrinsics();
-    let of_depth = phone_depth(&k);
     let mut odometry = "timestamp, frame, x, y, z, qx, qy, qz, qw\n".to_owned();
     for frame in frames(plan) {
-        let (color, depth_z) = frame.views(&of_depth);
+        let Capture { color, depth_z, confidence } = frame.capture();
         let file = |folder: &str| out.join(format!("{folder}/{:06}.png", frame.index));
         write_rgba(&file("rgb"), &color)?;
         write_gray16(&file("depth"), &quantise(&depth_z, DEPTH_UNIT))?;
-        write_gray8(&file("confidence"), &depth_z.map(|_| SURE))?;
+        write_gray8(&file("confidence"), &confidence)?;
         let (p, q) = (frame.pose.centre(), frame.turn(false));
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(", ");
         odometry += &format!("{:.6}, {:06}, {numbers}\n", frame.time, frame.index);

@@ -1,0 +1,215 @@
+//! Viewpoints away from the camera's way, which show surfaces that it has seen.
+
+use super::params::ParamsError;
+use super::room::FurnishedRoom;
+use super::solid::{Hit, Ray};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::pose::Pose;
+use crate::math::rng::{Purpose, Rng};
+use glam::{DVec2, DVec3};
+
+/// Stream of the viewpoints.
+const STREAM: u64 = u64::MAX - 5;
+/// Metres between a viewpoint and every surface.
+const CLEARANCE: f64 = 0.25;
+/// Rays across a picture, each way, by which its share of seen surface is measured.
+const GRID: usize = 9;
+/// Share of a picture that training frames must have seen.
+const SEEN: f64 = 0.97;
+/// Share below which a viewpoint is never used.
+const LEAST_SEEN: f64 = 0.5;
+/// Viewpoints that are tried for one that qualifies, and to find a better one.
+const TRIES: usize = 20_000;
+const BETTER: usize = 24;
+/// Cosine of incidence above which a surface counts as seen.
+const FACING: f64 = 0.17;
+/// Metres within which a surface counts as seen.
+const NEAR_ENOUGH: f64 = 5.0;
+
+/// Which viewpoints qualify.
+pub(super) struct FreeRules {
+    seed: u64,
+    /// Metres to the surface in the middle of the picture.
+    distance: [f64; 2],
+    /// Degrees at that surface to the nearest training direction.
+    aside: [f64; 2],
+}
+
+impl FreeRules {
+    /// Anywhere in free space.
+    pub fn anywhere(seed: u64) -> Self {
+        Self { seed, distance: [0.4, 4.5], aside: [0.0, 180.0] }
+    }
+
+    /// From 20 to 60 degrees beside the training directions, or above them.
+    pub fn beside(seed: u64) -> Self {
+        Self { seed, distance: [0.45, 1.6], aside: [20.0, 60.0] }
+    }
+}
+
+/// Chooses `n` viewpoints; `trained` has the intrinsics of the training frames taken at `poses`.
+pub(super) fn choose(
+    n: usize,
+    room: &FurnishedRoom,
+    trained: Camera,
+    poses: &[Pose],
+    rules: &FreeRules,
+) -> Result<Vec<Pose>, ParamsError> {
+    let training = TrainingViews { room, k: trained.intrinsics, poses };
+    let mut chosen = Vec::with_capacity(n);
+    for i in 0..n {
+        let mut rng = Rng::new(rules.seed ^ STREAM, Purpose::Synthetic, i as u64);
+        match training.free_view(rules, &mut rng) {
+            Some(pose) => chosen.push(pose),
+            None => {
+                return Err(ParamsError {
+                    setting: "free frames",
+                    expected: "viewpoints in free space of what the training frames see",
+                    found: format!("{i} of {n}; more training frames see more"),
+                });
+            }
+        }
+    }
+    Ok(chosen)
+}
+
+struct TrainingViews<'a> {
+    room: &'a FurnishedRoom,
+    k: Intrinsics,
+    poses: &'a [Pose],
+}
+
+impl TrainingViews<'_> {
+    /// A viewpoint that qualifies, the one that shows most of what was seen among a few.
+    fn free_view(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
+        let (mut best, mut n_found) = (None, 0);
+        let mut most = LEAST_SEEN;
+        for _ in 0..TRIES {
+            let Some(pose) = self.candidate(rules, rng) else { continue };
+            let share = self.seen_share(&pose);
+            if share > most {
+                (best, most) = (Some(pose), share);
+            }
+            n_found += 1;
+            if most >= SEEN || (n_found >= BETTER && best.is_some()) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// A random viewpoint in free space with a free view of a surface that was seen.
+    fn candidate(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
+        let (target, normal) = self.surface(rng)?;
+        let (lo, hi) = self.room.bounds();
+        let eye = lo + (hi - lo) * DVec3::from_array([(); 3].map(|()| rng.uniform()));
+        let way = target - eye;
+        let [near, far] = rules.distance;
+        let is_near = (near..=far).contains(&way.length());
+        if !is_near || -normal.dot(way) < FACING * way.length() || !self.is_free(eye) {
+            return None;
+        }
+        if self.room.is_blocked(&Ray::new(eye, way)) {
+            return None;
+        }
+        let aside = self.degrees_aside(target, normal, eye)?;
+        let [least, most] = rules.aside;
+        let pose = Pose::look_at(eye, target, DVec3::Z)?;
+        (least..=most).contains(&aside).then_some(pose)
+    }
+
+    /// A random surface point that a training frame sees, and its normal.
+    fn surface(&self, rng: &mut Rng) -> Option<(DVec3, DVec3)> {
+        let pose = self.poses.get(rng.below(self.poses.len().max(1)))?;
+        let (x, y) = (rng.uniform(), rng.uniform());
+        let k = &self.k;
+        let pixel = DVec2::new(x * f64::from(k.width), y * f64::from(k.height));
+        self.hit(pose, pixel)
+    }
+
+    /// What a view shows at continuous pixel coordinates: the point and its normal.
+    fn hit(&self, pose: &Pose, pixel: DVec2) -> Option<(DVec3, DVec3)> {
+        let k = &self.k;
+        let way = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
+        let ray = Ray::new(pose.centre(), pose.rotation() * way);
+        let hits = self.room.solids.iter().filter_map(|solid| {
+            let hit = solid.shape.intersect(&ray)?;
+            Some((hit, solid))
+        });
+        let by_depth = |a: &Hit, b: &Hit| a.t.total_cmp(&b.t);
+        let (hit, solid) = hits.min_by(|(a, _), (b, _)| by_depth(a, b))?;
+        let point = ray.at(hit.t);
+        Some((point, solid.shape.normal(point, hit.face)))
+    }
+
+    fn is_free(&self, eye: DVec3) -> bool {
+        self.room.solids.iter().all(|solid| solid.shape.distance(eye) > CLEARANCE)
+    }
+
+    /// Whether a training frame at `pose` sees a surface point.
+    fn sees(&self, pose: &Pose, point: DVec3, normal: DVec3) -> bool {
+        let way = point - pose.centre();
+        let distance = way.length();
+        if distance > NEAR_ENOUGH || -normal.dot(way) < FACING * distance {
+            return false;
+        }
+        let camera = Camera { intrinsics: self.k, pose: *pose };
+        let (pixel, z) = camera.project(point);
+        let size = DVec2::new(f64::from(self.k.width), f64::from(self.k.height));
+        let is_inside = z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
+        is_inside && !self.room.is_blocked(&Ray::new(pose.centre(), way))
+    }
+
+    /// Degrees at a surface point between a viewpoint and the nearest training frame that sees it.
+    fn degrees_aside(&self, point: DVec3, normal: DVec3, eye: DVec3) -> Option<f64> {
+        let seeing = self.poses.iter().filter(|pose| self.sees(pose, point, normal));
+        let degrees = |pose: &Pose| (eye - point).angle_between(pose.centre() - point).to_degrees();
+        seeing.map(degrees).min_by(f64::total_cmp)
+    }
+
+    /// Share of a picture's rays that meet surfaces that a training frame sees.
+    fn seen_share(&self, pose: &Pose) -> f64 {
+        let size = DVec2::new(f64::from(self.k.width), f64::from(self.k.height));
+        let is_seen = |i: &usize| {
+            let cell = DVec2::new((i % GRID) as f64 + 0.5, (i / GRID) as f64 + 0.5);
+            self.hit(pose, cell / GRID as f64 * size).is_some_and(|(point, normal)| {
+                self.poses.iter().any(|pose| self.sees(pose, point, normal))
+            })
+        };
+        let n_seen = (0..GRID * GRID).filter(is_seen).count();
+        n_seen as f64 / (GRID * GRID) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::params::PhoneScene;
+    use super::super::phone::contents::furnish;
+    use super::super::phone::walk::Walk;
+    use super::*;
+
+    #[test]
+    fn views_are_free_and_show_what_was_seen() {
+        let scenes =
+            [(PhoneScene::Room, FreeRules::anywhere(2)), (PhoneScene::Door, FreeRules::beside(2))];
+        for (scene, rules) in scenes {
+            let (room, walk) = (furnish(scene, 2), Walk::new(scene, 2));
+            let poses: Vec<Pose> = (0..30).map(|i| walk.steady(f64::from(i) / 30.0)).collect();
+            let k = Intrinsics::from_horizontal_fov(72, 96, 0.873);
+            let trained = Camera { intrinsics: k, pose: Pose::IDENTITY };
+            let views = choose(8, &room, trained, &poses, &rules).unwrap();
+            assert_eq!(views.len(), 8);
+            let training = TrainingViews { room: &room, k, poses: &poses };
+            let middle = DVec2::new(36.0, 48.0);
+            for view in views {
+                assert!(training.is_free(view.centre()), "{scene:?}: {}", view.centre());
+                assert!(training.seen_share(&view) > LEAST_SEEN);
+                let (point, normal) = training.hit(&view, middle).unwrap();
+                let aside = training.degrees_aside(point, normal, view.centre()).unwrap();
+                let [least, most] = rules.aside;
+                assert!((least - 0.1..most + 0.1).contains(&aside), "{scene:?}: {aside} degrees");
+            }
+            assert!(choose(1, &room, trained, &[], &rules).is_err(), "nothing was seen");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Random fields over images that are correlated over pixels.
+
+use crate::math::image::Image;
+use crate::math::rng::Rng;
+
+/// Normal numbers of unit variance that are alike within about `sigma` pixels.
+pub(super) fn correlated(width: usize, height: usize, sigma: f64, rng: &mut Rng) -> Image<f32> {
+    let white = (0..width * height).map(|_| rng.normal() as f32).collect();
+    let white = Image::from_vec(width, height, white);
+    let reach = (2.5 * sigma).ceil() as i64;
+    let weight = |i: i64| (-0.5 * (i as f64 / sigma).powi(2)).exp() as f32;
+    let weights: Vec<f32> = (-reach..=reach).map(weight).collect();
+    // A sum of independent numbers has the sum of their squared weights as variance.
+    let norm = weights.iter().map(|w| w * w).sum::<f32>().sqrt();
+    let weights: Vec<f32> = weights.iter().map(|w| w / norm).collect();
+    filtered(&white, &weights)
+}
+
+/// Filters rows, then columns; the image is continued by its mirror image.
+pub(super) fn filtered(image: &Image<f32>, weights: &[f32]) -> Image<f32> {
+    let (width, height) = (image.width, image.height);
+    let reach = weights.len() as i64 / 2;
+    let mirrored = |at: i64, n: usize| {
+        let period = 2 * n as i64;
+        let at = at.rem_euclid(period);
+        at.min(period - 1 - at) as usize
+    };
+    let mut rows = image.clone();
+    let mut line = Vec::new();
+    for (from, to) in image.data.chunks(width).zip(rows.data.chunks_mut(width)) {
+        line.clear();
+        line.extend((-reach..width as i64 + reach).map(|x| from[mirrored(x, width)]));
+        for (window, value) in line.windows(weights.len()).zip(to) {
+            *value = window.iter().zip(weights).map(|(v, w)| v * w).sum();
+        }
+    }
+    let mut out = Image::filled(width, height, 0.0f32);
+    for (y, to) in out.data.chunks_mut(width).enumerate() {
+        for (i, weight) in weights.iter().enumerate() {
+            let row = mirrored(y as i64 + i as i64 - reach, height) * width;
+            for (value, from) in to.iter_mut().zip(&rows.data[row..row + width]) {
+                *value += weight * from;
+            }
+        }
+    }
+    out
+}

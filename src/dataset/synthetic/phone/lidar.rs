@@ -1,0 +1,136 @@
+//! Depth as a phone's lidar reports it: smooth across edges, with correlated noise and holes, and a
+//! confidence from 0 to 2.
+
+use super::fields::{correlated, filtered};
+use crate::dataset::synthetic::room::FurnishedRoom;
+use crate::dataset::synthetic::view::trace;
+use crate::math::camera::Camera;
+use crate::math::image::Image;
+use crate::math::rng::Rng;
+
+/// Rays across a pixel, each way.
+const RAYS: usize = 3;
+/// Low-pass over five pixels.
+const LOW_PASS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
+/// Metres; nothing comes back from farther away.
+const RANGE: f32 = 5.0;
+/// Cosines of incidence: below the first nothing comes back, below the second little does.
+const GRAZING: [f32; 2] = [0.1, 0.3];
+/// Spans of depth around a pixel, as shares of depth: above the first the confidence is 0, above
+/// the second 1.
+const EDGES: [f32; 2] = [0.1, 0.05];
+
+/// One ray's echo.
+#[derive(Clone, Copy)]
+struct Echo {
+    z: f32,
+    cosine: f32,
+    is_poor: bool,
+}
+
+/// Depth along the optical axis, metres, 0 in holes; and its confidence.
+pub(super) struct LidarImage {
+    pub depth_z: Image<f64>,
+    pub confidence: Image<u8>,
+}
+
+/// Measures what `camera` sees; `rng` draws noise and holes.
+pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> LidarImage {
+    let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
+    let pixels = gathered(&echoes(room, camera), width, height);
+    // Nearby things swell in some places and vanish in others.
+    let swelling = correlated(width, height, 6.0, rng);
+    let lowest = around(&pixels, 1, |pixel| pixel.least);
+    let spans =
+        around(&pixels, 2, |pixel| pixel.mean).map(|[low, high]| (high - low) / low.max(0.1));
+    let mixed = (0..width * height).map(|i| {
+        let is_edge = spans.data[i] > EDGES[1];
+        let swell = if is_edge { swelling.data[i].clamp(0.0, 1.0) } else { 0.0 };
+        pixels.data[i].mean + swell * (lowest.data[i][0] - pixels.data[i].mean)
+    });
+    let smooth = filtered(&Image::from_vec(width, height, mixed.collect()), &LOW_PASS);
+    let [fine, coarse] = [1.5, 8.0].map(|sigma| correlated(width, height, sigma, rng));
+    let dropout = correlated(width, height, 5.0, rng);
+    let mut measured = LidarImage {
+        depth_z: Image::filled(width, height, 0.0),
+        confidence: Image::filled(width, height, 0),
+    };
+    for (i, pixel) in pixels.data.iter().enumerate() {
+        let z = smooth.data[i];
+        let deviation = 0.0028 + 0.0005 * z;
+        let noise = deviation * (0.8 * fine.data[i] + 0.6 * coarse.data[i]);
+        let is_lost = pixel.is_poor && dropout.data[i] > 0.3;
+        if is_lost || pixel.cosine < GRAZING[0] || !(0.1..RANGE).contains(&(z + noise)) {
+            continue;
+        }
+        measured.depth_z.data[i] = f64::from(z + noise);
+        measured.confidence.data[i] = confidence(pixel, z, spans.data[i]);
+    }
+    measured
+}
+
+fn confidence(pixel: &LidarPixel, z: f32, span: f32) -> u8 {
+    let is_far = z > 0.8 * RANGE;
+    let is_grazing = pixel.cosine < GRAZING[1];
+    if span > EDGES[0] || (is_far && is_grazing) {
+        return 0;
+    }
+    if span > EDGES[1] || is_far || is_grazing || pixel.is_poor { 1 } else { 2 }
+}
+
+fn echoes(room: &FurnishedRoom, camera: &Camera) -> Image<Echo> {
+    let fine = Camera { intrinsics: camera.intrinsics.scaled(RAYS as f64), ..*camera };
+    let silence = Echo { z: 2.0 * RANGE, cosine: 0.0, is_poor: true };
+    trace(room, &fine, silence, |ray, index, hit| {
+        let solid = &room.solids[index];
+        let normal = solid.shape.normal(ray.at(hit.t), hit.face);
+        let cosine = -normal.dot(ray.direction.normalize());
+        Echo { z: hit.t as f32, cosine: cosine as f32, is_poor: solid.texture.is_poor_target() }
+    })
+}
+
+/// What comes back to one pixel.
+#[derive(Clone, Copy)]
+struct LidarPixel {
+    mean: f32,
+    least: f32,
+    /// Mean cosine of incidence.
+    cosine: f32,
+    /// Whether most rays met gloss, glass or black.
+    is_poor: bool,
+}
+
+fn gathered(echoes: &Image<Echo>, width: usize, height: usize) -> Image<LidarPixel> {
+    let pixel = |i: usize| {
+        let (x, y) = (i % width * RAYS, i / width * RAYS);
+        let all = (0..RAYS * RAYS).map(|ray| echoes.at(x + ray % RAYS, y + ray / RAYS));
+        let sum = |value: fn(&Echo) -> f32| all.clone().map(value).sum::<f32>();
+        let n = (RAYS * RAYS) as f32;
+        LidarPixel {
+            mean: sum(|echo| echo.z) / n,
+            least: all.clone().fold(f32::INFINITY, |least, echo| least.min(echo.z)),
+            cosine: sum(|echo| echo.cosine) / n,
+            is_poor: 2.0 * sum(|echo| f32::from(u8::from(echo.is_poor))) > n,
+        }
+    };
+    Image::from_vec(width, height, (0..width * height).map(pixel).collect())
+}
+
+/// Least and largest value within `reach` pixels of each pixel.
+fn around(
+    pixels: &Image<LidarPixel>,
+    reach: usize,
+    value: fn(&LidarPixel) -> f32,
+) -> Image<[f32; 2]> {
+    let (width, height) = (pixels.width, pixels.height);
+    let span = |i: usize| {
+        let near = |at: usize, n: usize| at.saturating_sub(reach)..(at + reach + 1).min(n);
+        let rows = near(i / width, height);
+        let values = rows.flat_map(|y| near(i % width, width).map(move |x| (x, y)));
+        values.fold([f32::INFINITY, 0.0f32], |[low, high], (x, y)| {
+            let value = value(pixels.at(x, y));
+            [low.min(value), high.max(value)]
+        })
+    };
+    Image::from_vec(width, height, (0..width * height).map(span).collect())
+}

@@ -1,0 +1,114 @@
+//! How a hand leads the phone through its scenes.
+
+use crate::dataset::synthetic::params::PhoneScene;
+use crate::math::pose::Pose;
+use crate::math::rng::{Purpose, Rng};
+use glam::{DQuat, DVec2, DVec3, EulerRot, dvec3};
+use std::f64::consts::TAU;
+
+/// Stream of the phases; away from those of frames and furnishing.
+const PHASES: u64 = u64::MAX - 2;
+/// Deviations of a hand, metres and radians.
+const SHAKE: [f64; 2] = [0.004, 0.006];
+/// Swings of the hand along the whole walk.
+const SWINGS: f64 = 47.0;
+
+/// A walk through a scene; places along it are named by parts from 0 to 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Walk {
+    scene: PhoneScene,
+    phases: [f64; 4],
+}
+
+impl Walk {
+    pub fn new(scene: PhoneScene, seed: u64) -> Self {
+        let mut rng = Rng::new(seed, Purpose::Synthetic, PHASES);
+        Self { scene, phases: [(); 4].map(|()| rng.uniform()) }
+    }
+
+    /// Part of the walk at which a frame of `n_frames` is taken; between frames for fractions.
+    /// The pace varies: slow frames hardly move, fast ones blur.
+    pub fn part(&self, frame: f64, n_frames: usize) -> f64 {
+        const HURRIES: f64 = 5.0;
+        let even = frame / n_frames.max(1) as f64;
+        let [.., phase] = self.phases;
+        let wave = |x: f64| (TAU * (HURRIES * x + phase)).sin();
+        even + 0.75 / (TAU * HURRIES) * (wave(even) - wave(0.0))
+    }
+
+    /// The pose at a part of the walk, trembling of the hand included.
+    pub fn handheld(&self, part: f64) -> Pose {
+        let [a, b, c, d] = self.phases;
+        let swing = |rate: f64, phase: f64| (TAU * (SWINGS * rate * part + phase)).sin();
+        let offset = dvec3(swing(1.0, a), swing(0.83, b), 0.5 * swing(0.61, c)) * SHAKE[0];
+        let [x, y, z] =
+            [swing(0.77, c), swing(1.1, d), 0.7 * swing(0.53, a)].map(|angle| angle * SHAKE[1]);
+        self.steady(part).attached(offset, DQuat::from_euler(EulerRot::XYZ, x, y, z))
+    }
+
+    /// The pose at a part of the walk of a hand that does not tremble.
+    pub fn steady(&self, part: f64) -> Pose {
+        let (eye, forward) = match self.scene {
+            PhoneScene::Room => self.in_room(part),
+            PhoneScene::Door => self.at_door(part),
+        };
+        // The gaze is never vertical.
+        Pose::look_at(eye, eye + forward, DVec3::Z).unwrap_or(Pose::IDENTITY)
+    }
+
+    /// Two turns: the first faces the middle, the second the walls ahead.
+    fn in_room(&self, part: f64) -> (DVec3, DVec3) {
+        let [phase, rise, ..] = self.phases;
+        let turn = phase + 2.0 * part;
+        let reach = 0.92 + 0.06 * (TAU * 3.0 * part).sin();
+        let flat = DVec2::from_angle(TAU * turn) * DVec2::new(1.75, 1.45) * reach;
+        let eye = flat.extend(1.4 + 0.22 * (TAU * (3.0 * part + rise)).sin());
+        let target = dvec3(0.0, 0.0, 0.75 + 0.35 * (TAU * 5.0 * part).sin());
+        let aside = smooth((part - 0.42) / 0.2) - smooth((part - 0.92) / 0.2);
+        let inward = (target - eye).normalize_or(DVec3::X);
+        let turned = DQuat::from_rotation_z(-115f64.to_radians() * aside) * inward;
+        // Floor, walls and ceiling in turns.
+        let nod = aside * (0.25 + 0.4 * (TAU * 5.0 * part).sin());
+        (eye, turned + DVec3::Z * nod)
+    }
+
+    /// Arcs about places of the door, now near, now far.
+    fn at_door(&self, part: f64) -> (DVec3, DVec3) {
+        let [a, b, ..] = self.phases;
+        let wave = |rate: f64, phase: f64| (TAU * (rate * part + phase)).sin();
+        let target = dvec3(0.36 * wave(3.0, a), 0.0, 1.05 + 0.6 * wave(1.0, b));
+        let distance = 0.95 - 0.43 * (TAU * 2.0 * part).cos();
+        let angle = 32f64.to_radians() * wave(2.0, 0.1);
+        let rise = 8f64.to_radians() * wave(3.5, 0.3);
+        let way = dvec3(angle.sin() * rise.cos(), -angle.cos() * rise.cos(), rise.sin());
+        let mut eye = target + way * distance;
+        eye.z = eye.z.clamp(0.4, 1.75);
+        (eye, target - eye)
+    }
+}
+
+/// 0 below 0, 1 above 1, without a crease.
+fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::contents::furnish;
+    use super::*;
+
+    #[test]
+    fn the_phone_stays_in_free_space() {
+        for (scene, seed) in [(PhoneScene::Room, 0), (PhoneScene::Door, 0), (PhoneScene::Door, 9)] {
+            let (room, walk) = (furnish(scene, seed), Walk::new(scene, seed));
+            for i in 0..400 {
+                let eye = walk.handheld(walk.part(i as f64, 400)).centre();
+                for solid in &room.solids {
+                    let away = solid.shape.distance(eye);
+                    assert!(away > 0.2, "{scene:?} {i}: {eye} is {away} m from {solid:?}");
+                }
+            }
+        }
+    }
+}
