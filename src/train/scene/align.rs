@@ -8,7 +8,7 @@
 //!
 //! Neighbouring components err together, so their evidence is divided by how many count as one:
 //! else thousands of them would outweigh the prior, whatever they say. Planes alone leave motions
-//! along a wall free; colours hold those.
+//! along a wall free; colours hold those. What neither determines stays as recorded.
 //!
 //! A component tells of colours no farther than it reaches, so every round searches the components of
 //! the moved points anew and goes a part of the way. Cameras err alike from frame to frame, so the first
@@ -35,9 +35,15 @@ pub const ROUNDS: usize = 24;
 /// Movement of a point in a round, units of the structural scale, from which on another is of use.
 const SETTLED: f64 = 0.02;
 /// Fewest components that determine a motion.
-const MIN_COMPONENTS: usize = 500;
-/// Neighbouring components err together: so many count as one.
+const MIN_COMPONENTS: usize = 6;
+/// Components from which on a motion is free within the whole prior.
+const MANY_COMPONENTS: f64 = 500.0;
+/// Neighbouring components that count as one, at most, since their errors correlate.
 const ALIKE: f64 = 10.0;
+/// Patches of a whole picture whose errors do not correlate, at least.
+const PATCHES: f64 = MANY_COMPONENTS / ALIKE;
+/// Share of the deviation of a recorded place that the prior has where components are few.
+const HELD: f64 = 0.3;
 /// Variance of a component's mean colour from frame to frame.
 const COLOR_VARIANCE: f64 = 0.003;
 /// Squared residual, in its variances, at which Cauchy's weight is a half.
@@ -77,6 +83,14 @@ pub struct Improvement {
     pub has_settled: bool,
     /// What the frame shows of the components that it was found by, of the last round.
     pub shown: Vec<Shown>,
+}
+
+/// Matches of a frame, and how much of it they cover.
+pub struct FrameMatches<'p> {
+    /// One per component.
+    pub matches: Vec<Match<'p>>,
+    /// Share of the frame's points that these components own, 0 to 1.
+    pub share: f64,
 }
 
 /// What is known of a frame's motion before anything is seen.
@@ -122,10 +136,11 @@ impl PoseAlignment<'_> {
         planes: &mut KnownPlanes<'_, W>,
         is_last: bool,
     ) -> Option<Improvement> {
-        let matches = self.matches(planes);
+        let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.refinement)];
-        let motion = RecordedPose { centre, deviations }.stepped(&matches, before)?;
+        let motion = RecordedPose { centre, deviations }.stepped(&found, before)?;
+        let matches = &found.matches;
         let reach = matches.iter().map(|m| (m.shown.place - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
         let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
@@ -137,7 +152,7 @@ impl PoseAlignment<'_> {
 
     /// Matches of the components that own points, in the order in which points come upon them: on one thread, so
     /// that sums round alike on any machine, and however components are numbered.
-    fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> Vec<Match<'p>> {
+    fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> FrameMatches<'p> {
         planes.learn(self.owners);
         let planes = &*planes;
         let mut at = vec![NONE; planes.len()];
@@ -154,7 +169,10 @@ impl PoseAlignment<'_> {
             shown.color += self.exposed(point);
             shown.noise += f64::from(point.noise);
         }
-        sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect()
+        let owned: f64 = sums.iter().map(|(n, _)| n).sum();
+        let share = owned / self.frame.points.len().max(1) as f64;
+        let matches = sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect();
+        FrameMatches { matches, share }
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
@@ -173,19 +191,38 @@ impl Match<'_> {
     }
 }
 
+impl FrameMatches<'_> {
+    /// Neighbouring matches that count as one: the fewer components a surface has, the larger each of them is.
+    fn alike(&self) -> f64 {
+        (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, ALIKE)
+    }
+
+    /// Share of the deviation of a recorded place that the prior has. Large components describe paint badly, and
+    /// what they err by pulls a camera along a wall that does not hold it.
+    fn freedom(&self) -> f64 {
+        (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
+    }
+}
+
 impl RecordedPose {
-    /// A more probable motion than `before` by what matches say; `None` of too few.
-    pub fn stepped(&self, matches: &[Match<'_>], before: &Motion) -> Option<Motion> {
+    /// Returns a more probable motion than `before`; `None` with too few matches.
+    pub fn stepped(&self, found: &FrameMatches<'_>, before: &Motion) -> Option<Motion> {
+        let matches = &found.matches;
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
+        let alike = found.alike();
+        let [turn, shift] = self.deviations;
+        let deviations = [turn, shift * found.freedom()];
         let mut motion = *before;
         for _ in 0..STEPS {
             // About the recorded pose in every round: about the last one, rounds could wander off.
-            let mut normal = RigidEquations::prior(&motion, self.deviations);
+            let mut normal = RigidEquations::prior(&motion, deviations);
             let part = |matches: &[Match<'_>]| {
                 let mut part = RigidEquations::NONE;
-                matches.iter().for_each(|matched| part.add_match(matched, self.centre, &motion));
+                matches
+                    .iter()
+                    .for_each(|matched| part.add_match(matched, self.centre, &motion, alike));
                 part
             };
             // In parts of one size, added in their order: sums round alike on any number of threads.
@@ -200,7 +237,7 @@ impl RecordedPose {
 }
 
 impl RigidEquations {
-    fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion) {
+    fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion, alike: f64) {
         let Match { plane, shown } = matched;
         // About the camera's centre, so that a turn leaves the camera where it is.
         let arm = motion.turn * (shown.place - centre);
@@ -208,12 +245,12 @@ impl RigidEquations {
         let distance = plane.normal.dot(offset);
         // Not divided by the number of points: errors of neighbouring pixels do not average out.
         let variance = shown.noise * shown.noise + plane.variance;
-        let weight = 1.0 / (ALIKE * variance);
+        let weight = 1.0 / (alike * variance);
         // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
         let trust = 1.0 / (1.0 + distance * distance / (variance * ROBUST));
         let across = weight * trust * plane.normal;
         let color = shown.color - plane.color - plane.gradient * offset;
-        let weight = 1.0 / (ALIKE * COLOR_VARIANCE);
+        let weight = 1.0 / (alike * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
         let along = weight * trust * plane.gradient.transpose();
         // Plane and channels at once: all of them move with one arm.

@@ -9,10 +9,19 @@ use rayon::prelude::*;
 
 /// Fewest points of a component whose colour is trusted.
 const MIN_POINTS: f64 = 20.0;
-/// Fewest points that determine a frame's gain.
+/// Known points that determine the gain of a large frame.
 pub const MIN_MATCHES: f64 = 5000.0;
+/// Share of the points of a small frame that determine its gain.
+const MIN_SHARE: f64 = 0.125;
+/// Fewest points that determine the gain of any frame.
+const FEWEST_MATCHES: f64 = 100.0;
 /// Points of one partial sum: sums do not depend on the number of threads.
 const CHUNK: usize = 512;
+
+/// Returns how many of a frame's points must be known to determine its gain, at most `most`.
+pub fn fewest_matches(points: usize, most: f64) -> f64 {
+    (MIN_SHARE * points as f64).max(FEWEST_MATCHES).min(most)
+}
 
 /// Per channel the factor that makes the frame's colours as bright as those of its points' components,
 /// `Σ c̄ / Σ c`; 1 where fewer than `fewest` points are known, or either sum is nothing: no exposure makes

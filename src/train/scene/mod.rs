@@ -51,4 +51,6 @@ mod seed_groups;
 mod seed_positions;
 pub mod spacing;
 mod sum_scalar;
+#[cfg(test)]
+mod wall_tests;
 mod wide_sums;

@@ -17,7 +17,7 @@ use super::component_sums::ComponentSums;
 use super::components::Components;
 use super::config::{SceneConfig, VisibilityRule};
 use super::explain::Explainer;
-use super::gain::{MIN_MATCHES, gain};
+use super::gain::{MIN_MATCHES, fewest_matches, gain};
 use super::grid::SeedGrid;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
@@ -344,7 +344,8 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// `weight` is the number of pixels that each of the points stands for.
     fn gain(&self, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
-        self.gain_of(points, &self.owners, MIN_MATCHES / f64::from(weight))
+        let fewest = fewest_matches(points.len(), MIN_MATCHES / f64::from(weight));
+        self.gain_of(points, &self.owners, fewest)
     }
 
     fn gain_of(&self, points: &[SurfacePoint], owners: &[u32], fewest: f64) -> [f32; 3] {

@@ -11,7 +11,7 @@ use crate::train::scene::align::{
 };
 use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::config::BirthRule;
-use crate::train::scene::gain::Brightness;
+use crate::train::scene::gain::{Brightness, fewest_matches};
 use crate::train::scene::gauge::{common_motion, moved_seed};
 use crate::train::scene::known_planes::KnownPlanes;
 use crate::train::scene::near_seeds::NearSeeds;
@@ -23,8 +23,8 @@ use crate::train::scene::sum_scalar::SumScalar;
 const RECENT: usize = 1000;
 /// Fewest frames that say where the scene stands as a whole.
 const FEWEST_FRAMES: usize = 4;
-/// Fewest of the points looked at that tell of a frame's exposure.
-const FEWEST: f64 = 1000.0;
+/// Known points that determine the exposure of a frame of many, out of those that are compared.
+const MIN_EXPOSED: f64 = 1000.0;
 
 impl<W: SumScalar> SceneTrainer<W> {
     /// The frame's points and camera as they stood, if the scene tells better than the recorded pose.
@@ -64,9 +64,10 @@ impl<W: SumScalar> SceneTrainer<W> {
         let likely = self.likely(&part.camera.pose);
         // A few of the points lead so near to where all do that these take one round more.
         let few = a_few(part);
-        let near = self.settled(&few, FEWEST / FEW as f64, ROUNDS, likely, &mut planes, owners);
+        let fewest = fewest_matches(part.points.len(), MIN_EXPOSED);
+        let near = self.settled(&few, fewest / FEW as f64, ROUNDS, likely, &mut planes, owners);
         let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near.motion, 1));
-        self.settled(part, FEWEST, rounds, start, &mut planes, owners)
+        self.settled(part, fewest, rounds, start, &mut planes, owners)
     }
 
     /// What so many rounds at most from `motion` on lead to, one at least. Fewer points than `fewest` do not

@@ -9,7 +9,7 @@ use crate::model::scene::kept_motion::values;
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::pose_log::FramePose;
 use crate::observation::surface::Observation;
-use crate::train::scene::align::{Match, RecordedPose, TURN_DEVIATION};
+use crate::train::scene::align::{FrameMatches, Match, RecordedPose, TURN_DEVIATION};
 use crate::train::scene::known_planes::ColoredPlane;
 use crate::train::scene::memory::{MOST_KEPT_BYTES, MOST_KEPT_FRAMES};
 use crate::train::scene::point_parts::PARTS;
@@ -91,14 +91,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         let matches = kept.shown.iter().zip(&planes);
         let matches = matches.filter_map(|(&shown, plane)| Some((shown, plane.as_ref()?)));
         let matches: Vec<_> = matches.map(|(shown, plane)| Match { plane, shown }).collect();
+        // Frames are stored without the points that no component owned.
+        let found = FrameMatches { matches, share: 1.0 };
 
         let [recorded, learnt] = self.poses.get(kept.logged as usize)?.poses()?;
         let centre = recorded.centre() - self.origin;
         let deviations = [TURN_DEVIATION, kept.deviation];
         let before = Motion::between(&recorded, &learnt);
         let pose = RecordedPose { centre, deviations };
-        let nearer = pose.stepped(&matches, &before)?;
-        let after = pose.stepped(&matches, &nearer)?;
+        let nearer = pose.stepped(&found, &before)?;
+        let after = pose.stepped(&found, &nearer)?;
         let (back, place) = learnt.inverse();
         let motion = after.of_pose(&recorded).attached(place, DQuat::from_mat3(&back));
 
@@ -107,7 +109,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             let shift = after.shift - before.shift;
             (after.turn * from_camera - before.turn * from_camera + shift).length()
         };
-        let distance = matches.iter().map(distance).sum::<f64>() / matches.len() as f64;
+        let distance = found.matches.iter().map(distance).sum::<f64>() / found.matches.len() as f64;
         DISTANCES.contains(&(distance / h)).then_some(motion)
     }
 
