@@ -51,13 +51,15 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// How far measured and modelled depth may differ, world units.
+/// How far measured and modelled depth, and recorded and true places, may differ, world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthTolerance {
     /// A surface within `margin[0] + margin[1]·range` of the measured one is the measured one.
     pub margin: [f32; 2],
     /// Largest correction of a point along its ray.
     pub refinement: f32,
+    /// Standard deviation of a recorded camera centre along an axis.
+    pub place: f32,
 }
 
 /// One frame as the scene model sees it.
@@ -91,7 +93,7 @@ impl Observation {
             points: Vec::new(),
             point_weight: 1,
             ranges: Image::filled(0, 0, f32::NAN),
-            tolerance: DepthTolerance { margin: [0.0; 2], refinement: 0.0 },
+            tolerance: DepthTolerance { margin: [0.0; 2], refinement: 0.0, place: 0.0 },
             photograph: None,
         }
     }

@@ -94,6 +94,7 @@ impl Profile {
         self.noise.quadratic /= metre;
         self.tolerance.margin[0] *= length;
         self.tolerance.refinement *= length;
+        self.tolerance.place *= length;
         self
     }
 }
@@ -112,7 +113,10 @@ impl NoiseLaw {
 const METRIC_THRESHOLDS: Thresholds =
     Thresholds { inlier: 1.0, residual: 0.6, deviation: 1.0, cosine: 0.3 };
 /// Tolerance measured with the Kinect, metres.
-const METRIC_TOLERANCE: DepthTolerance = DepthTolerance { margin: [0.03, 0.02], refinement: 0.03 };
+const METRIC_TOLERANCE: DepthTolerance =
+    DepthTolerance { margin: [0.03, 0.02], refinement: 0.03, place: 0.03 };
+/// Standard deviation of the places that a phone with lidar tracks, metres (`scene.md`, Pose alignment).
+const PHONE_PLACE: f32 = 0.002;
 
 impl Sensor {
     /// What it says of a depth image seen through a camera; what is known in metres, in the unit of
@@ -127,7 +131,7 @@ impl Sensor {
                 steepness: 0.0,
                 thresholds: Thresholds { inlier: 0.6, residual: 0.5, deviation: 0.6, cosine: 0.4 },
                 // The margin is 1.6 codes, refinement reaches half a one.
-                tolerance: DepthTolerance { margin: [0.05, 0.0], refinement: 0.016 },
+                tolerance: DepthTolerance { margin: [0.05, 0.0], refinement: 0.016, place: 0.016 },
             },
             Self::Kinect => metric(Profile {
                 noise: NoiseLaw { floor: SENSOR_NOISE, quadratic: SENSOR_NOISE, ..NoiseLaw::ZERO },
@@ -141,7 +145,7 @@ impl Sensor {
                 offset: 0.0,
                 steepness: STEEPEST / camera.fx,
                 thresholds: METRIC_THRESHOLDS,
-                tolerance: METRIC_TOLERANCE,
+                tolerance: DepthTolerance { place: PHONE_PLACE, ..METRIC_TOLERANCE },
             }),
             Self::Exact { noise } => exact(noise, depth, camera),
         }
@@ -174,6 +178,7 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
         tolerance: DepthTolerance {
             margin: margin.map(|m| m as f32),
             refinement: (2.0 * unit + 10.0 * noisy) as f32,
+            place: (2.0 * unit + 10.0 * noisy) as f32,
         },
     }
 }

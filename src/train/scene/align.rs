@@ -138,7 +138,7 @@ impl PoseAlignment<'_> {
     ) -> Option<Improvement> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
-        let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.refinement)];
+        let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
         let motion = RecordedPose { centre, deviations }.stepped(&found, before)?;
         let matches = &found.matches;
         let reach = matches.iter().map(|m| (m.shown.place - centre).length()).sum::<f64>();

@@ -37,7 +37,7 @@ pub fn room(turn: DQuat, shift: DVec3) -> Observation {
     };
     let mut frame = Observation::empty();
     frame.points = (0..60_000).map(point).collect();
-    frame.tolerance.refinement = 0.03;
+    (frame.tolerance.refinement, frame.tolerance.place) = (0.03, 0.03);
     frame
 }
 

@@ -130,7 +130,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         if !self.config.align || self.config.track || n < FEWEST_FRAMES || !n.is_power_of_two() {
             return false;
         }
-        let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.refinement)];
+        let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.place)];
         let Some(motion) = common_motion(&self.poses, deviations) else { return false };
         let (origin, motion) = (self.origin, &motion);
         let moved = self.grid.moved(|seed| moved_seed(seed, origin, motion));

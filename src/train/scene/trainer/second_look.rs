@@ -59,7 +59,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     fn keep(&mut self, frame: &Observation, taught: Option<Taught>) -> Vec<KeptFrame> {
         let shown = std::mem::take(&mut self.shown);
         let Some(taught) = taught.filter(|_| !shown.is_empty()) else { return Vec::new() };
-        let deviation = f64::from(frame.tolerance.refinement);
+        let deviation = f64::from(frame.tolerance.place);
         let logged = self.poses.len() as u64;
         let kept = KeptFrame { frame: self.frames, logged, deviation, shown, taught };
         self.kept.push_back(kept);

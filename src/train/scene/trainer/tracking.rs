@@ -35,6 +35,8 @@ impl<W: SumScalar> SceneTrainer<W> {
     fn aligned(&mut self, frame: &Observation, tracked: &TrackedPose) -> TrackedPose {
         let Some(pose) = tracked.pose() else { return *tracked };
         let mut part = looked_at(frame);
+        // A recorded place is surer than one that the scene's picture finds.
+        part.tolerance.place = part.tolerance.refinement;
         let mut points = Vec::with_capacity(part.points.len());
         part.camera = Motion::between(&frame.camera.pose, &pose).apply(&part, &mut points);
         part.points = points;
