@@ -145,15 +145,20 @@ fn errors(poses: &[Pose]) -> [f64; 2] {
     })
 }
 
+fn train(trainer: &mut SceneTrainer<i32>, wall: &Wall, frames: usize) {
+    for i in 0..frames {
+        trainer.train(&wall.frame(i));
+    }
+}
+
 /// Errors of the recorded poses and of those that training found.
 fn before_and_after(wall: &Wall, h: f64) -> [[f64; 2]; 2] {
     let mut trainer = SceneTrainer::<i32>::new(&SceneConfig::coarse(h), DVec3::ZERO);
-    (0..FRAMES).for_each(|i| drop(trainer.train(&wall.frame(i))));
+    train(&mut trainer, wall, FRAMES);
     let state = trainer.state();
     assert!((50..400).contains(&state.seeds.len()), "{} components", state.seeds.len());
     let recorded: Vec<Pose> = (0..FRAMES).map(|i| wall.recorded(i)).collect();
     let found: Vec<Pose> = state.poses.iter().map(|frame| frame.poses().unwrap()[1]).collect();
-    println!("{:?} {h}: {:?} {:?}", wall.paint, errors(&recorded), errors(&found));
     [errors(&recorded), errors(&found)]
 }
 
@@ -200,7 +205,7 @@ fn a_single_frame_stays_as_recorded() {
 #[test]
 fn five_components_correct_nothing() {
     let mut trainer = SceneTrainer::<i32>::new(&SceneConfig::coarse(0.5), DVec3::ZERO);
-    (0..4).for_each(|i| drop(trainer.train(&PHONE.frame(i))));
+    train(&mut trainer, &PHONE, 4);
     let mut frame = PHONE.frame(4);
     frame.points.truncate(20);
     assert_eq!(trainer.motion(&frame), None);
@@ -210,7 +215,7 @@ fn five_components_correct_nothing() {
 fn a_wall_is_tracked_by_few_components() {
     let config = SceneConfig { track: true, ..SceneConfig::coarse(0.1) };
     let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
-    (0..12).for_each(|i| drop(trainer.train(&PHONE.frame(i))));
+    train(&mut trainer, &PHONE, 12);
     let found: Vec<Pose> = trainer.state().trajectory.iter().filter_map(|at| at.pose()).collect();
     assert_eq!(found.len(), 12);
     // Ninety millimetres by pictures of the scene alone.
