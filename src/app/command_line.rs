@@ -47,7 +47,7 @@ pub fn command_line(
         }
     }
     if let Some(plan) = &opened.plan {
-        let measured = dataset.evaluation(plan.split);
+        let measured = dataset.evaluation(plan.split).new_views;
         if measured.split != plan.split {
             words.extend(["--eval".to_owned(), dataset.splits[measured.split].name.clone()]);
         }

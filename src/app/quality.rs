@@ -2,8 +2,8 @@
 //!
 //! By one thread on a copy of the splats, as photographs are (`viewer/photo.rs`): while frames are
 //! trained a few views are measured again and again, with rests that are many times as long as the
-//! measuring, so that the trainer keeps its cores. At rest every view is measured once. The figures
-//! are those of `vbgs-studio eval`.
+//! measuring, so that the trainer keeps its cores. At rest every view is measured once, then those
+//! from the side. The figures are those of `vbgs-studio eval`.
 
 use super::quality_thread::{QualityAnswer, QualityPurpose, QualityQuery, start};
 use super::retention::{Retention, positions};
@@ -11,7 +11,7 @@ use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
 use super::view_thread::{Announce, ViewThread};
 use super::worker::Waker;
-use crate::dataset::splits::Evaluation;
+use crate::dataset::splits::{Evaluation, HoldOut, ViewGroup};
 use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::metrics::mean_std;
 use crate::eval::near::NearRule;
@@ -68,6 +68,9 @@ pub struct QualityMonitor {
     views: Vec<ViewReport>,
     measured_at: Option<usize>,
     n_measured: usize,
+    /// Views from the side, of the scene after `side_at` frames.
+    side: Vec<ViewReport>,
+    side_at: Option<usize>,
     /// Frames of the scene if it is at rest.
     at_rest: Option<usize>,
     problem: Option<String>,
@@ -89,6 +92,8 @@ impl QualityMonitor {
             settled: false,
             measured_at: None,
             n_measured: 0,
+            side: Vec::new(),
+            side_at: None,
             at_rest: None,
             problem: None,
             retention: Retention::default(),
@@ -127,6 +132,22 @@ impl QualityMonitor {
             .then(|| point(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
+    /// How many views from the side were measured of the scene after so many frames, and how many will
+    /// be.
+    pub fn side_progress(&self, frames: usize) -> (usize, usize) {
+        let n_measured = if self.side_at == Some(frames) { self.side.len() } else { 0 };
+        (n_measured, self.chosen_side().len())
+    }
+
+    /// Means over the views from the side, once the scene at rest was measured on all of them.
+    pub fn side_result(&self) -> Option<QualityPoint> {
+        let frames = self.at_rest?;
+        let (done, all) = self.side_progress(frames);
+        let at =
+            self.history.last().map_or((frames, 0.0, 0), |p| (frames, p.seconds, p.components));
+        (done == all).then(|| point(&self.side, at))?
+    }
+
     /// How well frames are kept that were trained.
     pub fn retention(&self) -> &Retention {
         &self.retention
@@ -158,7 +179,7 @@ impl QualityMonitor {
         // At rest, or by a frame that could not be placed: as many frames as before, and another scene.
         let is_other = snapshot.settled || self.measured_at == Some(snapshot.frames_done);
         if snapshot.settled != self.settled && is_other {
-            self.measured_at = None;
+            (self.measured_at, self.side_at) = (None, None);
             self.retention.measure_again();
         }
         self.settled = snapshot.settled;
@@ -186,9 +207,13 @@ impl QualityMonitor {
             *self = Self { thread, ..Self::new(self.waker.clone()) };
             (self.serial, self.options) = (opened.serial, Some(options));
         }
-        // Anew in every pass, which is cheap: a recording that is followed gains views.
-        let (dataset, plan) = (opened.dataset.as_ref(), opened.plan.as_ref());
-        self.evaluation = dataset.zip(plan).map(|(dataset, plan)| dataset.evaluation(plan.split));
+        let hold_out = opened.selection.as_ref().map_or_else(HoldOut::default, |s| s.hold_out);
+        // Anew in every pass, which is cheap: a recording that is followed gains views. A sector is fixed.
+        if hold_out == HoldOut::Every8th || self.evaluation.is_none() {
+            let of = opened.dataset.as_ref().zip(opened.plan.as_ref());
+            let found = of.map(|(dataset, plan)| dataset.evaluation_by(hold_out, plan.split));
+            self.evaluation = found.and_then(Result::ok);
+        }
     }
 
     fn take_answer(&mut self) {
@@ -206,6 +231,14 @@ impl QualityMonitor {
                 let followed = positions(query.at.0).into_iter().zip(query.views);
                 let known = followed.filter_map(|(position, view)| Some((position, psnr(view)?)));
                 self.retention.note(query.at.0, known);
+            }
+            Ok(scores) if query.purpose == QualityPurpose::FromTheSide => {
+                self.problem = None;
+                if self.side_at != Some(query.at.0) {
+                    self.side_at = Some(query.at.0);
+                    self.side.clear();
+                }
+                self.side.extend(scores);
             }
             Ok(scores) => {
                 self.problem = None;
@@ -263,7 +296,11 @@ impl QualityMonitor {
                 let next = others.nth(self.n_measured.saturating_sub(sample.len()));
                 let next = next.map(|view| (QualityPurpose::HeldOut, vec![view]));
                 let retained = || Some((QualityPurpose::Retention, self.retained(snapshot)?));
-                next.or_else(retained).map(|(purpose, views)| (purpose, views, Duration::ZERO))
+                let (n_measured, _) = self.side_progress(frames);
+                let side = || Some(vec![*self.chosen_side().get(n_measured)?]);
+                let side = || side().map(|views| (QualityPurpose::FromTheSide, views));
+                let next = next.or_else(side).or_else(retained);
+                next.map(|(purpose, views)| (purpose, views, Duration::ZERO))
             }
             _ => None,
         };
@@ -282,12 +319,18 @@ impl QualityMonitor {
         is_due.then(|| positions(snapshot.frames_done).into_iter().map_while(frame).collect())
     }
 
-    /// At most so many of the held-out views, evenly chosen.
+    /// At most so many of the new views.
     fn chosen(&self, most: usize) -> Vec<usize> {
-        let all = self.evaluation.as_ref().map_or(&[][..], |evaluation| &evaluation.frames);
-        let n = all.len().min(most);
-        // The middle of every n-th part: the ends of a recording are seldom typical.
-        (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
+        evenly(self.evaluation.as_ref().map(|evaluation| &evaluation.new_views), most)
+    }
+
+    /// The views from the side.
+    fn chosen_side(&self) -> Vec<usize> {
+        evenly(self.side_group(), MAX_VIEWS)
+    }
+
+    fn side_group(&self) -> Option<&ViewGroup> {
+        self.evaluation.as_ref()?.from_the_side.first()
     }
 
     fn ask(
@@ -304,13 +347,15 @@ impl QualityMonitor {
         };
         let split = match (purpose, &opened.plan) {
             (QualityPurpose::Retention, Some(plan)) => plan.split,
-            _ => evaluation.split,
+            (QualityPurpose::FromTheSide, _) => self.side_group().map_or(0, |group| group.split),
+            _ => evaluation.new_views.split,
         };
         let query = QualityQuery {
             dataset: dataset.clone(),
             split,
             all: match purpose {
                 QualityPurpose::HeldOut => self.chosen(MAX_VIEWS),
+                QualityPurpose::FromTheSide => self.chosen_side(),
                 QualityPurpose::Retention => views.clone(),
             },
             purpose,
@@ -338,6 +383,14 @@ impl QualityMonitor {
     }
 }
 
+/// At most so many views of a group, evenly chosen.
+fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
+    let all = group.map_or(&[][..], |group| &group.frames);
+    let n = all.len().min(most);
+    // The middle of every n-th part: the ends of a recording are seldom typical.
+    (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
+}
+
 /// Means over views; `None` for none.
 fn point(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
     let mean = |value: &dyn Fn(&ViewReport) -> Option<f64>| {
@@ -362,9 +415,9 @@ mod tests {
 
     fn held_out(n: usize) -> QualityMonitor {
         let evaluation = Evaluation {
-            split: 0,
-            frames: (100..100 + n).collect(),
-            held_out: false,
+            new_views: ViewGroup { name: None, split: 0, frames: (100..100 + n).collect() },
+            from_the_side: Vec::new(),
+            training: None,
             why: "".into(),
         };
         QualityMonitor { evaluation: Some(evaluation), ..QualityMonitor::new(Arc::new(|| {})) }

@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 pub enum QualityPurpose {
     /// The quality, on views that were held out.
     HeldOut,
+    /// The quality off the camera's way.
+    FromTheSide,
     /// What is kept of frames that were trained.
     Retention,
 }

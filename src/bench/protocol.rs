@@ -168,7 +168,7 @@ impl ProtocolRun<'_> {
         splats: &SplatSet,
         options: &EvalOptions,
     ) -> Result<(usize, f64, f64), BenchError> {
-        let held_out = self.scene.evaluation(session.plan().split);
+        let held_out = self.scene.evaluation(session.plan().split).new_views;
         let views = spaced(&held_out.frames, self.views);
         let (found, _) = evaluate(splats, self.scene, held_out.split, &views, options, |_| ())?;
         Ok((found.views, found.psnr_mean, found.ssim_mean))

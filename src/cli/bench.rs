@@ -60,12 +60,14 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         }
         BenchName::Peers(args) => peers(args),
         BenchName::Real(args) => {
+            let on = &args.on;
             let plan = RecordingsPlan {
-                data: args.data.clone(),
-                kept: args.common.out.join("real"),
-                options: args.common.options(args.max_frames),
+                data: on.data.clone(),
+                kept: on.common.out.join("real"),
+                options: on.common.options(on.max_frames),
+                hold_out: args.hold_out,
             };
-            measure(&args.common, |progress| real::run(&plan, progress))
+            measure(&on.common, |progress| real::run(&plan, progress))
         }
         BenchName::Retention(args) => {
             if args.common.repeats.is_some() {

@@ -8,7 +8,7 @@ use super::train::announce;
 use super::{model, output, quality, tracked};
 use serde::Serialize;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
-use vbgs_studio::dataset::splits::HOLD_OUT_EVERY;
+use vbgs_studio::dataset::splits::{HOLD_OUT_EVERY, HoldOut, ViewGroup};
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::near::NearRule;
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
@@ -32,34 +32,35 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     if let Some(found) = &model.trajectory {
         eprintln!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));
     }
-    let (split, frames) = choose_views(&dataset, args)?;
-    let (dataset, frames) = match model.place(&dataset, (split, &frames))? {
-        Some(placed) => (placed.dataset, placed.frames),
-        None => (dataset, frames),
-    };
-    let views = (split, &frames[..]);
-    let color_camera = color_camera(args, &model, &dataset)?;
-    if let Some(camera) = color_camera {
-        let scaling = dataset.splits[split].scaling(&camera).map_err(|error| {
-            let file = args.calibration.as_deref().unwrap_or(&args.model);
-            Failure::failed(error).of_calibration(Some(file))
-        })?;
-        scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
-    }
-    let learnt = model.learnt.as_ref().and_then(|learnt| learnt.of(&dataset));
-    let learnt = learnt.as_ref().map(|(split, frames)| (*split, &frames[..]));
+    let learnt = model.learnt.as_ref().and_then(|run| run.of(&dataset));
     if learnt.is_none() {
         let path = args.model.display();
         eprintln!("note: {path}: does not say which of these views it was trained on");
     }
-    let comparison = QualityRequest {
-        args: &args.comparison,
-        near_rule: NearRule::of(model.method.as_ref().map(Method::preset)),
-        color_camera,
-        methods: &methods,
-        learnt,
-    };
-    let found = quality::measure((&model.splats).into(), &dataset, views, &comparison)?;
+    // A run on another dataset chose its views there.
+    let run = model.learnt.as_ref().filter(|_| learnt.is_some());
+    let hold_out = args.hold_out.or(run.map(|run| run.hold_out)).unwrap_or_default();
+    let trained = learnt.as_ref().map(|learnt| learnt.split);
+    let mut found = Vec::new();
+    for group in choose_views(&dataset, args, hold_out, trained)? {
+        let placed = model.place(&dataset, group.views())?;
+        let (dataset, group) = match &placed {
+            Some(placed) => {
+                let frames = placed.frames.clone();
+                (&placed.dataset, ViewGroup { frames, ..group })
+            }
+            None => (&dataset, group),
+        };
+        let comparison = QualityRequest {
+            args: &args.comparison,
+            near_rule: NearRule::of(model.method.as_ref().map(Method::preset)),
+            color_camera: color_camera(args, &model, dataset, group.split)?,
+            methods: &methods,
+            learnt: learnt.as_ref().map(ViewGroup::views),
+            hold_out,
+        };
+        found.extend(quality::measure((&model.splats).into(), dataset, &group, &comparison)?);
+    }
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
         return output::json(&EvalOutput { eval, views: views.concat() });
@@ -71,35 +72,53 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The camera that took the photographs of a split, if not the one that measured depth.
 fn color_camera(
     args: &EvalArgs,
     model: &Model,
     dataset: &Dataset,
+    split: usize,
 ) -> Result<Option<ColorCamera>, Failure> {
-    match &args.calibration {
-        Some(path) => Ok(Calibration::read(path)?.color_camera),
-        None => Ok(model.color_camera(dataset)),
+    let camera = match &args.calibration {
+        Some(path) => Calibration::read(path)?.color_camera,
+        None => model.color_camera(dataset),
+    };
+    if let Some(camera) = camera {
+        let scaling = dataset.splits[split].scaling(&camera).map_err(|error| {
+            let file = args.calibration.as_deref().unwrap_or(&args.model);
+            Failure::failed(error).of_calibration(Some(file))
+        })?;
+        scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
     }
+    Ok(camera)
 }
 
-fn choose_views(dataset: &Dataset, args: &EvalArgs) -> Result<(usize, Vec<usize>), Failure> {
-    let (split, frames) = match &args.split {
-        Some(name) => {
-            let split = dataset.split_named(name)?;
-            (split, (0..dataset.splits[split].frames.len()).collect())
-        }
+/// The groups to measure; `trained` is the split that the model was trained on, if known.
+fn choose_views(
+    dataset: &Dataset,
+    args: &EvalArgs,
+    hold_out: HoldOut,
+    trained: Option<usize>,
+) -> Result<Vec<ViewGroup>, Failure> {
+    let mut groups = match &args.split {
+        Some(name) => vec![dataset.whole_split(dataset.split_named(name)?)],
         None => {
             // A dataset without depth has no split to train on, but photographs to compare with.
-            let evaluation = dataset.evaluation(dataset.training_split().unwrap_or(0));
+            let default = || dataset.training_split().unwrap_or(0);
+            let trained = trained.filter(|_| hold_out == HoldOut::Sector).unwrap_or_else(default);
+            let evaluation = dataset.evaluation_by(hold_out, trained)?;
+            let is_held_out = evaluation.training.is_some() && hold_out == HoldOut::Every8th;
             // Not its reason: what was trained on is counted below, by the model's own list.
-            match evaluation.held_out {
+            match is_held_out {
                 true => eprintln!("note: evaluating on every {HOLD_OUT_EVERY}th frame"),
                 false => eprintln!("note: evaluating on {}", evaluation.why),
             }
-            (evaluation.split, evaluation.frames)
+            evaluation.into_groups()
         }
     };
-    let frames: Vec<usize> = frames.into_iter().step_by(args.stride).collect();
-    let n = args.max_frames.unwrap_or(frames.len()).min(frames.len());
-    Ok((split, frames[..n].to_vec()))
+    for group in &mut groups {
+        let frames = group.frames.iter().copied().step_by(args.stride);
+        group.frames = frames.take(args.max_frames.unwrap_or(usize::MAX)).collect();
+    }
+    Ok(groups)
 }

@@ -24,6 +24,7 @@ mod precision_search;
 mod progress;
 mod quality;
 mod render;
+mod run_quality;
 mod settings;
 mod synth;
 mod tracked;

@@ -6,6 +6,7 @@ use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
+use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
 use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::measure::Views;
 use vbgs_studio::export;
@@ -45,11 +46,13 @@ pub struct LearntFrames {
     fingerprint: Fingerprint,
     split: Option<String>,
     visited: Vec<u32>,
+    /// How the run held frames out.
+    pub hold_out: HoldOut,
 }
 
 impl LearntFrames {
-    /// Split and positions in a dataset; `None` if the run was on another one.
-    pub fn of(&self, dataset: &Dataset) -> Option<(usize, Vec<usize>)> {
+    /// The frames in a dataset; `None` if the run was on another one.
+    pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
             Some(name) => dataset.split_named(name).ok()?,
             None => dataset.training_split().ok()?,
@@ -57,7 +60,8 @@ impl LearntFrames {
         // It may have grown since.
         let found = Fingerprint::of_first(dataset, split, self.fingerprint.frames());
         let is_same = self.fingerprint.difference(&found).is_none();
-        is_same.then(|| (split, self.visited.iter().map(|&frame| frame as usize).collect()))
+        let frames = || self.visited.iter().map(|&frame| frame as usize).collect();
+        is_same.then(|| ViewGroup { name: None, split, frames: frames() })
     }
 }
 
@@ -158,6 +162,7 @@ fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     let learnt = Some(LearntFrames {
         fingerprint: meta.fingerprint,
         split: config.selection.split,
+        hold_out: config.selection.hold_out,
         visited: content.cursor.visited,
     });
     Ok(Model {

@@ -137,8 +137,9 @@ pub fn quality(eval: &EvalReport) -> String {
         true => String::new(),
         false => format!(" at {} of the photographs' size", eval.scale),
     };
+    let group = eval.group.map_or_else(String::new, |name| format!("{name}: "));
     let plain = format!(
-        "{}{settings} on {} views of `{}`{scale} ({} ground truth, partial coverage {}, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
+        "{group}{}{settings} on {} views of `{}`{scale} ({} ground truth, partial coverage {}, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,

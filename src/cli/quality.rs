@@ -6,6 +6,7 @@ use super::failure::Failure;
 use super::{output, progress};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
+use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
 use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::learnt::learnt_views;
@@ -29,22 +30,27 @@ pub struct QualityRequest<'a> {
     pub methods: &'a [RenderMethod],
     /// The frames that the model was trained on, as far as that is known.
     pub learnt: Option<Views<'a>>,
+    /// How frames were held out of training.
+    pub hold_out: HoldOut,
 }
 
-/// Measures the listed views renderer by renderer; the views of one renderer stay together.
+/// Measures a group of views renderer by renderer; the views of one renderer stay together.
 pub fn measure(
     splats: SplatView,
     dataset: &Dataset,
-    views: Views<'_>,
+    group: &ViewGroup,
     request: &QualityRequest,
 ) -> Result<Vec<(EvalReport, Vec<ViewReport>)>, Failure> {
-    let methods = request.methods;
+    let (methods, views) = (request.methods, group.views());
     if request.color_camera.is_some() {
         eprintln!(
             "note: photographs are compared with what their own camera sees, not the depth camera"
         );
     }
     let crack_views = cracks::views(dataset, views.0, views.1);
+    // Training views in place of views without depth would show what a sector left out.
+    let shows_sector = |split| split == views.0 || request.hold_out == HoldOut::Every8th;
+    let crack_views = crack_views.filter(|(split, _)| shows_sector(*split));
     let crack_views = crack_views.as_ref().map(|(split, frames)| (*split, frames.as_slice()));
     let n_steps = measure::n_steps(views, crack_views);
     let near = request.near(splats, dataset, views);
@@ -57,7 +63,10 @@ pub fn measure(
     }
     bar.finish_and_clear();
     let learnt_views = request.learnt.map(|learnt| learnt_views(dataset, learnt, views));
-    found.iter_mut().for_each(|(report, _)| report.learnt_views = learnt_views);
+    for (report, views) in &mut found {
+        (report.group, report.learnt_views) = (group.name, learnt_views);
+        views.iter_mut().for_each(|view| view.group = group.name);
+    }
     // What cannot be read is the same for every renderer.
     if let Some((report, _)) = found.first() {
         output::skipped_views(dataset, report);

@@ -153,7 +153,7 @@ fn render_view(
     let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
-        None => dataset.evaluation(dataset.training_split().unwrap_or(0)).split,
+        None => dataset.evaluation(dataset.training_split().unwrap_or(0)).new_views.split,
     };
     let placed = match args.view < dataset.splits[split].frames.len() {
         true => model.place(&dataset, (split, &[args.view]))?,

@@ -24,6 +24,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
         max_frames: args.max_frames,
         passes: args.passes.unwrap_or(everything.passes),
         follow: args.follow,
+        hold_out: args.hold_out.unwrap_or(everything.hold_out),
     }
 }
 
@@ -40,6 +41,7 @@ pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure>
         max_frames: args.max_frames,
         passes: args.passes,
         follow: args.follow,
+        hold_out: args.hold_out,
     })
 }
 

@@ -9,9 +9,9 @@ use super::export::warn_of_origin;
 use super::failure::Failure;
 use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
-use super::quality::QualityRequest;
+use super::run_quality::{RunQuality, is_measured, measure, photo_pixels, trajectory};
 use super::settings::{asked, calibration_file, method, selection};
-use super::{crash, devices, output, pose_check, progress, quality, tracked, wording};
+use super::{crash, devices, output, pose_check, progress, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,8 +20,7 @@ use vbgs_studio::dataset::wild_poses::wild_poses;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::memory::with_measuring;
-use vbgs_studio::eval::near::NearRule;
-use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
+use vbgs_studio::eval::report::Report;
 use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
@@ -33,8 +32,7 @@ use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
-use vbgs_studio::pipeline::tracked::Trajectory;
-use vbgs_studio::render::{Lens, RenderMethod};
+use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C and the like the files are written all the same.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
@@ -56,7 +54,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
                 // Beside the training: frames keep coming.
                 rayon::spawn(move || doubt_poses(&dataset));
             }
-            if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
+            if is_measured(session, args) && SEEN_AFTER.contains(&learnt(session)) {
                 early.push((session.visited(), settled(session)));
             }
             // The run is worth more than one of its copies: that one failed is said and no more.
@@ -76,16 +74,16 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     warn(&session);
     // Whatever happens next, the model is safe.
     let files = save_model(&mut session, args)?;
-    let measured = match (&args.eval, &end) {
-        (Some(split), Ok(true)) => {
+    let measured = match &end {
+        Ok(true) if is_measured(&session, args) => {
             output::write_json(&args.out.join(REPORT), &session.report(None, Vec::new()))?;
-            measure(&session, split, &early, (args, &methods))
+            measure(&session, &early, (args, &methods))
         }
-        _ => Ok(Measured::default()),
+        _ => Ok(RunQuality::default()),
     };
     let (measured, failure) = match measured {
         Ok(measured) => (measured, None),
-        Err(failure) => (Measured::default(), Some(failure)),
+        Err(failure) => (RunQuality::default(), Some(failure)),
     };
     save_report(&session, args, files, measured)?;
     let finished = end? && !interrupt.is_asked();
@@ -198,16 +196,9 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     }
     let preset = session.config().method.any();
     let limit = preset.component_limit();
-    let memory = match &args.eval {
-        Some(split) => {
-            let view = session.dataset().split_named(split).ok();
-            let view = view.and_then(|split| session.dataset().splits[split].frames.first());
-            let photo =
-                view.map(|view| view.photo_camera(preset.color_camera().as_ref()).intrinsics);
-            let pixels = photo.map_or(0, |k| k.width as usize * k.height as usize);
-            with_measuring(session.memory(), pixels, limit.components())
-        }
-        None => session.memory(),
+    let memory = match is_measured(session, args) {
+        true => with_measuring(session.memory(), photo_pixels(session, args), limit.components()),
+        false => session.memory(),
     };
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
@@ -336,7 +327,7 @@ fn save_report(
     session: &Session,
     args: &TrainArgs,
     models: &str,
-    Measured { eval, seen }: Measured,
+    RunQuality { eval, seen }: RunQuality,
 ) -> Result<(), Failure> {
     let trajectory = trajectory(session);
     let tracking = trajectory.as_ref().and_then(|found| found.error(session.dataset()));
@@ -375,58 +366,6 @@ fn save_report(
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
     output::line(format!("wrote {models}report.json to {}", args.out.display()));
     Ok(())
-}
-
-/// Quality of a run.
-#[derive(Default)]
-struct Measured {
-    eval: Vec<EvalReport>,
-    seen: Vec<SeenReport>,
-}
-
-/// Measures the views of a split with the final splats, and with each of the `early` ones the frames
-/// gone through by then.
-fn measure(
-    session: &Session,
-    split: &str,
-    early: &[(usize, SplatSet)],
-    (args, methods): (&TrainArgs, &[RenderMethod]),
-) -> Result<Measured, Failure> {
-    let (dataset, plan) = (session.dataset(), session.plan());
-    let comparison = &QualityRequest {
-        args: &args.comparison,
-        near_rule: NearRule::of(Some(session.config().method.preset())),
-        color_camera: session.config().method.any().color_camera(),
-        methods,
-        learnt: Some((plan.split, &plan.frames[..session.visited()])),
-    };
-    let mut seen = Vec::new();
-    // Where frames were found is only known by what has learnt them.
-    for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
-        let frames = (plan.split, &plan.frames[..*visited]);
-        seen.extend(quality::seen(splats.into(), dataset, frames, comparison)?);
-    }
-    let split = dataset.split_named(split)?;
-    let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
-    let splats = session.stored_splats();
-    let placed = trajectory(session)
-        .map(|found| {
-            tracked::place(dataset, &session.config().method, &splats, &found, (split, &frames))
-        })
-        .transpose()?
-        .flatten();
-    let (dataset, frames) = match &placed {
-        Some(placed) => (&placed.dataset, &placed.frames),
-        None => (&**dataset, &frames),
-    };
-    let views = (split, &frames[..]);
-    let found = quality::measure((&splats).into(), dataset, views, comparison)?;
-    Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
-}
-
-/// Where the frames of a tracked run were found.
-fn trajectory(session: &Session) -> Option<Trajectory> {
-    Trajectory::of(session.frames(), session.skipped())
 }
 
 /// Names wild poses, and says if the poses mean something else than the layout says: hours of training

@@ -137,6 +137,26 @@ pub enum DatasetError {
         /// What there is.
         splits: String,
     },
+    /// A sector of the camera's way leaves too few views.
+    #[error(
+        "{}: --hold-out sector: expected 2 frames to train on, a new view and a view from the side at least, found {training}, {new_views} and {from_the_side} (taken for {kind}, {frames} frames); {hint}, or leave the option out", path.display()
+    )]
+    Sector {
+        /// Folder of the dataset, or its name where it has no files.
+        path: PathBuf,
+        /// What the poses say it is.
+        kind: &'static str,
+        /// Frames of the training split.
+        frames: usize,
+        /// Frames that would train.
+        training: usize,
+        /// Views on the way.
+        new_views: usize,
+        /// Views off the way.
+        from_the_side: usize,
+        /// What to do.
+        hint: &'static str,
+    },
     /// The depth scale or range that the user gave makes no sense.
     #[error("setting {setting}: expected {expected}, found {found}; correct it or leave it out")]
     Option {

@@ -60,6 +60,7 @@ pub mod pace;
 mod pose_convention;
 mod position_range;
 mod rolling_shutter;
+mod sector;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod sharpness;
 mod source;

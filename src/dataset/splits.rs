@@ -4,7 +4,9 @@ use super::entry::DatasetSplit;
 use super::error::DatasetError;
 use super::opened::Dataset;
 
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use strum::{Display, EnumString, VariantNames};
 
 pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
@@ -13,17 +15,86 @@ const TRAINING_NAMES: [&str; 2] = ["train", "test"];
 /// Preferred evaluation splits; `test` only counts where something else trains.
 const EVALUATION_NAMES: [&str; 3] = ["val", "eval", "test"];
 
+/// Split of true pictures from free viewpoints.
+const FREE: &str = "free";
+
+/// Which frames are held out of training.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames,
+)]
+pub enum HoldOut {
+    /// Every eighth, where the dataset has no split for evaluation.
+    #[default]
+    #[serde(rename = "every-8th")]
+    #[strum(serialize = "every-8th")]
+    Every8th,
+    /// A sector of the camera's way (`eval.md`, From the side).
+    #[serde(rename = "sector")]
+    #[strum(serialize = "sector")]
+    Sector,
+}
+
+impl HoldOut {
+    /// Whether it is the default, which files leave out.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Where the views of a group lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display)]
+pub enum ViewGroupName {
+    /// On the camera's way, between learned frames.
+    #[serde(rename = "new views")]
+    #[strum(serialize = "new views")]
+    NewViews,
+    /// Off the camera's way.
+    #[serde(rename = "from the side")]
+    #[strum(serialize = "from the side")]
+    FromTheSide,
+}
+
+/// Views of one split that are measured together.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct ViewGroup {
+    /// Where they lie; `None` for a split that a user named.
+    pub name: Option<ViewGroupName>,
+    /// Position in [`Dataset::splits`].
+    pub split: usize,
+    /// Positions in [`DatasetSplit::frames`].
+    pub frames: Vec<usize>,
+}
+
+impl ViewGroup {
+    /// The same as split and positions.
+    pub fn views(&self) -> (usize, &[usize]) {
+        (self.split, &self.frames)
+    }
+}
+
 /// The views a model is measured on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Evaluation {
-    /// Position in [`Dataset::splits`].
-    pub split: usize,
-    /// Positions in [`DatasetSplit::frames`], ascending.
-    pub frames: Vec<usize>,
-    /// Whether these frames belong to the training split and training must leave them out.
-    pub held_out: bool,
+    /// Views on the camera's way.
+    pub new_views: ViewGroup,
+    /// Groups of views off the way, none of them empty; often there are none.
+    pub from_the_side: Vec<ViewGroup>,
+    /// Positions of the training split's frames that train; `None` for all of them.
+    pub training: Option<Vec<usize>>,
     /// The choice in one sentence, for the user.
     pub why: String,
+}
+
+impl Evaluation {
+    /// All groups, the new views first.
+    pub fn into_groups(self) -> Vec<ViewGroup> {
+        std::iter::once(self.new_views).chain(self.from_the_side).collect()
+    }
+}
+
+/// Positions of the frames that train where every eighth of a split is held out.
+pub fn without_every_8th(n_frames: usize) -> Vec<usize> {
+    (0..n_frames).filter(|i| !i.is_multiple_of(HOLD_OUT_EVERY)).collect()
 }
 
 impl Dataset {
@@ -79,32 +150,58 @@ impl Dataset {
     }
 
     /// What messages call it.
-    fn shown(&self) -> PathBuf {
+    pub(super) fn shown(&self) -> PathBuf {
         self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
 
-    /// The views that evaluation takes unless told otherwise, given the split that trains: `val`,
-    /// `eval` or `test` if it is another split, else every eighth frame of the training split.
+    /// The default views of evaluation, given the split that trains: `val`, `eval` or `test` if it is
+    /// another split, else every eighth frame of the training split. A split `free` is measured beside
+    /// them.
     pub fn evaluation(&self, training_split: usize) -> Evaluation {
-        let trained = self.splits.get(training_split).map(|s| s.name.as_str());
-        // Depth is not asked for: photographs alone measure colour.
-        let other = |name: &&str| self.find(|s| s.name == *name && trained != Some(name));
-        if let Some(split) = EVALUATION_NAMES.iter().find_map(other)
-            && let Some(DatasetSplit { name, frames, .. }) = self.splits.get(split)
-        {
-            let frames = (0..frames.len()).collect();
+        let new_views = |split, frames| {
+            let name = Some(ViewGroupName::NewViews);
+            ViewGroup { name, split, frames }
+        };
+        let from_the_side = self.free_views(training_split);
+        // Photographs measure colour without depth.
+        if let Some(split) = self.evaluation_split(training_split) {
+            let DatasetSplit { name, frames, .. } = split.1;
             let why = format!("all frames of the split `{name}`");
-            return Evaluation { split, frames, held_out: false, why };
+            let new_views = new_views(split.0, (0..frames.len()).collect());
+            return Evaluation { new_views, from_the_side, training: None, why };
         }
         let n_frames = self.splits.get(training_split).map_or(0, |s| s.frames.len());
         Evaluation {
-            split: training_split,
-            frames: (0..n_frames).step_by(HOLD_OUT_EVERY).collect(),
-            held_out: true,
+            new_views: new_views(training_split, (0..n_frames).step_by(HOLD_OUT_EVERY).collect()),
+            from_the_side,
+            training: Some(without_every_8th(n_frames)),
             why: format!(
                 "every {HOLD_OUT_EVERY}th frame, held out of training: the dataset has no split for evaluation"
             ),
         }
+    }
+
+    /// All frames of a split as one group.
+    pub fn whole_split(&self, split: usize) -> ViewGroup {
+        let found = self.splits.get(split);
+        let is_free = found.is_some_and(|split| split.name == FREE);
+        let name = is_free.then_some(ViewGroupName::FromTheSide);
+        ViewGroup { name, split, frames: (0..found.map_or(0, |s| s.frames.len())).collect() }
+    }
+
+    /// The split for evaluation and its position; `None` if only the training split has its name.
+    pub(super) fn evaluation_split(&self, training_split: usize) -> Option<(usize, &DatasetSplit)> {
+        let of = |name: &&str| {
+            let mut splits = self.splits.iter().enumerate();
+            splits.find(|(split, s)| s.name == *name && *split != training_split)
+        };
+        EVALUATION_NAMES.iter().find_map(of)
+    }
+
+    /// The true pictures from free viewpoints.
+    pub(super) fn free_views(&self, training_split: usize) -> Vec<ViewGroup> {
+        let free = self.find(|s| s.name == FREE).filter(|free| *free != training_split);
+        free.map(|free| self.whole_split(free)).into_iter().collect()
     }
 
     fn find(&self, is_wanted: impl Fn(&DatasetSplit) -> bool) -> Option<usize> {

@@ -12,6 +12,7 @@ use super::seen::Seen;
 use super::trajectory_error::TrajectoryError;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
+use crate::dataset::splits::ViewGroupName;
 use crate::model::scene::trajectory::TrackedPose;
 use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
@@ -219,6 +220,9 @@ pub struct Summary {
 /// Quality over one split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvalReport {
+    /// Group of the views; `None` for a split that was named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<ViewGroupName>,
     /// Name of the split whose views were scored.
     pub split: String,
     /// Which renderer drew the views.
@@ -283,6 +287,9 @@ pub struct EvalReport {
 /// Quality of one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewReport {
+    /// Group of the view, as in [`EvalReport::group`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<ViewGroupName>,
     /// Position of the view in its split.
     pub index: usize,
     /// Name of the view within its split.

@@ -208,6 +208,7 @@ fn score(
         _ => None,
     };
     Ok(ViewReport {
+        group: None,
         index,
         frame: frame.name.clone(),
         renderer: options.render.method.renderer(),
@@ -305,6 +306,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
     let seen: Vec<Seen> = scores.iter().filter_map(|s| s.seen).collect();
     let aligned: Vec<AlignedView> = scores.iter().filter_map(|s| s.pose_aligned).collect();
     EvalReport {
+        group: None,
         split,
         renderer: options.render.method.renderer(),
         antialias: exact.map(|e| e.antialias),

@@ -10,7 +10,7 @@ use super::settings::scene::SceneError;
 use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
 use crate::dataset::pace::LookPace;
-use crate::dataset::splits::HELD_OUT;
+use crate::dataset::splits::{HELD_OUT, HoldOut};
 use crate::dataset::{Dataset, FrameMarks, LoadOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,6 +56,9 @@ impl Follow {
         if selection.passes > 1 {
             return Err(not_followed("passes", "1 beside follow", &selection.passes.to_string()));
         }
+        if selection.hold_out == HoldOut::Sector {
+            return Err(not_followed("hold-out", "every-8th beside follow", "sector"));
+        }
         if selection.split.as_deref() == Some(HELD_OUT) {
             let expected = "the split that is recorded, beside follow";
             return Err(not_followed("split", expected, HELD_OUT));
@@ -64,8 +67,12 @@ impl Follow {
         Ok(Self::with(recording, selection))
     }
 
-    /// Goes on behind the frames of a dataset that was opened; `None` for one that is no folder.
+    /// Goes on behind the frames of a dataset that was opened; `None` for one that is no folder, and
+    /// where a sector trains.
     pub(super) fn of(dataset: &Dataset, split: usize, selection: &Selection) -> Option<Self> {
+        if selection.hold_out == HoldOut::Sector {
+            return None;
+        }
         Some(Self::with(GrowingRecording::of(dataset, split)?, selection))
     }
 

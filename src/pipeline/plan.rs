@@ -2,7 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::error::DatasetError;
-use crate::dataset::splits::HOLD_OUT_EVERY;
+use crate::dataset::splits::{HoldOut, without_every_8th};
 use crate::math::rng::{Purpose, Rng};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -79,6 +79,9 @@ pub struct Selection {
     /// Whether frames were taken while they were recorded.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub follow: bool,
+    /// Which frames are held out.
+    #[serde(default, skip_serializing_if = "HoldOut::is_default")]
+    pub hold_out: HoldOut,
 }
 
 /// Runs that were saved before there was a choice.
@@ -95,7 +98,8 @@ impl Selection {
     pub fn everything() -> Self {
         let (split, shard, max_frames) = (None, None, None);
         let (order, stride, passes, follow) = (Order::Sequential, 1, 1, false);
-        Self { split, order, stride, shard, max_frames, passes, follow }
+        let hold_out = HoldOut::default();
+        Self { split, order, stride, shard, max_frames, passes, follow, hold_out }
     }
 
     /// Frames in the order of a further pass, from 1 on: shuffled anew where they are shuffled.
@@ -113,11 +117,9 @@ impl Selection {
         Self { shard: None, max_frames: None, ..self.clone() }
     }
 
-    /// Positions of the frames that are taken of a split, in order of training.
-    fn of(&self, n_frames: usize, hold_out: bool, seed: u64) -> Vec<usize> {
-        let trains = |i: &usize| !hold_out || !i.is_multiple_of(HOLD_OUT_EVERY);
-        let frames = (0..n_frames).filter(trains).step_by(self.stride.max(1));
-        let mut frames: Vec<usize> = frames.collect();
+    /// Positions of the frames that are taken of those that train, in order of training.
+    fn of(&self, training: Vec<usize>, seed: u64) -> Vec<usize> {
+        let mut frames: Vec<usize> = training.into_iter().step_by(self.stride.max(1)).collect();
         if self.order == Order::Shuffled {
             Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
         }
@@ -147,22 +149,25 @@ pub struct Plan {
     pub split: usize,
     /// Positions of the frames in the split, in order of training; of a further pass again.
     pub frames: Vec<usize>,
-    /// Why frames are left out for evaluation, where the dataset has no evaluation split.
+    /// Why frames are left out for evaluation, where any are.
     pub held_out: Option<String>,
 }
 
 impl Plan {
-    /// Resolves a selection. Frames that the dataset holds out for evaluation are left out unless
-    /// the split was named by the user.
+    /// Resolves a selection. Of a split that the user named, every eighth frame trains too; a sector
+    /// is one of any split.
     pub fn new(dataset: &Dataset, selection: &Selection, seed: u64) -> Result<Self, DatasetError> {
         let split = match &selection.split {
             Some(name) => dataset.split_named(name)?,
             None => dataset.training_split()?,
         };
-        let evaluation = dataset.evaluation(split);
-        let hold_out = evaluation.held_out && selection.split.is_none();
-        let frames = selection.of(dataset.splits[split].frames.len(), hold_out, seed);
-        let mut plan = Self { split, frames, held_out: hold_out.then_some(evaluation.why) };
+        let trains_whole = selection.split.is_some() && selection.hold_out == HoldOut::Every8th;
+        let evaluation = dataset.evaluation_by(selection.hold_out, split)?;
+        let training = evaluation.training.filter(|_| !trains_whole);
+        let held_out = training.is_some().then_some(evaluation.why);
+        let all = || (0..dataset.splits[split].frames.len()).collect();
+        let frames = selection.of(training.unwrap_or_else(all), seed);
+        let mut plan = Self { split, frames, held_out };
         plan.repeat(selection, seed);
         Ok(plan)
     }
@@ -187,11 +192,19 @@ impl Plan {
     }
 
     /// Appends what a selection takes of the frames of a split that has grown from `known` to
-    /// `n_frames`. Only in the order of the dataset do old frames stay where they are.
+    /// `n_frames`. Only in the order of the dataset do old frames stay where they are. A sector is
+    /// fixed when the run begins.
     pub fn extend(&mut self, selection: &Selection, known: usize, n_frames: usize) {
+        if selection.hold_out == HoldOut::Sector {
+            return;
+        }
         let most = selection.max_frames.unwrap_or(usize::MAX).max(self.frames.len());
         let all = Selection { max_frames: None, ..selection.clone() };
-        let selected = all.of(n_frames, self.held_out.is_some(), 0).into_iter();
+        let training = match self.held_out {
+            Some(_) => without_every_8th(n_frames),
+            None => (0..n_frames).collect(),
+        };
+        let selected = all.of(training, 0).into_iter();
         self.frames.extend(selected.filter(|&frame| frame >= known));
         self.frames.truncate(most);
     }
@@ -278,5 +291,39 @@ mod tests {
         assert_eq!(plan(&more, &[0, 1, 0]), [0, 1, 0, 2, 1, 2]);
         let oftener = Selection { passes: 3, ..few };
         assert_eq!(plan(&oftener, &[0, 1, 0, 1]), [0, 1, 0, 1, 0, 1]);
+    }
+
+    #[test]
+    fn a_sector_trains_on_the_first_part_of_the_way_and_stays_when_it_goes_on() {
+        let params = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: 20,
+            n_eval: 2,
+            ..SyntheticParams::demo()
+        };
+        let room = synthetic::dataset(&params).unwrap();
+        let selection = Selection { hold_out: HoldOut::Sector, ..Selection::everything() };
+        let mut plan = Plan::new(&room, &selection, 0).unwrap();
+        let trained = [1, 2, 3, 4, 5, 6, 7, 9, 10, 11];
+        assert_eq!(plan.frames, trained);
+        assert!(plan.held_out.as_ref().is_some_and(|why| why.contains("a recording")));
+        let on = Plan::after(&room, &selection, 0, &[1, 2, 3]).unwrap();
+        assert_eq!(on.frames, trained);
+        plan.extend(&selection, 20, 40);
+        assert_eq!(plan.frames, trained);
+        let named = Selection { split: Some("train".to_owned()), stride: 2, ..selection };
+        assert_eq!(Plan::new(&room, &named, 0).unwrap().frames, [1, 3, 5, 7, 10]);
+    }
+
+    #[test]
+    fn files_leave_the_default_out_and_name_a_sector() {
+        let text = |selection: &Selection| serde_json::to_string(selection).unwrap();
+        let plain = text(&Selection::everything());
+        assert!(!plain.contains("hold_out"), "{plain}");
+        assert_eq!(serde_json::from_str::<Selection>(&plain).unwrap(), Selection::everything());
+        let sector = Selection { hold_out: HoldOut::Sector, ..Selection::everything() };
+        assert!(text(&sector).contains(r#""hold_out":"sector""#));
+        assert_eq!(serde_json::from_str::<Selection>(&text(&sector)).unwrap(), sector);
     }
 }

@@ -27,7 +27,7 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     train(&mut window);
     wait(&mut window, "the result", |s| s.quality().result().is_some());
     let session = session(&path, SceneOverrides::default());
-    let held_out = (session.dataset().evaluation(session.plan().split).split, 0);
+    let held_out = (session.dataset().evaluation(session.plan().split).new_views.split, 0);
     let expected = evaluated_on_black(&session, held_out);
     let result = window.state().quality().result().unwrap();
     assert!((result.psnr - expected.psnr).abs() < 1e-9, "{result:?}");
@@ -60,6 +60,32 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     window.run_steps(2);
     assert_eq!(position(&window), Some(held_out));
     assert!(window.state().view().mode().has_photo());
+}
+
+/// True pictures from free viewpoints are measured once training rests, beside the new views.
+#[test]
+fn views_from_the_side_have_a_line_beside_the_new_ones() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    fs::copy(path.join("transforms_eval.json"), path.join("transforms_free.json")).unwrap();
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Quality");
+    train(&mut window);
+    wait(&mut window, "views from the side", |s| s.quality().side_result().is_some());
+    let session = session(&path, SceneOverrides::default());
+    let free = session.dataset().split_named("free").unwrap();
+    let expected = evaluated_on_black(&session, (free, 0));
+    let side = window.state().quality().side_result().unwrap();
+    assert!((side.psnr - expected.psnr).abs() < 1e-9, "{side:?}");
+    assert_eq!(window.state().quality().side_progress(3), (1, 1));
+    // The same picture: both groups have the same figures.
+    for name in ["New views", "From the side"] {
+        let line = format!("{name}: {:.2} dB, SSIM {:.3} (views: 1)", side.psnr, side.ssim);
+        wait_for_label(&mut window, &line);
+    }
 }
 
 /// Moves the poses of a recording by up to 2 cm along x, as a loose tracker does.
@@ -96,7 +122,7 @@ fn views_of_a_camera_whose_poses_were_corrected_are_drawn_from_where_it_stood() 
     train(&mut window);
     wait(&mut window, "the result", |s| s.quality().result().is_some());
     let session = session(&path, SceneOverrides::default());
-    let evaluation = session.dataset().evaluation(session.plan().split);
+    let evaluation = session.dataset().evaluation(session.plan().split).new_views;
     let held_out = evaluation
         .frames
         .iter()

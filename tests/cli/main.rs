@@ -30,6 +30,7 @@ mod real;
 mod report;
 mod runner;
 mod scenes;
+mod sector;
 mod settings;
 mod usage;
 mod world;

@@ -134,11 +134,13 @@ summary.used number
 summary.wall_s number
 ";
 
-/// Fields of a view in `eval --json`.
+/// Fields of a view in `eval --json`, and what names the groups of views there.
 const VIEW: &str = "
+eval[].group string
 views[].coverage number
 views[].depth_mae number
 views[].frame string
+views[].group string
 views[].index number
 views[].psnr number
 views[].psnr_aligned number

@@ -24,15 +24,15 @@ fn seven_scenes_in_sequence_folders() {
     let dataset = open_plain(folder.path()).unwrap();
     assert_eq!(shape(&dataset), [("all", 4)], "without split files sequences are one split");
     let evaluation = dataset.evaluation(0);
-    assert!(evaluation.held_out && evaluation.why.contains("held out"), "{evaluation:?}");
-    assert_eq!(evaluation.frames, [0]);
+    assert!(evaluation.training.is_some() && evaluation.why.contains("held out"), "{evaluation:?}");
+    assert_eq!(evaluation.new_views.frames, [0]);
 
     fs::write(folder.path().join("TrainSplit.txt"), "sequence1\r\n\n").unwrap();
     fs::write(folder.path().join("TestSplit.txt"), "sequence2\nsequence7\n").unwrap();
     let dataset = open_plain(folder.path()).unwrap();
     assert_eq!(shape(&dataset), [("test", 1), ("train", 3)]);
     assert_eq!(dataset.training_split().unwrap(), 1);
-    assert_eq!(dataset.evaluation(1).split, 0, "`test` evaluates where `train` trains");
+    assert_eq!(dataset.evaluation(1).new_views.split, 0, "`test` evaluates where `train` trains");
     let warning = dataset.warnings[0].to_string();
     for part in ["TestSplit.txt", "sequence7", "expected a folder seq-07", "found none", "unpack"] {
         assert!(warning.contains(part), "{warning}");

@@ -24,7 +24,7 @@ fn lego_opens_as_blender() {
     let train = dataset.training_split().unwrap();
     assert_eq!(train, 0, "the split with depth trains");
     let evaluation = dataset.evaluation(train);
-    assert_eq!((evaluation.split, evaluation.held_out), (1, false));
+    assert_eq!((evaluation.new_views.split, evaluation.training), (1, None));
     let k = dataset.splits[0].frames[0].camera.intrinsics;
     assert_eq!((k.width, k.height, k.cx), (400, 400, 200.0));
     assert!((k.fov_x() - 0.6911112070083618).abs() < 1e-12);
@@ -45,7 +45,7 @@ fn kinect_opens_as_seven_scenes() {
     assert_eq!(splits, [("eval", 10, true), ("train", 100, true)]);
     let train = dataset.training_split().unwrap();
     assert_eq!(dataset.splits[train].name, "train");
-    assert_eq!(dataset.splits[dataset.evaluation(train).split].name, "eval");
+    assert_eq!(dataset.splits[dataset.evaluation(train).new_views.split].name, "eval");
     let k = dataset.splits[train].frames[0].camera.intrinsics;
     assert_eq!((k.width, k.height, k.fx, k.fy, k.cx, k.cy), (640, 480, 585.0, 585.0, 320.0, 240.0));
 

@@ -136,7 +136,8 @@ fn every_eighth_frame_is_held_out_under_a_name() {
     assert_eq!(names, [("all", 11), ("held-out", 2)]);
     let train = dataset.training_split().unwrap();
     let evaluation = dataset.evaluation(train);
-    assert_eq!((train, evaluation.held_out, &evaluation.frames[..]), (0, true, &[0, 8][..]));
+    assert_eq!((train, &evaluation.new_views.frames[..]), (0, &[0, 8][..]));
+    assert_eq!(evaluation.training, Some(vec![1, 2, 3, 4, 5, 6, 7, 9, 10]));
     let held_out = &dataset.splits[dataset.split_named("held-out").unwrap()].frames;
     assert_eq!(held_out[1].name, dataset.splits[0].frames[8].name);
     assert_eq!(held_out[1].time, Some(1000.0 + (8.0f64 / 30.0 * 1e6).round() / 1e6));

@@ -22,8 +22,8 @@ fn the_demo_has_splits_and_streams() {
     let train = demo.training_split().unwrap();
     assert_eq!(demo.splits[train].name, "train");
     let evaluation = demo.evaluation(train);
-    assert_eq!(demo.splits[evaluation.split].name, "eval");
-    assert!(!evaluation.held_out);
+    assert_eq!(demo.splits[evaluation.new_views.split].name, "eval");
+    assert_eq!(evaluation.training, None);
 
     let mut best_ms = f64::INFINITY;
     let normalization = range::estimate(&demo, train).unwrap().normalization();

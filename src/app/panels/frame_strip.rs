@@ -190,7 +190,7 @@ fn cell(
     let entry = frame.entry();
     let state = outcomes.of(frame.position(), &entry.name);
     let (split, index) = frame.position();
-    let evaluated = quality.evaluation().filter(|evaluation| evaluation.split == split);
+    let evaluated = quality.evaluation().filter(|evaluation| evaluation.new_views.split == split);
     let measured = evaluated.and_then(|_| quality.views().iter().find(|view| view.index == index));
     let pictures = thumbnails.map(|thumbnails| thumbnails.pictures(ui.ctx(), frame));
     let latest = outcomes.latest();

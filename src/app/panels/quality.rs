@@ -93,6 +93,7 @@ pub fn ui(
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         inner.show(ui, |ui| {
             summary(quality, snapshot, ui);
+            groups(quality, snapshot.frames_done, ui);
             ui.add(
                 Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap(),
             );
@@ -110,7 +111,8 @@ pub fn ui(
             if !quality.views().is_empty() {
                 ui.add_space(6.0);
                 ui.label(RichText::new("Views, the worst first").strong());
-                asked = table(quality.views(), opened, evaluation.split, thumbnails, ui);
+                let split = evaluation.new_views.split;
+                asked = table(quality.views(), opened, split, thumbnails, ui);
             }
         })
     });
@@ -149,6 +151,24 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
         ui.label(format!("{psnr:.2} dB where covered, {:.0} % of the pixels", 100.0 * share));
     }
     ui.label(RichText::new(what).weak());
+}
+
+/// A line of each group of views, where some are from the side.
+fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
+    let side = quality.side_progress(frames);
+    if side.1 == 0 || frames == 0 {
+        return;
+    }
+    let new = (quality.progress(), quality.result());
+    let side = (side, quality.side_result());
+    for (name, ((done, all), result)) in [("New views", new), ("From the side", side)] {
+        ui.label(match result {
+            Some(point) => {
+                format!("{name}: {:.2} dB, SSIM {:.3} (views: {all})", point.psnr, point.ssim)
+            }
+            None => format!("{name}: {done} of {all} views measured; all once training rests"),
+        });
+    }
 }
 
 fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {

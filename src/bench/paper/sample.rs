@@ -61,8 +61,8 @@ impl TrainingSample {
             let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
             return Err(BenchError::NoFrame { dataset: dataset.name.clone(), first });
         }
-        let evaluation = dataset.evaluation(split);
-        let views = (evaluation.split, spaced(&evaluation.frames, n_views));
+        let held_out = dataset.evaluation(split).new_views;
+        let views = (held_out.split, spaced(&held_out.frames, n_views));
         Ok(Self { dataset, normalization, frames, views })
     }
 

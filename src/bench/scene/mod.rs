@@ -144,19 +144,19 @@ impl AccuracyRuns {
         let everything = Selection::everything();
         let all =
             Plan::new(&dataset, &everything, plan.options.seed).map_err(SessionError::from)?;
-        let evaluation = dataset.evaluation(all.split);
+        let held_out = dataset.evaluation(all.split).new_views;
         let training = Plan { frames: spaced(&all.frames, plan.frames), ..all };
         let base = SceneRun::new(&dataset, &training, &SceneOverrides::default());
         let base = base.map_err(SessionError::from)?;
-        let views = spaced(&evaluation.frames, plan.views);
-        let crack_views = cracks::views(&dataset, evaluation.split, &views);
+        let views = spaced(&held_out.frames, plan.views);
+        let crack_views = cracks::views(&dataset, held_out.split, &views);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
         let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         // All rows are judged by the same camera, whatever they were trained with.
         let color_camera = base.color_camera();
         let options =
             EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
-        let views = (evaluation.split, views);
+        let views = (held_out.split, views);
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
 

@@ -10,6 +10,7 @@ use crate::bench::paper::sample::spaced;
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{self, Mark, Panel, Series};
 use crate::dataset::Dataset;
+use crate::dataset::splits::{HoldOut, ViewGroup, ViewGroupName};
 use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::report::EvalReport;
 use crate::eval::spread::Spread;
@@ -37,14 +38,20 @@ pub struct RecordingsPlan {
     pub kept: PathBuf,
     /// What was asked for; repeats are orders of the frames.
     pub options: BenchOptions,
+    /// Which frames are held out.
+    pub hold_out: HoldOut,
 }
 
-/// One recording, learnt in one order of its frames or in the median of several: each number by
-/// itself. Means over views; PSNR in dB; without a value where nothing is covered or there is no depth.
+/// One group of views of a recording, learnt in one order of its frames or in the median of several: each
+/// number by itself. Means over views; PSNR in dB; without a value where nothing is covered or there is no depth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RecordingRow {
     /// Name of the recording's folder.
     pub recording: String,
+    /// Where the held-out views lie.
+    pub group: Option<ViewGroupName>,
+    /// Name of their split.
+    pub split: String,
     /// Frames learnt.
     pub frames: usize,
     /// Held-out views drawn.
@@ -126,21 +133,26 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
     folder::make(&plan.kept)?;
     let n_orders = plan.options.repeats.unwrap_or(if plan.options.quick { 1 } else { ORDERS });
     let (mut rows, mut orders) = (Vec::new(), Vec::new());
-    for (done, dataset) in recordings.iter().enumerate() {
-        let run = RecordingRun::new(dataset, plan.options)?;
+    // A recording that is too short for a sector ends the bench before hours of work.
+    let runs = recordings.iter().map(|dataset| RecordingRun::new(dataset, plan));
+    let runs = runs.collect::<Result<Vec<_>, _>>()?;
+    let sector = if plan.hold_out == HoldOut::Sector { "-sector" } else { "" };
+    for (done, run) in runs.iter().enumerate() {
         let mut found = Vec::new();
         for order in 0..n_orders {
             progress(done * n_orders + order, recordings.len() * n_orders);
-            let file = plan.kept.join(format!("{}-{order}.json", dataset.name));
+            let file = plan.kept.join(format!("{}{sector}-{order}.json", run.dataset.name));
             let of = json!({
                 "program": env!("CARGO_PKG_VERSION"),
                 "settings": run.base,
-                "views": run.views.1,
+                "views": run.groups,
                 "frames": run.ordered(order).frames,
             });
-            found.extend(folder::kept_or_new(&file, of, || Ok(vec![run.measured(order)?]))?);
+            found.extend(folder::kept_or_new(&file, of, || run.measured(order))?);
         }
-        rows.extend(median(&found));
+        // Every order has a row of each group.
+        let of_group = |group| found.iter().skip(group).step_by(run.groups.len());
+        rows.extend((0..run.groups.len()).filter_map(|group| median(of_group(group))));
         orders.extend(found);
     }
     let mut notes = vec![format!(
@@ -166,23 +178,26 @@ struct RecordingRun<'a> {
     dataset: &'a Arc<Dataset>,
     plan: Plan,
     base: SceneRun,
-    /// Split and positions of the held-out views.
-    views: (usize, Vec<usize>),
+    /// The held-out views.
+    groups: Vec<ViewGroup>,
     seed: u64,
 }
 
 impl<'a> RecordingRun<'a> {
-    fn new(dataset: &'a Arc<Dataset>, options: BenchOptions) -> Result<Self, BenchError> {
+    fn new(dataset: &'a Arc<Dataset>, plan: &RecordingsPlan) -> Result<Self, BenchError> {
+        let RecordingsPlan { options, hold_out, .. } = *plan;
         let seed = options.seed;
-        let all = Plan::new(dataset, &Selection::everything(), seed).map_err(SessionError::from)?;
-        let evaluation = dataset.evaluation(all.split);
+        let selection = Selection { hold_out, ..Selection::everything() };
+        let all = Plan::new(dataset, &selection, seed).map_err(SessionError::from)?;
+        let evaluation = dataset.evaluation_by(hold_out, all.split).map_err(SessionError::from)?;
         let [frames, views] = if options.quick { [12, 4] } else { [usize::MAX; 2] };
         let frames = spaced(&all.frames, options.max_frames.unwrap_or(frames));
         let plan = Plan { frames, ..all };
         let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
         let base = base.map_err(SessionError::from)?;
-        let views = (evaluation.split, spaced(&evaluation.frames, views));
-        Ok(Self { dataset, plan, base, views, seed })
+        let few = |group: ViewGroup| ViewGroup { frames: spaced(&group.frames, views), ..group };
+        let groups = evaluation.into_groups().into_iter().map(few).collect();
+        Ok(Self { dataset, plan, base, groups, seed })
     }
 
     fn ordered(&self, order: usize) -> Plan {
@@ -198,7 +213,8 @@ impl<'a> RecordingRun<'a> {
         })
     }
 
-    fn measured(&self, order: usize) -> Result<RecordingRow, BenchError> {
+    /// A row of each group.
+    fn measured(&self, order: usize) -> Result<Vec<RecordingRow>, BenchError> {
         let plan = self.ordered(order);
         let trained = self.trained(self.dataset, &plan)?;
         let perturbed = Perturbed::new(self.dataset, &plan, self.seed);
@@ -208,22 +224,25 @@ impl<'a> RecordingRun<'a> {
             color_camera: self.base.color_camera(),
             ..EvalOptions::plain(GroundTruth::Composited, render)
         };
-        let recorded = self.quality(&trained, &EvalOptions { align_poses: true, ..plain })?;
         let moved = EvalOptions { poses: ViewPoses::Corrected, ..plain };
-        let corrected = self.quality(&trained, &moved)?;
-        let from_wrong = self.quality(&wrong, &EvalOptions { align_poses: true, ..moved })?;
+        let [plain, aligned] = [plain, moved].map(|o| EvalOptions { align_poses: true, ..o });
         let left = perturbed.left(trained.poses(), wrong.poses());
-        Ok(self.row(&trained, [&recorded, &corrected, &from_wrong], left))
-    }
-
-    fn quality(&self, trained: &Trained, options: &EvalOptions) -> Result<EvalReport, BenchError> {
-        let (split, views) = &self.views;
-        let splats = trained.splats.view();
-        Ok(evaluate(splats, self.dataset, *split, views, options, |_| ())?.0)
+        let row = |group: &ViewGroup| {
+            let quality = |trained: &Trained, options| {
+                let (split, views) = group.views();
+                let splats = trained.splats.view();
+                evaluate(splats, self.dataset, split, views, options, |_| ()).map(|found| found.0)
+            };
+            let recorded = quality(&trained, &plain)?;
+            let (corrected, from_wrong) = (quality(&trained, &moved)?, quality(&wrong, &aligned)?);
+            Ok(self.row(group, &trained, [&recorded, &corrected, &from_wrong], left))
+        };
+        self.groups.iter().map(row).collect()
     }
 
     fn row(
         &self,
+        group: &ViewGroup,
         trained: &Trained,
         [recorded, corrected, from_wrong]: [&EvalReport; 3],
         left: Option<[f64; 2]>,
@@ -234,6 +253,8 @@ impl<'a> RecordingRun<'a> {
         let correlation = |octave: usize| aligned.map(|view| view.bands[octave].correlation);
         RecordingRow {
             recording: self.dataset.name.clone(),
+            group: group.name,
+            split: recorded.split.clone(),
             frames: trained.train_ms.len(),
             views: recorded.views,
             drawn: trained.drawn() as f64,
@@ -274,18 +295,28 @@ impl<'a> RecordingRun<'a> {
     }
 }
 
+impl RecordingRow {
+    fn shown_group(&self) -> String {
+        self.group.map_or_else(|| self.split.clone(), |group| group.to_string())
+    }
+}
+
 /// Every number's median by itself; `None` for no rows.
-fn median(orders: &[RecordingRow]) -> Option<RecordingRow> {
-    let first = orders.first()?;
-    let of =
-        |value: fn(&RecordingRow) -> f64| Spread::of(orders.iter().map(value).collect()).median;
+fn median<'a>(orders: impl Iterator<Item = &'a RecordingRow>) -> Option<RecordingRow> {
+    let orders: Vec<&RecordingRow> = orders.collect();
+    let first = *orders.first()?;
+    let of = |value: fn(&RecordingRow) -> f64| {
+        Spread::of(orders.iter().map(|row| value(row)).collect()).median
+    };
     let known = |value: fn(&RecordingRow) -> Option<f64>| {
         // None if one order has none: a median of the others would not compare.
-        let values: Option<Vec<f64>> = orders.iter().map(value).collect();
+        let values: Option<Vec<f64>> = orders.iter().map(|row| value(row)).collect();
         values.map(|values| Spread::of(values).median)
     };
     Some(RecordingRow {
         recording: first.recording.clone(),
+        group: first.group,
+        split: first.split.clone(),
         frames: first.frames,
         views: first.views,
         drawn: of(|row| row.drawn),
@@ -326,6 +357,7 @@ fn median(orders: &[RecordingRow]) -> Option<RecordingRow> {
 fn text(rows: &[RecordingRow]) -> String {
     let header = [
         "recording",
+        "views",
         "drawn",
         "ms/frame",
         "PSNR dB: full / covered / colours aligned",
@@ -349,6 +381,7 @@ fn text(rows: &[RecordingRow]) -> String {
     let cells = |row: &RecordingRow| {
         [
             row.recording.clone(),
+            row.shown_group(),
             format!("{:.0}", row.drawn),
             format!("{:.1}", row.train_ms),
             joined(&[Some(row.psnr), row.psnr_covered, row.psnr_aligned_covered]),
@@ -382,7 +415,8 @@ fn text(rows: &[RecordingRow]) -> String {
 /// Quality and sharpness by recording.
 fn panels(rows: &[RecordingRow]) -> [Panel; 2] {
     type Value = fn(&RecordingRow) -> Option<f64>;
-    let names: Vec<String> = rows.iter().map(|row| row.recording.clone()).collect();
+    let name = |row: &RecordingRow| format!("{}, {}", row.recording, row.shown_group());
+    let names: Vec<String> = rows.iter().map(name).collect();
     let panel = |title: &str, x: &str, series: &[(&str, Value)]| {
         let series = series.iter().map(|(name, value)| {
             let mark = |(at, row): (usize, &RecordingRow)| {

@@ -88,7 +88,7 @@ pub fn run(
     let (most, looked_at) = if options.quick { (12, 6) } else { (usize::MAX, FRAMES) };
     let all = Plan::new(&dataset, &Selection::everything(), options.seed);
     let all = all.map_err(SessionError::from)?;
-    let evaluation = dataset.evaluation(all.split);
+    let held_out = dataset.evaluation(all.split).new_views;
     let frames = spaced(&all.frames, options.max_frames.unwrap_or(most));
     let plan = Plan { frames, ..all };
     let base = SceneRun::new(&dataset, &plan, &SceneOverrides::default());
@@ -100,7 +100,7 @@ pub fn run(
     };
     let positions: Vec<usize> = (0..plan.frames.len()).collect();
     let bench = Retention {
-        held_out: (evaluation.split, spaced(&evaluation.frames, LOOKS[1])),
+        held_out: (held_out.split, spaced(&held_out.frames, LOOKS[1])),
         looked_at: spaced(&positions, looked_at),
         dataset,
         plan,

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;
 use vbgs_studio::bench::peers::PeerCommand;
 use vbgs_studio::bench::render::BenchDevice;
+use vbgs_studio::dataset::splits::HoldOut;
 
 #[derive(Args)]
 pub struct BenchArgs {
@@ -29,7 +30,7 @@ pub enum BenchName {
     /// Open3D, or any that speaks as its help says
     Peers(PeersBenchArgs),
     /// Every recording of a folder learnt by default: plain figures, corrected and aligned poses, sharpness
-    Real(FolderBenchArgs),
+    Real(RealBenchArgs),
     /// What a scene keeps of its frames: each one's own view right after it and at the end
     Retention(DatasetBenchArgs),
     /// Cost against points, components and threads, on the synthetic room
@@ -73,6 +74,16 @@ pub struct FolderBenchArgs {
     pub max_frames: Option<usize>,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+#[derive(Args)]
+pub struct RealBenchArgs {
+    #[command(flatten)]
+    pub on: FolderBenchArgs,
+    /// Frames held out of training: every eighth where a recording has no split for evaluation, or a
+    /// sector of the camera's way, which adds a row of views from the side
+    #[arg(long, value_name = "RULE", value_parser = choice::<HoldOut>(), default_value = "every-8th")]
+    pub hold_out: HoldOut,
 }
 
 /// As many splats as a model may have components.

@@ -5,6 +5,7 @@ use super::parse::{choice, parse_color, parse_count, parse_positive};
 use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use vbgs_studio::dataset::splits::HoldOut;
 use vbgs_studio::eval::choices::{PartialCoverage, ViewPoses};
 use vbgs_studio::eval::scale::EvalScale;
 use vbgs_studio::render::Exposing;
@@ -61,6 +62,10 @@ pub struct EvalArgs {
     /// Split to measure on [default: val or eval, or every 8th frame]
     #[arg(long)]
     pub split: Option<String>,
+    /// Views to measure on, as `train --hold-out` chooses them [default: as the checkpoint's run, else
+    /// every-8th]
+    #[arg(long, value_name = "RULE", value_parser = choice::<HoldOut>(), conflicts_with = "split")]
+    pub hold_out: Option<HoldOut>,
     #[command(flatten)]
     pub comparison: ComparisonArgs,
     #[command(flatten)]

@@ -9,6 +9,7 @@ use super::settings::SettingsArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
+use vbgs_studio::dataset::splits::HoldOut;
 use vbgs_studio::pipeline::plan::{Order, Shard};
 use vbgs_studio::train::setting::Preset;
 
@@ -37,6 +38,11 @@ pub struct TrainArgs {
     /// Split to train on [default: the one with depth]
     #[arg(long)]
     pub split: Option<String>,
+    /// Frames held out of training: every eighth where the dataset has no split for evaluation, or a
+    /// sector of the camera's way, which measures quality afterwards on new views and from the side
+    /// [default: every-8th]
+    #[arg(long, value_name = "RULE", value_parser = choice::<HoldOut>())]
+    pub hold_out: Option<HoldOut>,
     /// Measure quality on this split afterwards
     #[arg(long, value_name = "SPLIT")]
     pub eval: Option<String>,

@@ -7,6 +7,7 @@
 use super::error::RunError;
 use super::saved::SavedRun;
 use crate::dataset::LoadOptions;
+use crate::dataset::splits::HoldOut;
 use crate::pipeline::plan::{Order, Selection, Shard};
 use crate::pipeline::settings::GivenSettings;
 use crate::train::setting::Preset;
@@ -38,6 +39,8 @@ pub struct ResumeRequest {
     pub passes: Option<usize>,
     /// Whether to take frames while they are recorded.
     pub follow: bool,
+    /// Which frames are held out.
+    pub hold_out: Option<HoldOut>,
 }
 
 impl SavedRun {
@@ -76,10 +79,12 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
         max_frames: _,
         passes: _,
         follow: _,
+        hold_out,
     } = asked;
     differs("--split", split.as_ref(), stored.split.as_ref())
         .or_else(|| differs("--order", order.as_ref(), Some(&stored.order)))
         .or_else(|| differs("--stride", stride.as_ref(), Some(&stored.stride)))
+        .or_else(|| differs("--hold-out", hold_out.as_ref(), Some(&stored.hold_out)))
 }
 
 fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
