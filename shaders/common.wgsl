@@ -20,14 +20,15 @@ struct SparseSplat {
 }
 
 // What a splat carries beyond position, shape and one colour (`rendering.md`, Native appearance);
-// 80 bytes. Rows are channels: `gradient[3 * channel + axis]`.
+// 108 bytes. Rows are channels: `gradient[3 * channel + axis]`.
 struct Appearance {
     gradient: array<f32, 9>,    // per world unit
     directional: array<f32, 9>, // times the unit direction from the camera to the mean
-    padding: vec2<f32>,
+    observed: array<f32, 3>,    // mean of the unit directions it was observed from
+    cone: array<f32, 6>,        // upper triangle: offsets from the mean within it have a square of at most 1
 }
 
-// An appearance and the place it belongs to; 88 bytes.
+// An appearance and the place it belongs to; 112 bytes.
 struct SparseAppearance {
     appearance: Appearance,
     index: u32,

@@ -374,12 +374,26 @@ fn normal_color(splat: Splat, placed: Placed) -> vec3<f32> {
     return vec3<f32>(0.5) + turn * normal;
 }
 
+// The direction itself within the cone of observed ones, the edge of the cone beyond it.
+fn within_observed(appearance: Appearance, direction: vec3<f32>) -> vec3<f32> {
+    let mean = vec3<f32>(appearance.observed[0], appearance.observed[1], appearance.observed[2]);
+    let o = direction - mean;
+    let c = appearance.cone;
+    let rows = vec3<f32>(
+        c[0] * o.x + c[1] * o.y + c[2] * o.z,
+        c[1] * o.x + c[3] * o.y + c[4] * o.z,
+        c[2] * o.x + c[4] * o.y + c[5] * o.z,
+    );
+    return mean + o / sqrt(max(dot(o, rows), 1.0));
+}
+
 // Colour of a splat with appearance, seen from the camera.
 fn directional_color(splat: Splat, appearance: Appearance, placed: Placed) -> vec3<f32> {
     if view.paint != PAINT_STORED {
         return painted(splat, placed);
     }
-    let turned = channels(appearance.directional, placed.from_camera / placed.distance);
+    let direction = within_observed(appearance, placed.from_camera / placed.distance);
+    let turned = channels(appearance.directional, direction);
     return clamp(splat.color + turned, vec3<f32>(0.0), vec3<f32>(1.0));
 }
 

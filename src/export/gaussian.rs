@@ -34,6 +34,10 @@ pub(super) struct Gaussian {
     pub directional: DMat3,
 }
 
+/// Difference from the mean of observed directions within which a file's colour is to resemble the native
+/// one: an orbit of 60° to either side.
+const ORBIT: f64 = 1.0;
+
 /// Splats that files can hold, with their positions in the list.
 pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian)> + Clone {
     (0..view.splats().len()).filter_map(move |i| Some((i, drawable_at(view, i)?)))
@@ -62,15 +66,17 @@ impl Gaussian {
     pub fn of(splat: &Splat, appearance: &Appearance) -> Self {
         let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let [w, x, y, z] = splat.rotation.map(f64::from);
+        let slope = from_rows(appearance.directional);
+        let (mean, fit) = (appearance.observed.mean(), appearance.observed.linear_fit(ORBIT));
         let raw = Self {
             mean: wide(splat.mean),
             opacity: f64::from(splat.opacity),
-            color: wide(splat.color),
+            color: wide(splat.color) + slope * (mean - fit * mean),
             // A logarithm of 0 is no number in a file.
             scale: wide(splat.scale).max(DVec3::splat(scale_floor(wide(splat.scale)))),
             // A splat of no direction is drawn unrotated, and its file must say what is seen.
             rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
-            directional: from_rows(appearance.directional),
+            directional: slope * fit,
         };
         Self { color: raw.bounded_color(), ..raw }
     }

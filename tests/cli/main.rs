@@ -32,5 +32,6 @@ mod runner;
 mod scenes;
 mod sector;
 mod settings;
+mod side;
 mod usage;
 mod world;

@@ -4,7 +4,9 @@ use glam::DVec3;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::observed_cone::ObservedCone;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{
     Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response, Support,
@@ -92,6 +94,12 @@ pub fn random_rotation(rng: &mut Rng) -> [f32; 4] {
     turn.map(|v| (v / length) as f32)
 }
 
+/// Directions about one, as far apart as a camera's on its way.
+pub fn cone([mean, across, _]: [[f32; 3]; 3]) -> ObservedCone {
+    let [mean, across] = [mean, across].map(|row| DVec3::from_array(row.map(f64::from)));
+    ObservedCone::new(mean, Sym3::outer(across).add_scaled(0.01, Sym3::diagonal(1.0)))
+}
+
 /// Random gradients and view dependence for splats. One standard deviation along the longest axis
 /// changes a channel by about 0.25, so that the limit of 0.5 shows too.
 pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
@@ -101,6 +109,7 @@ pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
     let appearance = splats.iter().map(|splat| Appearance {
         gradient: matrix(0.25 / f64::from(largest(splat))),
         directional: matrix(0.3),
+        ..Appearance::default()
     });
     appearance.collect()
 }

@@ -25,6 +25,7 @@ mod point_devices;
 mod properties;
 mod published;
 mod ray_search;
+mod side;
 #[cfg(feature = "bench")]
 mod stability;
 mod tracking;

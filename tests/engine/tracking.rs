@@ -143,7 +143,9 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     let dark = &session.skipped()[0].message;
     assert!(dark.contains("brightness"), "{dark}");
     let blank = &session.skipped()[1].message;
-    assert!(blank.contains("00003") && blank.contains("one plain wall"), "{blank}");
+    // A plain wall fits in many places; the best of them may overlap the scene by too little.
+    let is_undetermined = blank.contains("one plain wall") || blank.contains("% of it, found");
+    assert!(blank.contains("00003") && is_undetermined, "{blank}");
     // What follows is where it is without them.
     let mut undisturbed = self::session(whole.path(), 3);
     finish(&mut undisturbed);

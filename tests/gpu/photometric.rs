@@ -2,6 +2,7 @@
 
 use super::device::{Gpu, outside, random_scene};
 use super::fixture::Fixture;
+use crate::common::scenes::cone;
 use glam::Vec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
@@ -41,7 +42,8 @@ fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowChoice) -> S
         splat.opacity *= rng.range(0.5, 2.0) as f32;
     }
     let mut table = |size: f64| [(); 3].map(|()| [(); 3].map(|()| rng.range(-size, size) as f32));
-    let mut varied = || Appearance { gradient: table(1.5), directional: table(0.2) };
+    let mut varied =
+        || Appearance { gradient: table(1.5), directional: table(0.2), observed: cone(table(0.5)) };
     let appearance = (0..n).map(|_| varied()).collect();
     let (columns, lines) = (width as usize, height as usize);
     let pixel = |i: usize| {

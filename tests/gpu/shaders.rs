@@ -174,7 +174,7 @@ fn shared_structs_agree_with_rust() {
             lens,
             paint
         ),
-        rust_layout!("Appearance", GpuAppearance, gradient, directional, padding),
+        rust_layout!("Appearance", GpuAppearance, gradient, directional, observed, cone),
         rust_layout!("SparseAppearance", SparseAppearance, appearance, index),
         rust_layout!(
             "Composite",
@@ -197,7 +197,7 @@ fn shared_structs_agree_with_rust() {
         assert_eq!(theirs[name], (size, fields), "{name}");
     }
     assert_eq!(size_of::<GpuSplat>(), 64, "`rendering.md`, Splat record");
-    assert_eq!(size_of::<GpuAppearance>(), 80, "`rendering.md`, Splat record");
+    assert_eq!(size_of::<GpuAppearance>(), 108, "`rendering.md`, Splat record");
     assert!(size_of::<GpuView>() <= 256, "`rendering.md`, Splat record");
 }
 

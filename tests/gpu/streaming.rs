@@ -86,7 +86,7 @@ fn appearance_follows_sparse_updates_and_comes_and_goes() {
     }
     let all = SplatView::new(&splats, &appearance).unwrap();
     let bytes = scene.update(&gpu.device, &gpu.queue, &changed, all).unwrap();
-    assert_eq!(bytes, 50 * (80 + 88), "sparse records");
+    assert_eq!(bytes, 50 * (80 + 112), "sparse records");
     let sparse = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
     let whole = gpu.image(all, &view, &PLAIN);
     assert_eq!(largest_difference(&sparse, &whole), 0.0);
@@ -97,7 +97,7 @@ fn appearance_follows_sparse_updates_and_comes_and_goes() {
     let plain = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
     assert_eq!(largest_difference(&plain, &gpu.image(&splats, &view, &PLAIN)), 0.0);
     assert!(largest_difference(&plain, &whole) > 0.1);
-    assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], all).unwrap(), 400 * (64 + 80));
+    assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], all).unwrap(), 400 * (64 + 108));
     let again = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
     assert_eq!(largest_difference(&again, &whole), 0.0);
     gpu.assert_no_faults();

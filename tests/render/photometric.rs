@@ -50,7 +50,7 @@ fn scene(varied: bool) -> (Vec<Splat>, Vec<Appearance>) {
         let mut rows = |size: f64| [(); 3].map(|()| [(); 3].map(|()| draw(-size, size)));
         let directional = rows(0.1);
         let gradient = if varied { rows(0.15) } else { [[0.0; 3]; 3] };
-        appearance.push(Appearance { gradient, directional });
+        appearance.push(Appearance { gradient, directional, ..Appearance::default() });
     }
     (splats, appearance)
 }

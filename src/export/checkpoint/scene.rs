@@ -32,9 +32,11 @@ const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
 const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
-/// Numbers of a splat and of its appearance.
+/// Numbers of a splat.
 const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
-const N_APPEARANCE: usize = size_of::<Appearance>() / size_of::<f32>();
+/// Numbers of an appearance that are stored: gradient and directional colour. Observed directions are
+/// in the sums of the component.
+const N_APPEARANCE: usize = 18;
 
 /// In the order of the file.
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
@@ -99,9 +101,11 @@ fn pose_sections(poses: &[FramePose]) -> [Section<'_>; 2] {
 }
 
 fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
+    let slopes = photometric.appearance.iter();
+    let slopes = slopes.flat_map(|look| look.gradient.into_iter().chain(look.directional));
     let mut sections = vec![
         Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
-        Section::new::<f32>(tag::PHOTO_APPEARANCE, bytemuck::cast_slice(&photometric.appearance)),
+        Section::owned::<f32>(tag::PHOTO_APPEARANCE, slopes.flatten().collect()),
         Section::new(tag::PHOTO_FORM, photometric.form.as_flattened()),
         Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
         Section::new(tag::PHOTO_NOISE, &photometric.noise),
@@ -226,6 +230,11 @@ fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
     words.into_iter().enumerate().map(share).collect()
 }
 
+fn unobserved(stored: [f32; N_APPEARANCE]) -> Appearance {
+    let [gradient, directional] = bytemuck::cast(stored);
+    Appearance { gradient, directional, ..Appearance::default() }
+}
+
 fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {
     let splats = sections.rows::<f32, N_SPLAT>(tag::PHOTO_SPLATS, Some(n))?;
     let appearance = sections.rows::<f32, N_APPEARANCE>(tag::PHOTO_APPEARANCE, Some(n))?;
@@ -233,7 +242,7 @@ fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect
     let usual = |tag| if sections.has(tag) { sections.numbers(tag) } else { Ok([0.0; 2]) };
     Ok(PhotometricState {
         splats: bytemuck::cast_vec(splats),
-        appearance: bytemuck::cast_vec(appearance),
+        appearance: appearance.into_iter().map(unobserved).collect(),
         form: sections.rows(tag::PHOTO_FORM, Some(n))?,
         color: sections.rows(tag::PHOTO_COLOR, Some(n))?,
         noise: sections.numbers(tag::PHOTO_NOISE)?,

@@ -4,6 +4,7 @@ use super::waiting::WaitingPhotograph;
 use crate::math::cholesky::Cholesky;
 use crate::math::lane_cholesky::at;
 use crate::model::splat::appearance::Appearance;
+use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 
@@ -60,11 +61,14 @@ impl PhotometricState {
         self.color.resize(n, [0.0; N_COLOR_PRECISION]);
     }
 
-    /// Those of the listed components, in their order.
+    /// Those of the listed components, in their order, without observed directions, which follow from the
+    /// sums of the components.
     pub fn listed(&self, components: &[u32]) -> Self {
+        let mut appearance = listed_rows(&self.appearance, components, Appearance::default());
+        appearance.par_iter_mut().for_each(|look| look.observed = ObservedCone::default());
         Self {
             splats: listed_rows(&self.splats, components, Splat::default()),
-            appearance: listed_rows(&self.appearance, components, Appearance::default()),
+            appearance,
             form: listed_rows(&self.form, components, [0.0; N_FORM_PRECISION]),
             color: listed_rows(&self.color, components, [0.0; N_COLOR_PRECISION]),
             noise: self.noise,

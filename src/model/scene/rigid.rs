@@ -41,7 +41,8 @@ fn turned(look: &Appearance, turn: DMat3) -> Appearance {
     let rows = |rows: [[f32; 3]; 3]| {
         rows.map(|row| (turn * DVec3::from_array(row.map(f64::from))).as_vec3().to_array())
     };
-    Appearance { gradient: rows(look.gradient), directional: rows(look.directional) }
+    let observed = look.observed.turned(turn);
+    Appearance { gradient: rows(look.gradient), directional: rows(look.directional), observed }
 }
 
 /// A precision of `N` parameters, of which those from some places on are vectors: `T Λ Tᵀ`, as its lower
@@ -118,7 +119,8 @@ mod tests {
         let place = motion.transform_point(DVec3::new(1.0, 0.5, 2.0));
         assert!((place - DVec3::from_array(after.mean.map(f64::from))).length() < 1e-6);
         let row = [0.1, -0.2, 0.3];
-        let look = Appearance { gradient: [row; 3], directional: [[0.0; 3]; 3] };
+        let look =
+            Appearance { gradient: [row; 3], directional: [[0.0; 3]; 3], ..Appearance::default() };
         let along = DVec3::from_array(turned(&look, motion.rotation()).gradient[2].map(f64::from));
         // The same place on the splat has the same colour.
         let offset = DVec3::new(0.3, 0.1, -0.2);

@@ -76,6 +76,15 @@ pub struct SplatContext {
     pub frames: u64,
 }
 
+/// Where the points of a component are, world axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointExtent {
+    /// Their mean, world units.
+    pub mean: DVec3,
+    /// Covariance of the splat that they make, world units².
+    pub covariance: Sym3,
+}
+
 impl SplatRule {
     /// The rule of splats that files and other viewers hold as they are.
     pub fn plain(self) -> Self {
@@ -122,6 +131,18 @@ impl SplatRule {
         };
         // Beyond what renderers can work with, as of worlds in nanometres or files of nobody's making.
         if splat.is_valid() { (splat, appearance) } else { Default::default() }
+    }
+
+    /// Where the points of a component are, as a bound of its splat; `None` without points.
+    pub fn extent(&self, sums: &SceneSums, context: &SplatContext) -> Option<PointExtent> {
+        let SplatContext { seed, h, .. } = *context;
+        if sums.count < 1.0 {
+            return None;
+        }
+        let covariance = self.regular(sums.covariance(), sums.count, h).scaled(self.scale.powi(2));
+        let least = (self.least_scale * h).powi(2);
+        let covariance = covariance.add_scaled(1.0, Sym3::diagonal(least));
+        Some(PointExtent { mean: seed + sums.mean_offset(), covariance })
     }
 
     /// The covariance with the prior's points added to it.

@@ -38,10 +38,12 @@ pub struct PhotographView {
     pub near: f64,
     /// Every how many rows one is kept, and the first.
     pub rows: [f64; 2],
+    /// Pixels of the photograph for each pixel of depth, at least 1.
+    pub per_depth_pixel: f64,
 }
 
 impl PhotographView {
-    /// Of a camera that took the photograph of the frame after so many.
+    /// Of a camera that took the photograph of the frame after so many, with as many pixels as its depth.
     pub fn new(frame: u64, camera: &Camera, gain: [f32; 3], near: f64, rows: [u32; 2]) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = camera.intrinsics;
         Self {
@@ -52,6 +54,7 @@ impl PhotographView {
             gain: gain.map(f64::from),
             near,
             rows: rows.map(f64::from),
+            per_depth_pixel: 1.0,
         }
     }
 
@@ -94,6 +97,7 @@ impl PhotographView {
             ("rows", every, PowerOfTwo { high: MOST_EVERY }),
             ("first row", first, Whole { low: 0.0, high: every - 1.0 }),
             ("near", self.near, NotNegative),
+            ("pixels for each of depth", self.per_depth_pixel, Positive),
             ("size", width, side),
             ("size", height, side),
             ("gain", red, Positive),

@@ -5,6 +5,7 @@
 //! hold, take no memory for it.
 
 use super::exposure::ExposureLog;
+use super::observed_cone::ObservedCone;
 use super::pose_log::PoseLog;
 use super::splats::Splat;
 use crate::math::pose::Pose;
@@ -21,15 +22,19 @@ pub struct Appearance {
     /// Colour gradient: row per channel, column per world axis; change per world unit from the
     /// mean. A pixel's change is held within ±[`GRADIENT_LIMIT`].
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 colour: row per channel, times the unit direction from the camera to the mean. The
+    /// Degree-1 colour: row per channel, times the unit direction from the camera to the mean, as far as
+    /// that was observed. The
     /// splat's own colour is the constant term then and may lie outside `[0, 1]`.
     pub directional: [[f32; 3]; 3],
+    /// The directions it was observed from.
+    pub observed: ObservedCone,
 }
 
 impl Appearance {
     /// Whether every coefficient is finite.
     pub fn is_valid(&self) -> bool {
-        self.gradient.iter().chain(&self.directional).flatten().all(|x| x.is_finite())
+        let rows = self.gradient.iter().chain(&self.directional);
+        rows.flatten().all(|x| x.is_finite()) && self.observed.is_valid()
     }
 }
 

@@ -4,6 +4,7 @@
 pub mod appearance;
 pub mod exposure;
 pub mod framing;
+pub mod observed_cone;
 pub mod plain;
 pub mod pose_log;
 pub mod splats;

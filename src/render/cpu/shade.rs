@@ -55,7 +55,7 @@ fn directed(
     placed: &CameraSplat,
     appearance: &Appearance,
 ) -> [f32; 3] {
-    let d = view.world_from_camera * placed.m.normalize();
+    let d = appearance.observed.nearest(view.world_from_camera * placed.m.normalize());
     std::array::from_fn(|channel| {
         let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
         // Clamped here and not by the fit: the direction may be one that no camera had.

@@ -11,6 +11,7 @@ use super::constants::{
 use super::error::GpuError;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Appearance;
+use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use crate::render::constants::FRUSTUM_MARGIN;
 use crate::render::options::{ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support};
@@ -98,7 +99,7 @@ pub struct SparseSplat {
     pub padding: [u32; 3],
 }
 
-/// Appearance in GPU memory, 80 bytes (`rendering.md`, Splat record).
+/// Appearance in GPU memory, 108 bytes (`rendering.md`, Splat record).
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct GpuAppearance {
@@ -106,17 +107,19 @@ pub struct GpuAppearance {
     pub gradient: [[f32; 3]; 3],
     /// Degree-1 colour, laid out alike.
     pub directional: [[f32; 3]; 3],
-    /// Up to a multiple of 16.
-    pub padding: [f32; 2],
+    /// Mean of the observed directions.
+    pub observed: [f32; 3],
+    /// Their cone: upper triangle, row by row.
+    pub cone: [f32; 6],
 }
 
 impl GpuAppearance {
     /// `None` if it is not finite.
     pub fn new(appearance: &Appearance) -> Option<Self> {
-        let Appearance { gradient, directional } = *appearance;
-        let all = [gradient, directional];
-        let finite = all.as_flattened().as_flattened().iter().all(|v| v.is_finite());
-        finite.then_some(Self { gradient, directional, padding: [0.0; 2] })
+        let Appearance { gradient, directional, observed } = *appearance;
+        let ObservedCone { mean, inverse } = observed;
+        let found = Self { gradient, directional, observed: mean, cone: inverse };
+        appearance.is_valid().then_some(found)
     }
 }
 
@@ -128,8 +131,6 @@ pub struct SparseAppearance {
     pub appearance: GpuAppearance,
     /// Where they go.
     pub index: u32,
-    /// WGSL rounds the size up to 88.
-    pub padding: u32,
 }
 
 /// Uniforms of whatever draws splats: one camera, one set of options.

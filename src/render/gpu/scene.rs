@@ -225,11 +225,7 @@ impl GpuScene {
         let Some(buffer) = &self.buffers.appearance else { return n_bytes };
         let appearances: Vec<SparseAppearance> = ids
             .iter()
-            .map(|&id| SparseAppearance {
-                appearance: appearance(splats, id),
-                index: id as u32,
-                padding: 0,
-            })
+            .map(|&id| SparseAppearance { appearance: appearance(splats, id), index: id as u32 })
             .collect();
         n_bytes + self.scatter_appearance.run(device, queue, buffer, &appearances)
     }

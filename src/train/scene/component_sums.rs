@@ -8,10 +8,12 @@
 use super::sum_scalar::SumScalar;
 use super::wide_sums::WideSums;
 use crate::math::pieces::pieces;
+use crate::math::sym3::Sym3;
 use crate::model::scene::bounds::{make_definite, restrain};
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
-use glam::DMat3;
+use crate::model::splat::observed_cone::ObservedCone;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 /// Expected returns are counted in 64ths.
@@ -146,6 +148,20 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn color_sums(&self, id: usize) -> (f64, [f64; 3]) {
         let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
         (sum(0), [sum(10), sum(11), sum(12)])
+    }
+
+    /// The directions from which a component's points were measured; unknown without points.
+    pub fn observed_cone(&self, id: usize) -> ObservedCone {
+        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
+        let n = sum(0);
+        if n < 1.0 {
+            return ObservedCone::default();
+        }
+        let mean = DVec3::new(sum(25), sum(26), sum(27)) / n;
+        let (xx, yy) = (sum(28) / n, sum(31) / n);
+        // Directions are unit vectors, so their squares add up to the count.
+        let second = [xx, sum(29) / n, sum(30) / n, yy, sum(32) / n, 1.0 - xx - yy];
+        ObservedCone::new(mean, Sym3::from_array(second).add_scaled(-1.0, Sym3::outer(mean)))
     }
 
     /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal

@@ -23,7 +23,7 @@ impl Shade {
         match (paint, &splat.appearance) {
             (Paint::Stored, None) => flat(splat.color.max(DVec3::ZERO)),
             (Paint::Stored, Some(appearance)) => {
-                let color = splat.color + appearance.directional * to_mean.normalize();
+                let color = splat.color + appearance.change(to_mean.normalize());
                 Self {
                     base: color.clamp(DVec3::ZERO, DVec3::ONE),
                     gradient: appearance.gradient * camera.pose.rotation(),

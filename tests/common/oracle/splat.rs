@@ -31,6 +31,19 @@ pub struct AppearanceF64 {
     pub gradient: DMat3,
     /// Takes the unit direction from the camera to the mean to a change of colour.
     pub directional: DMat3,
+    /// Mean of the directions it was observed from.
+    pub observed: DVec3,
+    /// Differences from that mean have a square of at most 1 by it within the observed cone.
+    pub cone: DMat3,
+}
+
+impl AppearanceF64 {
+    /// Colour that is added to the splat's own towards the unit direction `d` from the camera.
+    pub fn change(&self, d: DVec3) -> DVec3 {
+        let offset = d - self.observed;
+        let beyond = offset.dot(self.cone * offset).max(1.0).sqrt();
+        self.directional * (self.observed + offset / beyond)
+    }
 }
 
 impl From<&Appearance> for AppearanceF64 {
@@ -38,7 +51,13 @@ impl From<&Appearance> for AppearanceF64 {
         let matrix = |rows: [[f32; 3]; 3]| {
             DMat3::from_cols_array_2d(&rows.map(|row| row.map(f64::from))).transpose()
         };
-        Self { gradient: matrix(appearance.gradient), directional: matrix(appearance.directional) }
+        let [xx, xy, xz, yy, yz, zz] = appearance.observed.inverse;
+        Self {
+            gradient: matrix(appearance.gradient),
+            directional: matrix(appearance.directional),
+            observed: DVec3::from_array(appearance.observed.mean.map(f64::from)),
+            cone: matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Random splats and cameras.
 
+use crate::common::scenes::cone;
 use glam::DVec3;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
@@ -31,7 +32,9 @@ pub fn cloud(seed: u64, n: usize, largest: f64, thinnest: f64, opacity: [f64; 2]
 pub fn appearance(seed: u64, n: usize) -> Vec<Appearance> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let mut rows = |size: f64| [0; 3].map(|_| [0; 3].map(|_| (size * rng.normal()) as f32));
-    (0..n).map(|_| Appearance { gradient: rows(1.0), directional: rows(0.3) }).collect()
+    let mut one =
+        || Appearance { gradient: rows(1.0), directional: rows(0.3), observed: cone(rows(0.4)) };
+    (0..n).map(|_| one()).collect()
 }
 
 pub fn camera(width: u32, height: u32, eye: DVec3, fov: f64) -> Camera {

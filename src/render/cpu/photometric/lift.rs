@@ -10,6 +10,7 @@ use super::super::record::Gradient;
 use super::super::view::CpuView;
 use crate::math::simd::{EVERY_BIT, LANES, Vector, dot, load_rows, scaled, turned};
 use crate::model::splat::appearance::Appearance;
+use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use crate::render::constants::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
@@ -22,7 +23,7 @@ pub(super) const BY_MEAN: usize = 0;
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
 /// By channel the change of the colour at a pixel with each axis of the mean.
 pub(super) const MOVING: usize = BY_SHAPE + 18;
-/// Unit direction from the camera, world axes.
+/// Unit direction from the camera, world axes, within the observed cone.
 pub(super) const DIRECTION: usize = MOVING + 9;
 /// World vectors from the splat's centre to its plane, per unit of a record's `p` and `q`.
 pub(super) const PLACES: usize = DIRECTION + 3;
@@ -44,6 +45,9 @@ pub(super) struct SplatLanes {
     across: [[[f32; LANES]; 2]; 3],
     /// Change of each channel with the direction.
     directional: [[[f32; LANES]; 3]; 3],
+    /// The directions it was observed from.
+    observed: [[f32; LANES]; 3],
+    cone: [[f32; LANES]; 6],
 }
 
 impl SplatLanes {
@@ -56,6 +60,8 @@ impl SplatLanes {
             scale: [ones; 3],
             across: [[zeros; 2]; 3],
             directional: [[zeros; 3]; 3],
+            observed: [zeros; 3],
+            cone: [zeros; 6],
         }
     }
 
@@ -78,6 +84,13 @@ impl SplatLanes {
         }
         for (lanes, value) in self.rotation.iter_mut().zip(splat.rotation) {
             lanes[lane] = value;
+        }
+        let ObservedCone { mean, inverse } = &appearance.observed;
+        for (lanes, value) in self.observed.iter_mut().zip(mean) {
+            lanes[lane] = *value;
+        }
+        for (lanes, value) in self.cone.iter_mut().zip(inverse) {
+            lanes[lane] = *value;
         }
         for channel in 0..3 {
             for axis in 0..2 {
@@ -158,13 +171,24 @@ impl SplatLanes {
         let centre = load_rows::<V, 3>(&self.centre);
         let per_distance = V::splat(1.0) / dot(centre, centre).sqrt();
         let direction = scaled(turned(&camera.to_world, centre), per_distance);
-        linear[DIRECTION..][..3].copy_from_slice(&direction);
+        // Beyond the observed cone colour follows its edge; how that turns is left out.
+        let mean = load_rows::<V, 3>(&self.observed);
+        let offset = [direction[0] - mean[0], direction[1] - mean[1], direction[2] - mean[2]];
+        let [xx, xy, xz, yy, yz, zz] = load_rows::<V, 6>(&self.cone);
+        let [x, y, z] = offset;
+        let rows = [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z];
+        let one = V::splat(1.0);
+        let within = one / dot(offset, rows).max(one).sqrt();
+        for axis in 0..3 {
+            linear[DIRECTION + axis] = mean[axis] + within * offset[axis];
+        }
         for k in 0..3 {
             let w = load_rows::<V, 3>(&self.directional[k]);
             let along = dot(direction, w);
+            let turning = within * per_distance;
             let [x, y] = load_rows::<V, 2>(&self.across[k]);
             for axis in 0..3 {
-                let turning = (w[axis] - direction[axis] * along) * per_distance;
+                let turning = (w[axis] - direction[axis] * along) * turning;
                 let [u, v] = shape.shifts[axis];
                 linear[MOVING + 3 * k + axis] = turning - x * u - y * v;
             }

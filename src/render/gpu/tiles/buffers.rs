@@ -6,6 +6,7 @@ use crate::render::gpu::constants::{GROUP, slot};
 use crate::render::gpu::context::max_buffer_bytes;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::kernel::storage;
+use crate::render::gpu::layout::GpuAppearance;
 
 const WORD: u64 = size_of::<u32>() as u64;
 const PAIR: u64 = 2 * WORD;
@@ -14,7 +15,7 @@ const RECORD_BYTES: u64 = 64;
 const GRADIENT_BYTES: u64 = 48;
 const FOOTPRINT_BYTES: u64 = 16;
 /// Of one appearance; a binding holds one at least.
-const APPEARANCE_BYTES: u64 = 80;
+const APPEARANCE_BYTES: u64 = size_of::<GpuAppearance>() as u64;
 const MIB: u64 = 1 << 20;
 
 /// Bytes of the buffer of counts.

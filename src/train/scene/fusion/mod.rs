@@ -12,9 +12,9 @@ use super::component_sums::ComponentSums;
 use super::config::SceneConfig;
 use super::gauge::moved;
 use super::grid::{SeedGrid, squared_distance};
-use super::photometric::PhotometricLearner;
 use super::photometric::rule::PhotometricRule;
 use super::sum_scalar::SumScalar;
+use super::trainer::SceneTrainer;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
@@ -32,10 +32,10 @@ pub fn fuse<W: SumScalar>(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
-    let start = start.map(|start| settled(config, start));
+    let start = start.map(|start| settled::<W>(config, start));
     let start = start.as_deref();
     let scenes: Option<Vec<_>> =
-        scenes.iter().map(|scene| back_at::<W>(start, settled(config, scene))).collect();
+        scenes.iter().map(|scene| back_at::<W>(start, settled::<W>(config, scene))).collect();
     let scenes = scenes?;
     let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
     let first = scenes.first()?;
@@ -68,15 +68,15 @@ pub fn fuse<W: SumScalar>(
 }
 
 /// A scene with what waits to be learnt from photographs.
-fn settled<'a>(config: &SceneConfig, state: &'a SceneState) -> Cow<'a, SceneState> {
-    let waits = state.photometric.as_ref().filter(|photometric| !photometric.waiting.is_empty());
-    let (Some(photometric), Some(rule)) = (waits, config.photometric_rule()) else {
-        return Cow::Borrowed(state);
-    };
-    let full_coverage = config.splat_rule.full_coverage as f32;
-    let mut learner = PhotometricLearner::restore(photometric.clone());
-    let (photometric, _) = learner.settled(full_coverage, &rule);
-    Cow::Owned(SceneState { photometric: Some(photometric), ..state.clone() })
+fn settled<'a, W: SumScalar>(config: &SceneConfig, state: &'a SceneState) -> Cow<'a, SceneState> {
+    let photographs = state.photometric.as_ref();
+    let is_waiting = photographs.is_some_and(|photometric| !photometric.waiting.is_empty());
+    let trainer =
+        is_waiting.then(|| SceneTrainer::<W>::restore(config, state.clone(), 0)).flatten();
+    match trainer.and_then(SceneTrainer::settled_photographs) {
+        None => Cow::Borrowed(state),
+        photometric => Cow::Owned(SceneState { photometric, ..state.clone() }),
+    }
 }
 
 /// A scene where its start was: it may have been held to the poses of more frames since, and been moved as a

@@ -24,6 +24,8 @@ pub struct LearntView {
     pub rows: RowChoice,
     /// Times the usual mean square from which on it contradicts the scene.
     pub contradicts_from: f64,
+    /// Pixels of the photograph for each pixel of depth, at least 1.
+    pub per_depth_pixel: f64,
 }
 
 /// Comparers and their memory.
@@ -196,7 +198,13 @@ mod tests {
         let splat = Splat { mean, opacity: 0.9, scale: [0.3; 3], ..Splat::default() };
         let splats = [splat];
         let Some(view) = SplatView::new(&splats, &[]) else { return f64::NAN };
-        let learnt = LearntView { camera, near: 0.2, rows: RowChoice::ALL, contradicts_from: 6.0 };
+        let learnt = LearntView {
+            camera,
+            near: 0.2,
+            rows: RowChoice::ALL,
+            contradicts_from: 6.0,
+            per_depth_pixel: 1.0,
+        };
         let squared_error = comparers.compare(view, &learnt, &photograph, RULE).squared_error;
         comparers.learnt(1.0);
         squared_error

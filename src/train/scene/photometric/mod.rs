@@ -17,6 +17,7 @@ use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::WaitingPhotograph;
 use crate::model::splat::appearance::{Appearance, SplatView};
+use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{Compared, PhotometricComparer, PixelRule, SeenSplat};
 use crate::train::comparer_use::ComparerUse;
@@ -29,6 +30,7 @@ pub use comparers::LearntView;
 pub use noise::CONTRADICTION;
 use rayon::prelude::*;
 use rule::PhotometricRule;
+pub use step::PointExtents;
 pub use step::{LEAST_OPACITY, is_taught, prior_precision};
 use step::{LearnRun, SplatRun};
 
@@ -128,6 +130,15 @@ impl PhotometricLearner {
         });
     }
 
+    /// Sets the directions from which each component was observed.
+    pub fn observe(&mut self, observed: impl Fn(usize) -> ObservedCone + Sync) {
+        self.runs(LEARNT_BY_TASK).for_each(|run| {
+            for (row, look) in run.appearance.iter_mut().enumerate() {
+                look.observed = observed(run.first + row);
+            }
+        });
+    }
+
     /// Forgets a component's splat.
     pub fn forget(&mut self, component: usize) {
         if let Some(splat) = self.state.splats.get_mut(component) {
@@ -152,12 +163,13 @@ impl PhotometricLearner {
         most: usize,
         full_coverage: f32,
         rule: &PhotometricRule,
+        extents: &PointExtents<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
         if self.state.waiting.len() <= most {
             return (Vec::new(), None);
         }
         let mut draws = waiting::draws(&self.state.waiting);
-        self.learn_drawn(&mut draws, full_coverage, rule)
+        self.learn_drawn(&mut draws, full_coverage, rule, extents)
     }
 
     /// What it will have learnt once nothing waits any more, and how what waits compares. It goes on as if
@@ -166,13 +178,14 @@ impl PhotometricLearner {
         &mut self,
         full_coverage: f32,
         rule: &PhotometricRule,
+        extents: &PointExtents<'_>,
     ) -> (PhotometricState, Vec<ComparedPhotograph>) {
         let (before, repaired) = (self.state.clone(), self.repaired);
         self.comparers.come_to_rest();
         let mut draws = waiting::draws(&self.state.waiting);
         let mut compared = Vec::new();
         while !self.state.waiting.is_empty() {
-            compared.extend(self.learn_drawn(&mut draws, full_coverage, rule).1);
+            compared.extend(self.learn_drawn(&mut draws, full_coverage, rule, extents).1);
         }
         self.repaired = repaired;
         (std::mem::replace(&mut self.state, before), compared)
@@ -183,6 +196,7 @@ impl PhotometricLearner {
         draws: &mut Rng,
         full_coverage: f32,
         rule: &PhotometricRule,
+        extents: &PointExtents<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
         self.see_what_is_usual(full_coverage, rule);
         let drawn = draws.below(self.state.waiting.len());
@@ -191,7 +205,7 @@ impl PhotometricLearner {
         let mut image =
             std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
         let unpacked = waiting::unpacked(&drawn, &mut image);
-        let learnt = unpacked.map(|view| self.learn(&view, &image, full_coverage, rule));
+        let learnt = unpacked.map(|view| self.learn(&view, &image, full_coverage, rule, extents));
         self.image = image;
         let (changed, outcome) = learnt.unwrap_or_default();
         let frame = drawn.view.frame as u64;
@@ -226,6 +240,7 @@ impl PhotometricLearner {
         photograph: &Image<MeasuredPixel>,
         full_coverage: f32,
         rule: &PhotometricRule,
+        extents: &PointExtents<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
@@ -242,9 +257,10 @@ impl PhotometricLearner {
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
         }
-        // A row stands for those that are left out.
-        let variance = deviation * deviation / f64::from(every);
-        self.repaired += self.step(&compared, &seen, variance, rule);
+        // A row stands for those that are left out, and the pixels of a depth pixel count as one:
+        // their differences come from the same surface point, pose and exposure.
+        let variance = deviation * deviation * view.per_depth_pixel / f64::from(every);
+        self.repaired += self.step(&compared, &seen, variance, rule, extents);
         comparers.learnt(clock.elapsed_ms());
         self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
@@ -257,11 +273,12 @@ impl PhotometricLearner {
         seen: &[SeenSplat],
         variance: f64,
         rule: &PhotometricRule,
+        extents: &PointExtents<'_>,
     ) -> u64 {
         let isa = Isa::best();
         let repaired = self.runs(LEARNT_BY_TASK).map(|run| {
             let seen = run.own(seen, |seen| seen.id);
-            isa.run(LearnRun { run, compared, seen, variance, rule })
+            isa.run(LearnRun { run, compared, seen, variance, rule, extents })
         });
         repaired.sum()
     }

@@ -104,16 +104,15 @@ impl PhotometricRule {
         }
     }
 
-    /// Every how many rows of an image of so many pixels are learnt.
-    pub fn rows_of(&self, pixels: usize) -> u32 {
-        match self.rows {
-            0 | 1 => 1,
-            rows => {
-                let most = RowChoice::MOST;
-                let fewer = pixels.div_ceil(MOST_PIXELS).min(most as usize).next_power_of_two();
-                rows.clamp(fewer as u32, most)
-            }
-        }
+    /// Every how many rows of an image of so many pixels are learned, of which so many belong to a pixel
+    /// of depth: about a row for each row of depth at least.
+    pub fn rows_of(&self, pixels: usize, per_depth_pixel: f64) -> u32 {
+        let power_of_two = |rows: usize| rows.min(RowChoice::MOST as usize).next_power_of_two();
+        let fewest = match self.rows {
+            0 | 1 => per_depth_pixel.sqrt() as usize,
+            _ => pixels.div_ceil(MOST_PIXELS),
+        };
+        (power_of_two(fewest.max(1)) as u32).clamp(self.rows.max(1), RowChoice::MOST)
     }
 
     /// How many photographs of so many bytes may wait.
@@ -124,7 +123,7 @@ impl PhotometricRule {
     /// Bytes of photographs of so many pixels that wait at most.
     pub fn waiting_bytes(&self, pixels: usize) -> usize {
         let of_one =
-            pixels / self.rows_of(pixels) as usize * (size_of::<[u8; 4]>() + size_of::<u16>());
+            pixels / self.rows_of(pixels, 1.0) as usize * (size_of::<[u8; 4]>() + size_of::<u16>());
         of_one * self.most_waiting(of_one)
     }
 
@@ -224,9 +223,10 @@ mod tests {
 
     #[test]
     fn large_photographs_give_fewer_rows() {
-        let rows = |pixels| PhotometricRule::LIGHT.rows_of(pixels);
+        let rows = |pixels| PhotometricRule::LIGHT.rows_of(pixels, 1.0);
         assert_eq!([rows(400 * 400), rows(640 * 480), rows(800 * 800)], [4, 4, 8]);
         assert_eq!(rows(1920 * 1440), 16);
-        assert_eq!(PhotometricRule::DEFAULT.rows_of(1920 * 1440), 1);
+        let full = |ratio| PhotometricRule::DEFAULT.rows_of(1920 * 1440, ratio);
+        assert_eq!([full(1.0), full(3.9), full(14.0), full(56.25), full(1e9)], [1, 1, 4, 8, 16]);
     }
 }

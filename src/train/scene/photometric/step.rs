@@ -5,10 +5,11 @@ use super::rule::{PhotometricRule, PriorDeviations};
 use crate::math::lane_cholesky::{at, factor, substitute};
 use crate::math::simd::{Kernel, LANES, Vector, gather_rows, scatter_rows};
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
+use crate::model::scene::splat_rule::PointExtent;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{Compared, ParameterSums, SeenSplat};
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 /// Least opacity: a splat that photographs call transparent stays in sight of later ones.
 pub const LEAST_OPACITY: f64 = 0.01;
@@ -17,6 +18,10 @@ pub const LEAST_OPACITY: f64 = 0.01;
 const HELD: f64 = 1e-4;
 /// Largest standard deviation over the smallest: thinner needles would be no surface.
 const MAX_ASPECT: f64 = 1e4;
+
+/// Largest standard deviation of a splat along each of its axes, in those that its points give it. Its mean
+/// stays within one of theirs.
+const MOST_SCALE: f64 = 2.0;
 
 /// A run of splats with their precision, borrowed from the columns of a scene.
 pub struct SplatRun<'a> {
@@ -37,14 +42,18 @@ pub struct LearnRun<'a> {
     /// Of a pixel's colour.
     pub variance: f64,
     pub rule: &'a PhotometricRule,
+    pub extents: &'a PointExtents<'a>,
 }
+
+/// Where the points of a component are.
+pub type PointExtents<'a> = dyn Fn(usize) -> Option<PointExtent> + Sync + 'a;
 
 impl Kernel for LearnRun<'_> {
     type Output = u64;
 
     #[inline(always)]
     fn run<V: Vector>(self) -> u64 {
-        let Self { mut run, compared, seen, variance, rule } = self;
+        let Self { mut run, compared, seen, variance, rule, extents } = self;
         let mut repaired = 0;
         let (mut group, mut rows) = (Vec::with_capacity(LANES), Vec::with_capacity(LANES));
         for seen in seen.chunks(LANES) {
@@ -57,6 +66,11 @@ impl Kernel for LearnRun<'_> {
             }
             let sums = compared.lift::<V>(&group);
             repaired += run.learn(&rows, &sums, variance, rule);
+            for &row in &rows {
+                if let Some(extent) = extents(run.first + row) {
+                    bound(&mut run.splats[row], &extent);
+                }
+            }
         }
         repaired
     }
@@ -246,6 +260,26 @@ fn repaint(
     for axis in 0..3 {
         look.directional[channel][axis] += step[1 + axis] as f32;
         look.gradient[channel][axis] += step[4 + axis] as f32;
+    }
+}
+
+/// Holds a splat to the surface of its points: photographs from one side determine neither its extent nor
+/// its place along the view.
+fn bound(splat: &mut Splat, extent: &PointExtent) {
+    let [w, x, y, z] = splat.rotation.map(f64::from);
+    let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    let at = DVec3::from_array(splat.mean.map(f64::from));
+    let mut offset = axes.transpose() * (at - extent.mean);
+    let mut is_beyond = false;
+    for axis in 0..3 {
+        let deviation = extent.covariance.quadratic_form(axes.col(axis)).max(0.0).sqrt();
+        splat.scale[axis] = splat.scale[axis].min((MOST_SCALE * deviation) as f32);
+        is_beyond |= offset[axis].abs() > deviation;
+        offset[axis] = offset[axis].clamp(-deviation, deviation);
+    }
+    // Left alone otherwise, so that its bits are those of the step.
+    if is_beyond {
+        splat.mean = (extent.mean + axes * offset).as_vec3().to_array();
     }
 }
 

@@ -80,7 +80,8 @@ pub fn unpacked(
     });
     let rows = RowChoice::new(every as u32, first as u64);
     let (near, contradicts_from) = (waiting.view.near, DRAWN_CONTRADICTION);
-    Some(LearntView { camera, near, rows, contradicts_from })
+    let per_depth_pixel = waiting.view.per_depth_pixel;
+    Some(LearntView { camera, near, rows, contradicts_from, per_depth_pixel })
 }
 
 /// Draws photographs out of those that wait now. By the newest of them alone, so that a run that goes

@@ -28,7 +28,7 @@ use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::kept::{KeptFrame, Shown};
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::splat_rule::SplatContext;
+use crate::model::scene::splat_rule::{PointExtent, SplatContext};
 use crate::model::scene::state::{SceneState, WHOLE, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::scene::trajectory::TrackedPose;
@@ -172,6 +172,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         trainer.kept = state.kept.into();
         trainer.trajectory = state.trajectory;
         trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
+        let sums = &trainer.component_sums;
+        trainer.photometric.observe(|id| sums.observed_cone(id));
         trainer.frames = frames;
         Some(trainer)
     }
@@ -310,6 +312,11 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// The splat of a component by its points alone.
     fn splat_of_points(&self, id: usize) -> (Splat, Appearance) {
         self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
+    }
+
+    /// Where the points of a component are.
+    fn point_extent(&self, id: usize) -> Option<PointExtent> {
+        self.config.splat_rule.extent(&self.sums(id), &self.splat_context(id))
     }
 
     /// Counts which components the frame saw, or saw through.

@@ -2,7 +2,7 @@
 //! from the picture after the points.
 
 use super::{EVERYTHING_EVERY, SceneTrainer};
-use crate::math::camera::Camera;
+use crate::math::camera::{Camera, Intrinsics};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::PhotographView;
 use crate::observation::surface::{Observation, SurfacePoint};
@@ -30,6 +30,12 @@ fn nearest(points: &[SurfacePoint]) -> f64 {
         true => 0.0,
         false => f64::from(*ranges.select_nth_unstable_by(at, f32::total_cmp).1),
     }
+}
+
+/// Pixels of a photograph for each pixel of the depth beside it, at least 1.
+fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
+    let depth = f64::from(depth.width) * f64::from(depth.height);
+    (pixels as f64 / depth).max(1.0)
 }
 
 impl<W: SumScalar> SceneTrainer<W> {
@@ -142,24 +148,31 @@ impl<W: SumScalar> SceneTrainer<W> {
         let splat = |id| self.splat_of_points(id);
         let points = |id| self.component_sums.plane_sums(id).0;
         photometric.begin(self.component_sums.len(), &self.touched, &rule, points, splat);
+        photometric.observe(|id| self.component_sums.observed_cone(id));
         let full_coverage = self.config.splat_rule.full_coverage as f32;
         let camera = photograph.camera(&camera.pose);
         let near = following_near(nearest(&frame.points));
-        let every = rule.rows_of(photograph.colors.data.len());
+        let pixels = photograph.colors.data.len();
+        let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, pixels);
+        let every = rule.rows_of(pixels, per_depth_pixel);
         let rows = RowChoice::new(every, self.frames);
         let margin = frame.tolerance.margin;
+        let extent = |id| self.point_extent(id);
         Some(if rule.shuffle_buffer == 0 {
             let pixels = photograph.exposed(gain, margin);
-            let view = LearntView { camera, near, rows, contradicts_from: CONTRADICTION };
-            let (changed, outcome) = photometric.learn(&view, &pixels, full_coverage, &rule);
+            let contradicts_from = CONTRADICTION;
+            let view = LearntView { camera, near, rows, contradicts_from, per_depth_pixel };
+            let (changed, outcome) =
+                photometric.learn(&view, &pixels, full_coverage, &rule, &extent);
             (changed, outcome.map(|outcome| self.of_this_frame(outcome)))
         } else {
             let rows = [rows.every(), rows.first()];
             let view = PhotographView::new(self.frames, &camera, gain, near, rows);
+            let view = PhotographView { per_depth_pixel, ..view };
             let waiting = packed(view, photograph, margin);
             let most = rule.most_waiting(waiting.bytes());
             photometric.put_off(waiting);
-            photometric.learn_one_beyond(most, full_coverage, &rule)
+            photometric.learn_one_beyond(most, full_coverage, &rule, &extent)
         })
     }
 
@@ -177,11 +190,22 @@ impl<W: SumScalar> SceneTrainer<W> {
             return false;
         }
         let full_coverage = self.config.splat_rule.full_coverage as f32;
-        let (settled, compared) = self.photometric.settled(full_coverage, &rule);
+        // Taken out meanwhile: extents are read from the sums that stay behind.
+        let mut photometric = std::mem::take(&mut self.photometric);
+        photometric.observe(|id| self.component_sums.observed_cone(id));
+        let extent = |id| self.point_extent(id);
+        let (settled, compared) = photometric.settled(full_coverage, &rule, &extent);
+        self.photometric = photometric;
         self.settled = Some(settled);
         self.compared = compared;
         self.has_changed_all = true;
         true
+    }
+
+    /// What photographs will have taught once none waits any more, if any does.
+    pub(in crate::train::scene) fn settled_photographs(mut self) -> Option<PhotometricState> {
+        self.settle_photographs();
+        self.settled
     }
 
     /// What photographs taught, as it is drawn.

@@ -124,7 +124,9 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.shown().splat(id).unwrap_or_else(|| self.splat_of_points(id))
+        let (splat, appearance) =
+            self.shown().splat(id).unwrap_or_else(|| self.splat_of_points(id));
+        (splat, Appearance { observed: self.component_sums.observed_cone(id), ..appearance })
     }
 
     /// Of a lattice that exceeds its budget, more than [`Self::stored_splats`] has: merged components

@@ -1,0 +1,111 @@
+//! Scenes from beside and above the camera's way: photographs keep colours and splats within what was
+//! observed there.
+
+use crate::common::shared;
+use glam::{DQuat, DVec3};
+use std::path::Path;
+use std::sync::Arc;
+use vbgs_studio::dataset::{self, LoadOptions};
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::pose::Pose;
+use vbgs_studio::model::splat::appearance::SplatSet;
+use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+
+const FRAMES: usize = 16;
+/// Half a side of the window whose colours a pixel may have, px, and how far beyond these.
+const WINDOW: usize = 8;
+const MARGIN: f32 = 0.15;
+
+/// Splats by component, and the camera of the frame in the middle of those learned.
+fn trained(path: &Path, mode: PhotometricMode) -> (SplatSet, Camera) {
+    let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
+    let asked = SceneOverrides { photometric: Some(mode), ..SceneOverrides::default() };
+    let selection = Selection { max_frames: Some(FRAMES), ..Selection::everything() };
+    let mut session = Session::new(dataset.clone(), asked, selection).unwrap();
+    while !matches!(session.step().unwrap(), Step::Finished) {}
+    let plan = session.plan();
+    let middle = plan.frames[plan.frames.len() / 2];
+    (session.splats(), dataset.splits[plan.split].frames[middle].camera)
+}
+
+/// The camera turned about what it shows, by degrees about its own vertical and horizontal axes.
+fn beside(camera: &Camera, splats: &SplatSet, [across, above]: [f64; 2]) -> Camera {
+    let (pose, k) = (camera.pose, camera.intrinsics);
+    let (eye, rotation) = (pose.centre(), pose.rotation());
+    let mut depths: Vec<f64> = splats
+        .iter()
+        .filter(|splat| splat.opacity > 0.0)
+        .map(|splat| rotation.transpose() * (DVec3::from_array(splat.mean.map(f64::from)) - eye))
+        .filter(|p| p.z > 0.0 && p.x.abs() < 0.3 * p.z && p.y.abs() < 0.3 * p.z)
+        .map(|p| p.z)
+        .collect();
+    depths.sort_by(f64::total_cmp);
+    let pivot = eye + pose.forward() * depths[depths.len() / 2];
+    let turn = DQuat::from_axis_angle(rotation.y_axis, across.to_radians())
+        * DQuat::from_axis_angle(rotation.x_axis, -above.to_radians());
+    let pose = Pose::look_at(pivot + turn * (eye - pivot), pivot, -rotation.y_axis).unwrap();
+    let (width, height) = (k.width / 2, k.height / 2);
+    let [fx, fy, cx, cy] = [k.fx, k.fy, k.cx, k.cy].map(|v| v / 2.0);
+    Camera { intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, pose }
+}
+
+/// Share of the pixels that both cover whose colour is beyond those of points around it.
+fn share_beyond(light: &Rendered, off: &Rendered) -> f64 {
+    let (width, height) = (off.color.width, off.color.height);
+    let (mut covered, mut beyond) = (0, 0);
+    for (i, color) in light.color.data.iter().enumerate() {
+        if light.coverage.data[i].min(off.coverage.data[i]) < 0.9 {
+            continue;
+        }
+        let [column, row] = [i % width, i / width];
+        let mut range = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+        for y in row.saturating_sub(WINDOW)..(row + WINDOW + 1).min(height) {
+            for x in column.saturating_sub(WINDOW)..(column + WINDOW + 1).min(width) {
+                for (k, value) in off.color.data[y * width + x].into_iter().enumerate() {
+                    range[0][k] = range[0][k].min(value);
+                    range[1][k] = range[1][k].max(value);
+                }
+            }
+        }
+        let is_beyond =
+            |k: usize| color[k] < range[0][k] - MARGIN || color[k] > range[1][k] + MARGIN;
+        covered += 1;
+        beyond += usize::from((0..3).any(is_beyond));
+    }
+    assert!(covered > 1000, "{covered} pixels are covered");
+    f64::from(beyond as u32) / f64::from(covered)
+}
+
+#[test]
+fn photographs_keep_colours_and_splats_within_what_was_observed() {
+    for (name, most) in [
+        ("kinect_office", 0.02),
+        ("tum_rpy", 0.02),
+        ("lego400", 0.05),
+        ("chair800", 0.02),
+        ("open3d_sample", 0.02),
+    ] {
+        let Some(path) = shared(&format!("data/{name}")) else { return };
+        let (off, camera) = trained(&path, PhotometricMode::Off);
+        let (light, _) = trained(&path, PhotometricMode::Light);
+        let longest = |set: &SplatSet, id: usize| set[id].scale.into_iter().fold(0.0, f32::max);
+        let drawn = (0..off.len()).filter(|&id| off[id].opacity > 0.0 && light[id].opacity > 0.0);
+        let longer = drawn.clone().filter(|&id| longest(&light, id) > 2.2 * longest(&off, id));
+        let (longer, drawn) = (longer.count(), drawn.count());
+        println!("{name}: {longer} of {drawn} splats are longer than their points allow");
+        assert!(longer * 1000 <= drawn, "{name}: {longer} of {drawn}");
+        let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        for turn in [[30.0, 0.0], [-30.0, 0.0], [0.0, 35.0]] {
+            let view = beside(&camera, &off, turn);
+            let draw = |set: &SplatSet| CpuRenderer::new().render(set, &view, &options);
+            let share = share_beyond(&draw(&light), &draw(&off));
+            println!("{name}, {turn:?}: {:.2} % beyond observed colours", 100.0 * share);
+            assert!(share < most, "{name}, {turn:?}: {share}");
+        }
+    }
+}
