@@ -57,7 +57,7 @@ settings! {
             run.engine.max_components = budget.components();
         };
     }
-    /// Whether splats also learn from the photographs, one step a frame; takes 460 bytes a component
+    /// Whether splats also learn from the photographs, one step a frame; takes 496 bytes a component
     /// beyond those that a budget in megabytes counts.
     photometric: PhotometricMode {
         option "--photometric" "MODE";

@@ -167,7 +167,7 @@ pub enum PhotometricMode {
     Off,
     /// Every fourth row of pixels: what two cores can afford live.
     Light,
-    /// Every pixel.
+    /// Every pixel; with more of them than depth has, about a row for each row of depth.
     Full,
 }
 
