@@ -10,25 +10,13 @@ use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 use std::path::PathBuf;
 
-fn golden_folder() -> Option<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/golden");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    // As in `tests/common/skip.rs`: a test without its data fails unless that is allowed.
-    let is_allowed = std::env::var_os("VBGS_ALLOW_SKIP").is_some_and(|value| value == "1");
-    assert!(
-        is_allowed,
-        "{} not found: put the data there, or set VBGS_ALLOW_SKIP=1 to skip the tests that need it",
-        folder.display()
-    );
-    eprintln!("skipped: ../shared/golden not found");
-    None
+fn golden(name: &str) -> Vec<u8> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    golden(name)
 }
 
-fn gaussians(folder: &std::path::Path) -> Vec<Gaussian> {
-    let text = std::fs::read_to_string(folder.join("export_cases.json")).unwrap();
-    let cases: Value = serde_json::from_str(&text).unwrap();
+fn gaussians() -> Vec<Gaussian> {
+    let cases: Value = serde_json::from_slice(&golden("export_cases.json")).unwrap();
     let numbers = |v: &Value| -> Vec<f64> {
         v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
     };
@@ -62,21 +50,19 @@ impl SplatRows for Vec<Gaussian> {
 
 #[test]
 fn ply_files_are_equal_byte_for_byte() {
-    let Some(folder) = golden_folder() else { return };
     for (name, sh3_padding) in [("two_splats.ply", false), ("two_splats_sh3.ply", true)] {
         let options = WriteOptions { sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
-        let rows = gaussians(&folder);
+        let rows = gaussians();
         let layout = ply::write::PlyLayout::new(&rows, &options).unwrap();
         let mut bytes = Vec::new();
         layout.write(&mut bytes, &rows, &mut Steps::new(WriteProgress::NONE, 2)).unwrap();
-        assert!(bytes == std::fs::read(folder.join(name)).unwrap(), "{name} differs");
+        assert!(bytes == golden(name), "{name} differs");
     }
 }
 
 #[test]
 fn glb_file_is_equal_byte_for_byte_except_the_generator() {
-    let Some(folder) = golden_folder() else { return };
-    let rows = gaussians(&folder).into_iter().map(|g| g.turned(&Turn::Z_UP_TO_Y_UP));
+    let rows = gaussians().into_iter().map(|g| g.turned(&Turn::Z_UP_TO_Y_UP));
     let rows = rows.collect::<Vec<_>>();
     let mut layout =
         glb::write::GlbLayout::new(&rows, &WriteOptions::new(ModelFormat::Glb)).unwrap();
@@ -85,5 +71,5 @@ fn glb_file_is_equal_byte_for_byte_except_the_generator() {
     layout.json = layout.json.replace(mine, r#""generator":"vbgs""#);
     let mut bytes = Vec::new();
     layout.write(&mut bytes, &rows, &mut Steps::new(WriteProgress::NONE, 2)).unwrap();
-    assert!(bytes == std::fs::read(folder.join("two_splats.glb")).unwrap(), "GLB differs");
+    assert!(bytes == golden("two_splats.glb"), "GLB differs");
 }

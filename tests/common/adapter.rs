@@ -24,7 +24,7 @@ pub fn now<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// A Vulkan adapter, or `None` where there is none and may be none.
+/// A Vulkan adapter; `None` skips the test.
 pub fn vulkan() -> Option<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,

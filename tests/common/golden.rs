@@ -1,9 +1,38 @@
-//! Reads the golden arrays and compares with a stated tolerance, counting what was compared.
+//! Reads the golden vectors of `tests/golden` and compares with a stated tolerance, counting the arrays compared.
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// A file of `tests/golden` that is stored as it is.
+pub fn golden_file(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
+}
+
+/// The content of a file of `tests/golden` that is stored with zstd.
+pub fn golden_unpacked(name: &str) -> Vec<u8> {
+    zstd::decode_all(fs::File::open(golden_file(name)).unwrap()).unwrap()
+}
+
+/// The folder of arrays of a case, unpacked once per build.
+pub fn golden_folder(case: &str) -> PathBuf {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    let _one = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let archive = golden_unpacked(&format!("{case}.tar.zst"));
+    // A changed archive gets a folder of its own.
+    let name = format!("golden-{:08x}", crc32fast::hash(&archive));
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    if !target.is_dir() {
+        // Renamed when whole: test programs may run side by side.
+        let part = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+        tar::Archive::new(archive.as_slice()).unpack(part.path()).unwrap();
+        let renamed = fs::rename(part.path(), &target);
+        assert!(renamed.is_ok() || target.is_dir(), "{renamed:?}");
+    }
+    target.join(case)
+}
 
 /// One folder of golden arrays.
 pub struct Case {
@@ -21,16 +50,16 @@ pub enum Tolerance {
 }
 
 impl Case {
-    /// Opens a case, or `None` if the data is absent.
-    pub fn open(name: &str) -> Option<Self> {
-        let folder = super::shared("golden")?.join(name);
+    /// Opens a case.
+    pub fn open(name: &str) -> Self {
+        let folder = golden_folder(name);
         let text = fs::read_to_string(folder.join("index.tsv")).unwrap();
         let index = text.lines().map(|line| {
             let field: Vec<&str> = line.split('\t').collect();
             let shape = field[3].split('x').map(|n| n.parse().unwrap()).collect();
             (field[0].to_owned(), (field[1].to_owned(), field[2].to_owned(), shape))
         });
-        Some(Self { index: index.collect(), folder, compared: Cell::new(0) })
+        Self { index: index.collect(), folder, compared: Cell::new(0) }
     }
 
     pub fn has(&self, name: &str) -> bool {

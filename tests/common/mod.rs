@@ -18,7 +18,7 @@ pub mod skip;
 
 use std::path::PathBuf;
 
-/// A path under `../shared`, or `None` where it is absent and may be.
+/// A path under `../shared`; `None` skips the test.
 #[track_caller]
 pub fn shared(path: &str) -> Option<PathBuf> {
     let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);

@@ -1,4 +1,4 @@
-//! Golden pixels of `../shared/golden/render_cases.json`.
+//! Golden pixels of `tests/golden/render_cases.json.zst`.
 
 use super::oracle::{Sample, SplatF64};
 use super::scenes::exact;
@@ -24,17 +24,16 @@ pub struct GoldenView {
 const VARIANTS: [&str; 6] =
     ["projected", "projected_tile3s", "exact", "exact_line", "exact_ref", "exact_footprint"];
 
-/// Every case by every renderer that can draw it; `None` where the file is absent.
-pub fn golden_views() -> Option<Vec<GoldenView>> {
-    let golden = golden_json()?;
+/// Every case by every renderer that can draw it.
+pub fn golden_views() -> Vec<GoldenView> {
+    let golden = golden_json();
     let cases = array(&golden["cases"]).iter();
-    Some(cases.flat_map(|case| VARIANTS.into_iter().filter_map(|v| view(case, v))).collect())
+    cases.flat_map(|case| VARIANTS.into_iter().filter_map(|v| view(case, v))).collect()
 }
 
 /// The whole file.
-pub fn golden_json() -> Option<Value> {
-    let path = super::shared("golden/render_cases.json")?;
-    Some(serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap())
+pub fn golden_json() -> Value {
+    serde_json::from_slice(&super::golden::golden_unpacked("render_cases.json.zst")).unwrap()
 }
 
 fn view(case: &Value, variant: &'static str) -> Option<GoldenView> {

@@ -1,6 +1,7 @@
-//! `../shared/golden/lego_small`: pixels of Lego frame 0 and their world points in both camera
+//! The golden case `lego_small`: pixels of Lego frame 0 and their world points in both camera
 //! conventions.
 
+use crate::common::golden::golden_folder;
 use crate::common::scratch::open_plain;
 use crate::common::shared;
 use glam::{DMat4, DVec3};
@@ -67,7 +68,7 @@ impl Golden {
 
 #[test]
 fn world_points_of_both_conventions_agree_to_1e_13() {
-    let Some(folder) = shared("golden/lego_small") else { return };
+    let folder = golden_folder("lego_small");
     let golden = Golden::read(&folder);
     for (name, convention) in
         [("f0_world_paper", CameraConvention::Paper), ("f0_world_exact", CameraConvention::Exact)]
@@ -86,7 +87,7 @@ fn world_points_of_both_conventions_agree_to_1e_13() {
 
 #[test]
 fn normalised_golden_points_are_the_paper_convention() {
-    let Some(folder) = shared("golden/lego_small") else { return };
+    let folder = golden_folder("lego_small");
     let golden = Golden::read(&folder);
     let normalization = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
     for (i, x) in f32s(&folder, "x0").as_chunks::<6>().0.iter().enumerate() {
@@ -100,9 +101,8 @@ fn normalised_golden_points_are_the_paper_convention() {
 
 #[test]
 fn the_loader_gives_the_golden_points_in_tile_order() {
-    let (Some(folder), Some(lego)) = (shared("golden/lego_small"), shared("data/lego400")) else {
-        return;
-    };
+    let Some(lego) = shared("data/lego400") else { return };
+    let folder = golden_folder("lego_small");
     let golden = Golden::read(&folder);
     let dataset = open_plain(&lego).unwrap();
     let frame = dataset.load(dataset.split_named("test").unwrap(), 0).unwrap();

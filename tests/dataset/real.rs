@@ -138,13 +138,13 @@ fn every_pixel_is_accounted_for_and_the_time_is_printed() {
     }
 }
 
-/// Where nothing may be skipped, a test without its recording fails and says what to do.
 #[test]
-fn a_missing_recording_is_a_failure_unless_that_is_allowed() {
-    let failure = skip::outcome("../shared/x not found", "put the data there", false).unwrap_err();
-    for part in ["../shared/x not found", "put the data there", "VBGS_ALLOW_SKIP=1"] {
+fn a_missing_recording_is_skipped_with_a_count_and_a_failure_in_strict_mode() {
+    let outcome =
+        |is_strict| skip::outcome("../shared/x not found", "put the data there", is_strict, || 7);
+    let failure = outcome(true).unwrap_err();
+    for part in ["../shared/x not found", "put the data there", "unset VBGS_STRICT"] {
         assert!(failure.contains(part), "`{part}` is missing from: {failure}");
     }
-    let line = skip::outcome("../shared/x not found", "put the data there", true).unwrap();
-    assert_eq!(line, "skipped: ../shared/x not found");
+    assert_eq!(outcome(false).unwrap(), "skipped: ../shared/x not found (7 skipped so far)");
 }

@@ -1,6 +1,7 @@
 //! Golden values: covariances to splats, and whole tiny files through the public functions.
 
-use super::{golden, written};
+use super::written;
+use crate::common::golden::{golden_file, golden_folder};
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 use std::path::Path;
@@ -30,9 +31,9 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-fn cases() -> Option<Value> {
-    let text = std::fs::read_to_string(golden("export_cases.json")?).unwrap();
-    Some(serde_json::from_str(&text).unwrap())
+fn cases() -> Value {
+    let text = std::fs::read_to_string(golden_file("export_cases.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
 }
 
 fn splats(cases: &Value) -> Vec<Splat> {
@@ -64,7 +65,7 @@ fn relative(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn covariance_cases_in_both_forms() {
-    let Some(cases) = cases() else { return };
+    let cases = cases();
     let (mut n_arrays, mut n_values, mut worst) = (0, 0, [0.0f64; 2]);
     for case in cases["covariance_cases"].as_array().unwrap() {
         let covariance = Sym3::from_mat3(DMat3::from_cols_slice(&numbers(&case["cov"])));
@@ -124,7 +125,7 @@ fn f32s(folder: &Path, name: &str) -> Vec<f64> {
 /// Tolerances of the golden files.
 #[test]
 fn reference_scales_quaternions_and_eigenvalues() {
-    let Some(folder) = golden("splat") else { return };
+    let folder = golden_folder("splat");
     let (sigma, eig) = (f64s(&folder, "sigma"), f64s(&folder, "eig"));
     let (scale_ref, quat_ref) = (f32s(&folder, "scale_ref"), f32s(&folder, "quat_ref"));
     let mut worst = [0.0f64; 3];
@@ -167,11 +168,11 @@ fn assert_close(name: &str, ours: &[u8], golden: &[u8]) -> usize {
 
 #[test]
 fn ply_files_of_two_splats() {
-    let Some(cases) = cases() else { return };
+    let cases = cases();
     for (name, sh3_padding, row_floats) in
         [("two_splats.ply", false, 17), ("two_splats_sh3.ply", true, 62)]
     {
-        let golden = std::fs::read(golden(name).unwrap()).unwrap();
+        let golden = std::fs::read(golden_file(name)).unwrap();
         assert_eq!(golden.len() as u64, cases["files"][name]["bytes"].as_u64().unwrap());
         let options = WriteOptions { sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
         let ours = written(&splats(&cases), &options);
@@ -185,8 +186,8 @@ fn ply_files_of_two_splats() {
 
 #[test]
 fn glb_file_of_two_splats() {
-    let Some(cases) = cases() else { return };
-    let golden = std::fs::read(golden("two_splats.glb").unwrap()).unwrap();
+    let cases = cases();
+    let golden = std::fs::read(golden_file("two_splats.glb")).unwrap();
     let ours = written(&splats(&cases), &WriteOptions::new(ModelFormat::Glb));
     let (ours, golden) = (super::glb_file::Glb::parse(&ours), super::glb_file::Glb::parse(&golden));
     let mut json = ours.json.clone();
@@ -201,9 +202,9 @@ fn glb_file_of_two_splats() {
 
 #[test]
 fn golden_files_read_back_as_the_golden_splats() {
-    let Some(cases) = cases() else { return };
+    let cases = cases();
     for name in ["two_splats.ply", "two_splats_sh3.ply", "two_splats.glb"] {
-        let model = read(&golden(name).unwrap()).unwrap();
+        let model = read(&golden_file(name)).unwrap();
         for (ours, golden) in model.splats.iter().zip(splats(&cases)) {
             assert_eq!(ours.mean, golden.mean, "{name}");
             super::round_trip::assert_same(ours, &golden, name);
@@ -214,7 +215,7 @@ fn golden_files_read_back_as_the_golden_splats() {
 
 #[test]
 fn axis_changes_move_covariances_as_a_sigma_a_transposed() {
-    let Some(cases) = cases() else { return };
+    let cases = cases();
     let splats = super::random_splats(20, 5);
     let options = WriteOptions { axes: Axes::Viewer, ..WriteOptions::new(ModelFormat::Ply) };
     let ply = super::read_bytes(&written(&splats, &options)).unwrap();

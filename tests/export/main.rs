@@ -27,16 +27,10 @@ mod spz;
 mod spz_written;
 mod stable;
 
-use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read, write};
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
-
-/// A path under the golden folder, or `None` if it is not there.
-fn golden(name: &str) -> Option<PathBuf> {
-    common::shared(&format!("golden/{name}"))
-}
 
 /// Reads a model from bytes, under a name that tells nothing.
 fn read_bytes(bytes: &[u8]) -> Result<Imported, ExportError> {

@@ -1,7 +1,7 @@
 //! PSNR, SSIM and depth errors.
 
+use crate::common::golden::golden_folder;
 use crate::common::render_cases::golden_json;
-use crate::common::shared;
 use vbgs_studio::eval::metrics::{depth_error, mean_std, psnr, psnr_masked};
 use vbgs_studio::eval::sizes::MetricError;
 use vbgs_studio::eval::ssim::{SsimPadding, ssim};
@@ -9,7 +9,7 @@ use vbgs_studio::math::image::{Image, RgbImage};
 
 #[test]
 fn golden_metrics() {
-    let Some(golden) = golden_json() else { return };
+    let golden = golden_json();
     let value = |key: &str| golden["metrics"][key].as_f64().unwrap();
     let (truth, prediction) = formula_images();
     let found = [
@@ -49,7 +49,7 @@ fn formula_images() -> (Image<[f64; 3]>, Image<[f64; 3]>) {
 
 #[test]
 fn golden_psnr_of_the_reference() {
-    let Some(folder) = shared("golden/splat") else { return };
+    let folder = golden_folder("splat");
     let bytes = |name: &str| std::fs::read(folder.join(name)).unwrap();
     let image = |name: &str| -> RgbImage {
         let bytes = bytes(name);

@@ -14,7 +14,7 @@ fn tolerance() -> Option<ReassignTolerance> {
 
 #[test]
 fn scores_and_assignments() {
-    let Some(case) = Case::open("rand_hard") else { return };
+    let case = Case::open("rand_hard");
     let trainer = trainer::<f64>(&case, Candidates::Dense);
     let x0 = points::<f64>(&case, 0);
     let (scoring, model) = trainer.scoring();
@@ -47,7 +47,7 @@ fn assignments_and_candidates<R: PaperScalar>(case: &Case) {
 
 #[test]
 fn assignments_are_exact_in_both_paths() {
-    let Some(case) = Case::open("rand_hard") else { return };
+    let case = Case::open("rand_hard");
     assignments_and_candidates::<f64>(&case);
     assignments_and_candidates::<f32>(&case);
     println!("golden arrays compared: {}", case.compared());
@@ -55,7 +55,7 @@ fn assignments_are_exact_in_both_paths() {
 
 #[test]
 fn forwarded() {
-    let Some(case) = Case::open("rand_hard") else { return };
+    let case = Case::open("rand_hard");
     let mut trainer = trainer::<f64>(&case, TRUNCATED);
     let frames = [points::<f64>(&case, 0), points::<f64>(&case, 1)];
     for (t, frame) in frames.iter().enumerate() {
@@ -73,7 +73,7 @@ fn forwarded() {
 
 #[test]
 fn before_fit() {
-    let Some(case) = Case::open("rand_hard") else { return };
+    let case = Case::open("rand_hard");
     let mut trainer = trainer::<f64>(&case, TRUNCATED);
     let frames = [points::<f64>(&case, 0), points::<f64>(&case, 1)];
     for (t, frame) in frames.iter().enumerate() {
@@ -100,7 +100,7 @@ fn before_fit() {
 
 #[test]
 fn dense_rescan() {
-    let Some(case) = Case::open("rand_hard") else { return };
+    let case = Case::open("rand_hard");
     let mut trainer = trainer::<f64>(&case, TRUNCATED);
     trainer.train(&points(&case, 0)).unwrap();
     let x1 = points::<f64>(&case, 1);
@@ -122,7 +122,7 @@ fn check_counts<R: PaperScalar>(
 /// N of a hard case is exact in f32 as well.
 #[test]
 fn mixed_path_counts_exactly() {
-    let Some(case) = Case::open("rand_hard") else { return };
+    let case = Case::open("rand_hard");
     let mut trainer = trainer::<f32>(&case, TRUNCATED);
     for t in 0..2 {
         trainer.train(&points(&case, t)).unwrap();
