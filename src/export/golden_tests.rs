@@ -1,5 +1,5 @@
-//! Golden files byte for byte. They were made from f64 values, which a [`Splat`] rounds to f32
-//! first, so the encoders are fed directly; `tests/export/golden.rs` compares the public path.
+//! Byte-for-byte golden files. They were made from f64 values, which [`Splat`] would round to f32, so the
+//! encoders are called directly; `tests/export/golden.rs` compares the public API.
 
 use super::format::{ModelFormat, WriteOptions};
 use super::gaussian::{Gaussian, Turn};
@@ -15,7 +15,7 @@ fn golden_folder() -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    // As in `tests/common/skip.rs`: a test without its data fails unless that is allowed.
+    // As in `tests/common/skip.rs`: a test without its data fails unless skipping is permitted.
     let is_allowed = std::env::var_os("VBGS_ALLOW_SKIP").is_some_and(|value| value == "1");
     assert!(
         is_allowed,
