@@ -1,12 +1,11 @@
-// Finishes the premultiplied splat image, lays it over a background, C + (1 − A)·bg clamped to [0, 1], and
-// combines it with a second picture by the formulas of `src/render/compare.rs`.
-// Values are sRGB-encoded from the splats to the screen; only a target that encodes by itself
-// (`*Srgb`) needs them decoded first.
+// Finishes the premultiplied splat image and composites it over a background, C + (1 − A)·bg clamped to
+// [0, 1]. Combines it with a second image by the formulas of `src/render/compare.rs`.
+// All values are sRGB-encoded; only a target that encodes on write (`*Srgb`) needs them decoded first.
 
 @group(0) @binding(0) var<uniform> composite: Composite;
 @group(0) @binding(1) var image: texture_2d<f32>;
 @group(0) @binding(2) var image_sampler: sampler;
-// Another splat image, or an opaque photograph; the first image where nothing is compared.
+// Another splat image or an opaque photograph; the first image if nothing is compared.
 @group(0) @binding(3) var second_image: texture_2d<f32>;
 
 struct Fragment {
@@ -14,7 +13,7 @@ struct Fragment {
     @location(0) uv: vec2<f32>,
 }
 
-// One triangle that covers the pass's viewport.
+// One triangle that covers the viewport.
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> Fragment {
     let uv = vec2<f32>(f32((index << 1u) & 2u), f32(index & 2u));
@@ -35,7 +34,7 @@ fn fragment_linear(in: Fragment) -> @location(0) vec4<f32> {
 }
 
 fn combined(uv: vec2<f32>) -> vec3<f32> {
-    // Both are sampled before anything branches, as WGSL asks.
+    // Both are sampled before any branch, as WGSL requires uniform control flow.
     let inner = (uv - composite.area_min) / (composite.area_max - composite.area_min);
     let first = over_background(textureSample(image, image_sampler, uv),
         composite.exposure, composite.full_coverage);
@@ -54,7 +53,7 @@ fn combined(uv: vec2<f32>) -> vec3<f32> {
     return select(second, first, uv.x < composite.amount);
 }
 
-// Finished as in `src/render/finish.rs`; the least coverage keeps 1/0 away.
+// Finishing as in `src/render/finish.rs`; the minimum coverage avoids 1/0.
 fn over_background(open: vec4<f32>, exposure: vec3<f32>, full_coverage: f32) -> vec3<f32> {
     let over =
         open * min(1.0 / full_coverage, 1.0 / max(open.a, 1e-6)) * vec4<f32>(exposure, 1.0);

@@ -1,13 +1,13 @@
-// Triangles of a user interface, and the picture they were drawn into. Colours are sRGB-encoded and
-// premultiplied from the vertex to the screen. Nothing is computed in a fragment that a vertex can say: a
-// software adapter runs every fragment on the cores.
+// User interface triangles, and the presentation of the resulting image. Colours are sRGB-encoded and
+// premultiplied throughout. Work is done per vertex where possible, because software adapters run every
+// fragment on the CPU.
 
-// One texture at a time: of a batch of triangles, or the picture that is shown.
+// Texture of a batch of triangles, or the image to present.
 @group(0) @binding(0) var image: texture_2d<f32>;
 @group(0) @binding(1) var image_sampler: sampler;
 
 struct Vertex {
-    // In the clip space of the target.
+    // Position in clip space.
     @location(0) position: vec2<f32>,
     @location(1) uv: vec2<f32>,
     @location(2) color: vec4<f32>,
@@ -51,7 +51,7 @@ fn vertex_whole(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f3
     return vec4<f32>(corner.x * 2.0 - 1.0, 1.0 - corner.y * 2.0, 0.0, 1.0);
 }
 
-// Texel by texel: the picture is as large as the target.
+// Copied texel by texel, because the image has the size of the target.
 @fragment
 fn fragment_whole(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     return textureLoad(image, vec2<i32>(position.xy), 0);

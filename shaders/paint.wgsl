@@ -1,7 +1,6 @@
-// Colours that are not the splat's own. `src/render/paint.rs` says where the numbers of `RAMP` come
-// from.
+// Colours of the display modes. `src/render/paint.rs` documents the origin of `RAMP`.
 
-// Colour of a share from 0 (dark violet) to 1 (yellow); others are clamped.
+// Maps 0 to dark violet and 1 to yellow; other values are clamped.
 fn ramp(share: f32) -> vec3<f32> {
     let t = clamp(share, 0.0, 1.0);
     let upper = ((RAMP[6] * t + RAMP[5]) * t + RAMP[4]) * t + RAMP[3];

@@ -1,18 +1,19 @@
-// Splats as instanced quads, back to front: one instance is one splat, four vertices its quad.
+// Draws splats as instanced quads, back to front: one instance per splat, four vertices per quad.
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> appearances: array<Appearance>;
 
-// Beyond this half-extent (px) rasterisers clip and lose sub-pixel precision: cut to the viewport.
+// Half-extent in px beyond which rasterisers clip and lose sub-pixel precision; larger quads are cut to the
+// viewport.
 const LARGEST_QUAD: f32 = 8192.0;
 
-// Everything is flat, so the fragment measures from its own pixel centre: interpolating over the
-// quad would carry the snapping of its corners (1/256 px) into alpha.
+// All varyings are flat and the fragment uses its own pixel centre. Interpolation over the quad would carry
+// the snapping of its corners (1/256 px) into alpha.
 struct Fragment {
     @builtin(position) position: vec4<f32>,
-    @location(0) @interpolate(flat) anchor: vec4<f32>,      // and 1/|p|²
-    @location(1) @interpolate(flat) factor: vec4<f32>,      // and the opacity
+    @location(0) @interpolate(flat) anchor: vec4<f32>,      // conic.anchor, 1/|p|²
+    @location(1) @interpolate(flat) factor: vec4<f32>,      // conic.factor, opacity
     @location(2) @interpolate(flat) half_l: vec2<f32>,
     @location(3) @interpolate(flat) color: vec3<f32>,
 }
@@ -33,7 +34,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance:
     return fragment_of(draw(splats[order[instance]]), corner);
 }
 
-// Splats of one colour.
+// Splats without appearance.
 @fragment
 fn fragment(in: Fragment) -> @location(0) vec4<f32> {
     let response = response_at(in);
@@ -70,7 +71,7 @@ fn vertex_shaded(
     return out;
 }
 
-// Splats with an appearance.
+// Splats with appearance.
 @fragment
 fn fragment_shaded(
     in: Fragment,
@@ -89,7 +90,7 @@ fn fragment_shaded(
 
 fn fragment_of(drawn: Drawn, corner: u32) -> Fragment {
     var out: Fragment;
-    // Culled: four equal corners outside the clip volume.
+    // Invisible splats: four equal corners outside the clip volume.
     out.position = vec4<f32>(2.0, 2.0, 0.0, 1.0);
     if drawn.visible {
         let sign = vec2<f32>(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
@@ -104,7 +105,7 @@ fn fragment_of(drawn: Drawn, corner: u32) -> Fragment {
     return out;
 }
 
-// A corner, px, of the ellipse's own rectangle, or of the box's part in the viewport.
+// Corner, in px, of the ellipse's oriented rectangle, or of the bounding box clipped to the viewport.
 fn corner_of(outline: Outline, sign: vec2<f32>) -> vec2<f32> {
     let half_size = 0.5 * (outline.high - outline.low);
     let fits = all(half_size < vec2<f32>(LARGEST_QUAD))
@@ -120,7 +121,7 @@ fn corner_of(outline: Outline, sign: vec2<f32>) -> vec2<f32> {
     let half_difference = 0.5 * (xx - yy);
     let radius = length(vec2<f32>(half_difference, xy));
     let larger = 0.5 * (xx + yy) + radius;
-    // The column of the matrix less the smaller root, without a difference of near-equal numbers.
+    // Column of the matrix minus its smaller eigenvalue, chosen so that no near-equal numbers are subtracted.
     var axis = vec2<f32>(1.0, 0.0);
     if radius > 1e-6 * larger {
         axis = normalize(select(
@@ -138,7 +139,7 @@ fn response_at(in: Fragment) -> Response {
     let conic = Conic(in.anchor.xyz, in.anchor.w, in.factor.xyz, in.half_l);
     let sight = sight_of(in.position.xy);
     var out = response(conic, sight.xyz);
-    // A fisheye sees nothing beyond its circle.
+    // A fisheye shows nothing outside its circle.
     out.d2 = select(FAR_AWAY, out.d2, sight.w > 0.0);
     return out;
 }

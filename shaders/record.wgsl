@@ -1,30 +1,30 @@
-// From a splat to what a pixel needs of it: one record for the projected renderer, the exact one and
-// the exact one through a fisheye (`rendering.md`, Rational conic). Prepended, after `common.wgsl`
-// and `paint.wgsl`, to every file that draws.
+// Converts a splat to a record, and evaluates records in pixels. One record serves the projected renderer
+// and the exact renderer with either lens (`rendering.md`, Rational conic). Prepended, after `common.wgsl`
+// and `paint.wgsl`, to every file that draws splats.
 //
-// The record is the rational conic of (c) in the splat's tangent frame. With the whitening
-// M = diag(1/s)(R·Q)ᵀ, a ray `ahead` to the mean (p = M·mean = span·g, g = M·ahead), two directions e
-// across it, A = M·e, and a ray ahead·c + e·δ:
+// The record is a rational conic in the splat's tangent frame. The whitening is M = diag(1/s)(R·Q)ᵀ. A ray
+// `ahead` points to the mean (p = M·mean = span·g, g = M·ahead), and two directions e lie across it
+// (A = M·e). For a ray ahead·c + e·δ:
 //
 //     num = |factor·δ|²      h = c + half_l·δ      D² = num / (max(h, 0)² + num/|p|²)
 //
-// with half_l = Aᵀg/|g|². That is δᵀQδ/(1 + l·δ + δᵀGδ), because G − ¼llᵀ = Q/|p|², as a quotient of
-// sums of squares, in which nothing cancels; and h = 0 gives |p|², the response at the camera, which
-// is the maximum on a ray that leaves the splat behind. half_l = 1/|p|² = 0 is the projected renderer.
+// with half_l = Aᵀg/|g|². Because G − ¼llᵀ = Q/|p|², this equals δᵀQδ/(1 + l·δ + δᵀGδ), but as a quotient of
+// sums of squares, in which nothing cancels. h = 0 gives |p|², the value at the camera, which is the maximum
+// response on a ray that points away from the splat. The projected renderer is half_l = 1/|p|² = 0.
 
 @group(0) @binding(0) var<uniform> view: View;
 
-// Farther than any image reaches, px or tangent; its square still fits.
+// Farther than any image extends, px or tangent; its square still fits in f32.
 const FAR_AWAY: f32 = 1e15;
-// Slack of bounds against f32: px, and a share of the size. An alpha at the border is 1/255 anyway.
+// Slack of bounds for f32 rounding: px, and a fraction of the size. Alpha at the border is only 1/255.
 const SLACK: f32 = 0.05;
 const SLACK_SHARE: f32 = 2e-4;
 const PI: f32 = 3.14159265;
-// −½ log₂e: what GPUs have is powers of two.
+// −½ log₂e, because GPUs provide powers of two.
 const HALF_IN_TWOS: f32 = -0.72134752;
 
 struct Conic {
-    // Pinhole: the projected centre, px, and 0. Fisheye: unit direction to the mean, camera axes.
+    // Pinhole: projected centre in px, and 0. Fisheye: unit direction to the mean, camera axes.
     anchor: vec3<f32>,
     inverse_p2: f32,
     // p_x, p_y, q_y: num = (p_x·δx + p_y·δy)² + (q_y·δy)².
@@ -35,33 +35,33 @@ struct Conic {
 struct Record {
     conic: Conic,
     color: vec3<f32>,
-    // Peak, after what antialiasing took of it.
+    // Peak opacity, after antialiasing.
     opacity: f32,
-    // View depth z (projected) or distance (exact); positive. Nearer is drawn in front.
+    // View depth z (projected) or distance (exact); positive. Splats with smaller values are in front.
     depth: f32,
     // Support in standard deviations.
     reach: f32,
 }
 
-// Where alpha can reach the cut.
+// Region where alpha can reach the cut.
 struct Outline {
-    // Box, px, not clipped; beyond FAR_AWAY is without end.
+    // Bounding box in px, not clipped; values beyond FAR_AWAY are unbounded.
     low: vec2<f32>,
     high: vec2<f32>,
-    // The ellipse in it: centre, matrix (xx, xy, yy) of its semi-axes² and their determinant, px. A
-    // determinant of 0: there is only the box.
+    // Ellipse inside the box: centre, matrix (xx, xy, yy) of its squared semi-axes, and determinant, in px. A
+    // determinant of 0 means that only the box is valid.
     centre: vec2<f32>,
     matrix: vec3<f32>,
     det: f32,
 }
 
-// A splat as the camera sees it.
+// Splat in camera coordinates.
 struct Placed {
-    from_camera: vec3<f32>,     // to the mean, world axes
-    mean: vec3<f32>,            // the same in camera axes
+    from_camera: vec3<f32>,     // vector to the mean, world axes
+    mean: vec3<f32>,            // vector to the mean, camera axes
     distance: f32,
     axes: mat3x3<f32>,          // camera to splat axes
-    scale: vec3<f32>,           // world units, scaled and floored
+    scale: vec3<f32>,           // standard deviations, world units, after factor and floor
     opacity: f32,
 }
 
@@ -69,22 +69,22 @@ struct Drawn {
     record: Record,
     outline: Outline,
     placed: Placed,
-    // Nothing else holds anything where this is false.
+    // If false, the other members are undefined.
     visible: bool,
 }
 
-// Change of colour over a splat: `along`·(τc − 1) + τ·(`across_x`·δx + `across_y`·δy), by channel.
+// Colour gradient over a splat, by channel: `along`·(τc − 1) + τ·(`across_x`·δx + `across_y`·δy).
 struct Gradient {
     along: vec3<f32>,
     across_x: vec3<f32>,
     across_y: vec3<f32>,
 }
 
-// One ray against one conic.
+// Response of a conic along one ray.
 struct Response {
-    // Squared Mahalanobis distance of the ray to the mean.
+    // Squared Mahalanobis distance of the ray from the mean.
     d2: f32,
-    // For the gradient: δ, τ and τc − 1.
+    // Inputs of the gradient: δ, τ and τc − 1.
     offset: vec2<f32>,
     tau: f32,
     tau_less: f32,
@@ -93,7 +93,7 @@ struct Response {
 // -------------------------------------------------------------------------------------------------
 // Splat to record
 
-// The record of a splat in its stored or painted colour, without appearance.
+// Record of a splat in its stored or painted colour, without appearance.
 fn draw(splat: Splat) -> Drawn {
     var out: Drawn;
     if (splat.flags & FLAG_LIVE) == 0u || splat.opacity < view.opacity_cut {
@@ -123,7 +123,7 @@ fn draw(splat: Splat) -> Drawn {
 
 fn place(splat: Splat) -> Placed {
     var out: Placed;
-    // Subtracting the camera first keeps f32 exact far from the world's origin.
+    // Subtracting the camera first preserves f32 precision far from the world origin.
     let d = (splat.mean - view.centre) - view.centre_rest;
     out.from_camera = d;
     out.mean = vec3<f32>(dot(view.right, d), dot(view.down, d), dot(view.forward, d));
@@ -143,11 +143,11 @@ fn draw_projected(out: ptr<function, Drawn>) {
     let z = placed.mean.z;
     let tangent = placed.mean.xy / z;
     let clamped = clamp(tangent, view.tangent_min, view.tangent_max);
-    // Rows of J R Q diag(s): Sigma2 = rows·rowsᵀ without ever forming a 3x3 covariance.
+    // Rows of J R Q diag(s): Sigma2 = rows·rowsᵀ, without forming a 3x3 covariance.
     let scaled = view.focal / z;
     let row_u = placed.scale * (placed.axes * vec3<f32>(scaled.x, 0.0, -scaled.x * clamped.x));
     let row_v = placed.scale * (placed.axes * vec3<f32>(0.0, scaled.y, -scaled.y * clamped.y));
-    // In units in which the determinant of a splat of any size fits f32.
+    // Scaled so that the determinant fits f32 for splats of any size.
     let unit = 1.0 / max(1.0, max(length(row_u), length(row_v)));
     let u = unit * row_u;
     let v = unit * row_v;
@@ -193,7 +193,7 @@ fn draw_exact(out: ptr<function, Drawn>) {
     }
 }
 
-// Antialiasing of the exact renderer.
+// Applies the exact renderer's antialiasing.
 fn widened(placed: Placed) -> Placed {
     var out = placed;
     if view.antialias == ANTIALIAS_FOOTPRINT {
@@ -208,10 +208,10 @@ fn widened(placed: Placed) -> Placed {
     return out;
 }
 
-// The conic in the frame of a ray `ahead` to the mean, `span` long, and two directions across it.
-// Cofactors of M act on cross products taken before whitening, which cancels nothing.
+// Conic in the frame of the ray `ahead` to the mean, which is `span` long, and two directions across it.
+// Cofactors of M are applied to cross products taken before whitening, which avoids cancellation.
 fn conic_of(placed: Placed, ahead: vec3<f32>, e1: vec3<f32>, e2: vec3<f32>, span: f32) -> Conic {
-    // In units of the largest scale every number here has its own and its inverse in f32.
+    // In units of the largest scale, all values here and their inverses fit f32.
     let unit = largest(placed.scale);
     let inverse = unit / placed.scale;
     let cofactor = inverse.yzx * inverse.zxy;
@@ -232,7 +232,7 @@ fn conic_of(placed: Placed, ahead: vec3<f32>, e1: vec3<f32>, e2: vec3<f32>, span
     return out;
 }
 
-// Two unit directions that make a right-handed frame with a unit vector (Duff et al. 2017).
+// Two unit directions that complete a unit vector to a right-handed frame (Duff et al. 2017).
 fn across_of(n: vec3<f32>) -> mat2x3<f32> {
     let s = select(-1.0, 1.0, n.z >= 0.0);
     let a = -1.0 / (s + n.z);
@@ -243,7 +243,7 @@ fn across_of(n: vec3<f32>) -> mat2x3<f32> {
     );
 }
 
-// Support in standard deviations: o·exp(−k²/2) = 1/255.
+// Support in standard deviations: o·exp(−k²/2) = 1/255, limited by the extent cap.
 fn reach_of(opacity: f32) -> f32 {
     return min(sqrt(max(2.0 * log(255.0 * opacity), 0.0)), view.extent_cap);
 }
@@ -266,9 +266,9 @@ fn slack(size: vec2<f32>) -> vec2<f32> {
 }
 
 // Tight bounds of the ellipsoid of k standard deviations through a pinhole (`rendering.md`, Tight
-// bounds). With rows ρ of the scaled axes over z, v = ρ₀ − tan_x·ρ₂ and β = k²|ρ₂|², the
-// quadratic there becomes (β − 1)e² − 2k²(v·ρ₂)e + k²|v|² = 0 in e = tan − tan_x; β < 1 is an ellipsoid
-// wholly in front.
+// bounds). ρ are the rows of the scaled axes over z, v = ρ₀ − tan_x·ρ₂ and β = k²|ρ₂|². With
+// e = tan − tan_x the quadratic becomes (β − 1)e² − 2k²(v·ρ₂)e + k²|v|² = 0. β < 1 means that the ellipsoid
+// lies entirely in front of the camera.
 fn outline_of_ellipsoid(placed: Placed, centre: vec2<f32>, tangent: vec2<f32>, k: f32) -> Outline {
     let reach = k * placed.scale / placed.mean.z;
     let ahead = reach * placed.axes[2];
@@ -282,7 +282,8 @@ fn outline_of_ellipsoid(placed: Placed, centre: vec2<f32>, tangent: vec2<f32>, k
     if margin < 1e-3 {
         return ellipse(centre, low, high, vec3<f32>(0.0), 0.0);
     }
-    // E = κVᵀV + κ²wwᵀ about the centre shifted by −κw; its determinant by the matrix lemma.
+    // E = κVᵀV + κ²wwᵀ about the centre shifted by −κw; the determinant follows from the matrix determinant
+    // lemma.
     let kappa = 1.0 / margin;
     let row_u = view.focal.x * u;
     let row_v = view.focal.y * v;
@@ -297,8 +298,8 @@ fn outline_of_ellipsoid(placed: Placed, centre: vec2<f32>, tangent: vec2<f32>, k
     return out;
 }
 
-// Lowest and highest tan − tan_x of an ellipsoid, without end where the camera is in its shadow or it
-// crosses the camera's plane.
+// Range of tan − tan_x over an ellipsoid. Unbounded if the camera is in its shadow or if it crosses the
+// camera's plane.
 fn tangent_range(v: vec3<f32>, ahead: vec3<f32>, margin: f32) -> vec2<f32> {
     let size = max(length(v), 1e-20);
     let slope = dot(v, ahead) / size;
@@ -312,12 +313,12 @@ fn tangent_range(v: vec3<f32>, ahead: vec3<f32>, margin: f32) -> vec2<f32> {
     return select(vec2<f32>(-far, close), vec2<f32>(-close, far), slope < 0.0);
 }
 
-// Box of a cone around the mean through a fisheye: a sector of a ring around the principal point.
+// Bounding box of a cone around the mean through a fisheye: an annular sector around the principal point.
 fn outline_of_cone(placed: Placed, k: f32) -> Outline {
     let sine = k * largest(placed.scale) / placed.distance;
     let lateral = length(placed.mean.xy);
     let theta = atan2(lateral, placed.mean.z);
-    // WGSL's inverse functions may be off by 5e-4.
+    // Inverse trigonometric functions in WGSL may have an error of 5e-4.
     let psi = asin(min(sine, 1.0)) * 1.001 + 5e-4 * theta;
     var low = vec2<f32>(-FAR_AWAY);
     var high = vec2<f32>(FAR_AWAY);
@@ -360,7 +361,7 @@ fn painted(splat: Splat, placed: Placed) -> vec3<f32> {
     }
 }
 
-// The shortest axis, the first of equals, turned towards the camera.
+// Colour of the shortest axis (the first of equals), turned towards the camera.
 fn normal_color(splat: Splat, placed: Placed) -> vec3<f32> {
     var axis = 0u;
     if splat.scale.y < splat.scale[axis] {
@@ -374,7 +375,7 @@ fn normal_color(splat: Splat, placed: Placed) -> vec3<f32> {
     return vec3<f32>(0.5) + turn * normal;
 }
 
-// The direction itself within the cone of observed ones, the edge of the cone beyond it.
+// Returns the direction if it lies within the observed cone, otherwise the edge of the cone towards it.
 fn within_observed(appearance: Appearance, direction: vec3<f32>) -> vec3<f32> {
     let mean = vec3<f32>(appearance.observed[0], appearance.observed[1], appearance.observed[2]);
     let o = direction - mean;
@@ -387,7 +388,7 @@ fn within_observed(appearance: Appearance, direction: vec3<f32>) -> vec3<f32> {
     return mean + o / sqrt(max(dot(o, rows), 1.0));
 }
 
-// Colour of a splat with appearance, seen from the camera.
+// Colour of a splat with appearance, viewed from the camera.
 fn directional_color(splat: Splat, appearance: Appearance, placed: Placed) -> vec3<f32> {
     if view.paint != PAINT_STORED {
         return painted(splat, placed);
@@ -414,7 +415,7 @@ fn gradient_of(appearance: Appearance, drawn: Drawn) -> Gradient {
     var step_x = placed.mean.z / view.focal.x * view.right;
     var step_y = placed.mean.z / view.focal.y * view.down;
     if view.renderer == RENDERER_PROJECTED {
-        // Linear in the pixel: the point of maximum response moves along the ray as well.
+        // Linearised in the pixel: the point of maximum response also moves along the ray.
         let half_l = half_l_of(placed);
         step_x -= half_l.x * placed.from_camera;
         step_y -= half_l.y * placed.from_camera;
@@ -434,7 +435,7 @@ fn half_l_of(placed: Placed) -> vec2<f32> {
     return vec2<f32>(dot(a1, g), dot(a2, g)) / dot(g, g);
 }
 
-// A 3x3 matrix, row per channel, times a vector.
+// Product of a 3x3 matrix, one row per channel, and a vector.
 fn channels(rows: array<f32, 9>, v: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(
         dot(vec3<f32>(rows[0], rows[1], rows[2]), v),
@@ -446,8 +447,8 @@ fn channels(rows: array<f32, 9>, v: vec3<f32>) -> vec3<f32> {
 // -------------------------------------------------------------------------------------------------
 // Record to pixel
 
-// What a pixel (its centre, px) looks along: the pixel itself through a pinhole, a unit ray in camera
-// axes through a fisheye. `w` is 0 where a fisheye sees nothing.
+// Line of sight of a pixel, given its centre in px: the pixel itself for a pinhole, a unit ray in camera
+// axes for a fisheye. `w` is 0 outside the fisheye's circle.
 fn sight_of(pixel: vec2<f32>) -> vec4<f32> {
     if view.lens != LENS_FISHEYE {
         return vec4<f32>(pixel, 1.0, 1.0);
@@ -461,7 +462,7 @@ fn sight_of(pixel: vec2<f32>) -> vec4<f32> {
 fn response(conic: Conic, sight: vec3<f32>) -> Response {
     var out: Response;
     if view.renderer == RENDERER_PROJECTED {
-        // half_l = 1/|p|² = 0: nothing is left to divide by.
+        // half_l = 1/|p|² = 0, so no division is needed.
         out.offset = sight.xy - conic.anchor.xy;
         out.d2 = num_at(conic.factor, out.offset);
         out.tau = 1.0;
@@ -475,7 +476,7 @@ fn response(conic: Conic, sight: vec3<f32>) -> Response {
     } else {
         out.offset = sight.xy - conic.anchor.xy;
     }
-    // Neither 0/0 where the ray points away from the mean nor ∞/∞.
+    // Avoids 0/0 where the ray points away from the mean, and ∞/∞.
     let num = clamp(num_at(conic.factor, out.offset), 1e-20, 1e30);
     let turn = dot(conic.half_l, out.offset);
     let h = max(ahead + turn, 0.0);
@@ -493,7 +494,7 @@ fn num_at(factor: vec3<f32>, offset: vec2<f32>) -> f32 {
     return p * p + q * q;
 }
 
-// Not yet compared with ALPHA_CUT.
+// The result is not compared with ALPHA_CUT.
 fn alpha_of(response: Response, opacity: f32) -> f32 {
     return min(ALPHA_CAP, opacity * exp2(HALF_IN_TWOS * response.d2));
 }
@@ -511,7 +512,7 @@ fn largest(v: vec3<f32>) -> f32 {
     return max(v.x, max(v.y, v.z));
 }
 
-// World to splat axes: the transpose of the matrix of a unit quaternion x y z w.
+// Rotation from world to splat axes: transposed matrix of a unit quaternion x y z w.
 fn to_splat_axes(q: vec4<f32>) -> mat3x3<f32> {
     let v = 2.0 * q.xyz;
     let w = q.w * v;

@@ -1,4 +1,4 @@
-// Sparse updates: record i of a list replaces the one that it names.
+// Sparse updates: writes each record of a list to its index.
 
 @group(0) @binding(0) var<storage, read> changed: array<SparseSplat>;
 @group(0) @binding(1) var<storage, read_write> splats: array<Splat>;
@@ -30,7 +30,7 @@ fn scatter_appearances(
     }
 }
 
-// Two dimensions of groups, because one holds 65,535.
+// Two grid dimensions, because each is limited to 65,535 groups.
 fn record_of(group: vec3<u32>, n_groups: vec3<u32>, lane: u32) -> u32 {
     return (group.y * n_groups.x + group.x) * SCATTER_GROUP + lane;
 }

@@ -1,4 +1,4 @@
-//! `vbgs-studio`: the window, and everything it does without a display.
+//! `vbgs-studio`: the window and the command line.
 
 mod cli;
 

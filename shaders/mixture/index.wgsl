@@ -1,7 +1,6 @@
-// Sorts means into the cells of their grid (`train.md`, On a device), a counting sort in five kernels: means
-// that have moved are replaced, cells counted, counts summed up in two steps, means put in their places.
-// Atomics leave the order within a cell open, on which no result depends: candidates are told apart by
-// distance and component.
+// Sorts means into grid cells (`train.md`, On a device) by a counting sort of five kernels: replace moved
+// means, count cells, prefix sum in two steps, store means in order. Atomics leave the order within a
+// cell undefined. No result depends on it, because candidates are ordered by distance and component.
 
 struct Index {
     // Lower corner of the grid.
@@ -11,11 +10,11 @@ struct Index {
     dims: vec3<i32>,
     n_means: u32,
     n_moved: u32,
-    // Cells, and one for the end of the last.
+    // Number of cells plus one, for the end of the last cell.
     n_starts: u32,
 }
 
-// Bits, since nothing here may round; of a mean that has moved also its component.
+// Values as bits, because nothing here may be rounded. `id` is the component, set for moved means.
 struct Mean {
     position: vec3<u32>,
     weight: u32,
@@ -25,19 +24,19 @@ struct Mean {
 
 @group(0) @binding(0) var<uniform> index: Index;
 @group(0) @binding(1) var<storage, read> moved: array<Mean>;
-// By component.
+// Indexed by component.
 @group(0) @binding(2) var<storage, read_write> components: array<Mean>;
-// Counts of cells, then where each cell starts.
+// Counts of cells, later the start of each cell.
 @group(0) @binding(3) var<storage, read_write> starts: array<atomic<u32>>;
-// By component its place within its cell.
+// Per component: index within its cell.
 @group(0) @binding(4) var<storage, read_write> places: array<u32>;
-// By strip of cells its means.
+// Per strip of cells: number of means.
 @group(0) @binding(5) var<storage, read_write> strips: array<u32>;
-// What the pass reads: bits of the position and component, then colour and weight.
+// Input of the pass: bits of position and component, then colour and weight.
 @group(0) @binding(6) var<storage, read_write> means: array<vec4<u32>>;
 @group(0) @binding(7) var<storage, read_write> appearance: array<vec4<u32>>;
 
-// Cells of a lane in a strip.
+// Cells per lane in a strip.
 const LANE_CELLS: u32 = STRIP_CELLS / GROUP;
 
 var<workgroup> partial: array<u32, GROUP>;
@@ -51,7 +50,7 @@ fn cell_of(mean: Mean) -> u32 {
     return u32((cell.z * index.dims.y + cell.y) * index.dims.x + cell.x);
 }
 
-// The sum of a value of each lane.
+// Sum of `value` over all lanes.
 fn summed(lane: u32, value: u32) -> u32 {
     partial[lane] = value;
     workgroupBarrier();
@@ -62,12 +61,12 @@ fn summed(lane: u32, value: u32) -> u32 {
         workgroupBarrier();
     }
     let sum = partial[0];
-    // What follows writes there anew.
+    // Later calls overwrite `partial`.
     workgroupBarrier();
     return sum;
 }
 
-// The sum of a value of each lane up to this one.
+// Inclusive prefix sum of `value` over the lanes.
 fn summed_up(lane: u32, value: u32) -> u32 {
     partial[lane] = value;
     workgroupBarrier();

@@ -1,5 +1,5 @@
-// One pass over a frame (`train.md`, On a device): a workgroup a tile, a lane a point. Every number that
-// leaves a tile has the processor's bits.
+// One pass over a frame (`train.md`, On a device): a workgroup per tile, a lane per point. All results are
+// bit-identical to those of the CPU.
 
 struct Frame {
     // Lower corner of the grid of means.
@@ -12,17 +12,17 @@ struct Frame {
     equal_gain: vec4<f32>,
     color_ratio: f32,
     open_gap: f32,
-    // Minus zero, which no compiler may know.
+    // −0.0, stored as a uniform so that no compiler can fold it.
     minus_zero: f32,
     candidates: u32,
     n_points: u32,
     n_tiles: u32,
-    // Records that there is room for.
+    // Capacity for records.
     room: u32,
     with_sums: u32,
 }
 
-// What the processor reads first.
+// Header and open tiles, read first by the CPU.
 struct Outcome {
     n_records: atomic<u32>,
     n_open: atomic<u32>,
@@ -30,7 +30,7 @@ struct Outcome {
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-// Six columns.
+// Six columns: position and colour.
 @group(0) @binding(1) var<storage, read> points: array<f32>;
 @group(0) @binding(2) var<storage, read> tiles: array<u32>;
 @group(0) @binding(3) var<storage, read> starts: array<u32>;
@@ -42,22 +42,22 @@ struct Outcome {
 @group(0) @binding(8) var<storage, read_write> outcome: Outcome;
 
 const NOBODY: u32 = 0xffffffffu;
-// Above every squared distance between numbers of which `is_number` holds.
+// Larger than any squared distance between values that pass `is_number`.
 const FAR: f32 = 3e38;
-// Bits of the largest coordinate whose squares are safe, 2¹⁶.
+// Bits of 2¹⁶, the largest coordinate whose squares cannot overflow.
 const LARGEST: u32 = 0x47800000u;
-// First radius of a search, in cells.
+// Initial search radius, in cells.
 const FIRST_RADIUS: f32 = 0.5;
-// Margins of a radius: a hundred roundings, ten of a coordinate, and underflow.
+// Margins of a radius: a hundred roundings, ten roundings of a coordinate, and underflow.
 const RELATIVE_MARGIN: f32 = 1.00001;
 const COORDINATE_MARGIN: f32 = 1e-6;
 const MIN_MARGIN: f32 = 1e-18;
-// Means and rows of cells that a point looks at before its tile is left to the processor: a crowd must
-// not hold up the device.
+// Maximum means and cell rows visited per point. Beyond it the tile is left to the CPU, so that crowded
+// cells do not block the GPU.
 const MAX_LOOKS: u32 = 16384u;
 const MAX_ROUNDS: u32 = 40u;
 
-// The candidates of a point, nearest first, equals by component.
+// Candidates of a point, nearest first; ties ordered by component.
 struct Near {
     distance2: vec4<f32>,
     id: vec4<u32>,
@@ -82,12 +82,12 @@ struct Sums {
 
 var<workgroup> positions: array<vec3<f32>, TILE_POINTS>;
 var<workgroup> colors: array<vec3<f32>, TILE_POINTS>;
-// Components that share a point, as many as candidates.
+// Components that share a point, one per candidate.
 var<workgroup> owners: array<vec4<u32>, TILE_POINTS>;
 var<workgroup> shares: array<f32, TILE_POINTS>;
 var<workgroup> is_open: atomic<u32>;
 
-// A product rounded by itself: drivers may fuse a product with a sum that follows, but not this sum,
+// Product with its own rounding. Drivers may fuse a product with a following sum, but not this fma with −0,
 // which changes no bit.
 fn product(a: f32, b: f32) -> f32 {
     return fma(a, b, frame.minus_zero);
@@ -103,7 +103,7 @@ fn squared_distance(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return (squares.x + squares.y) + squares.z;
 }
 
-// By bits, since compilers may take it that nothing is infinite.
+// Tested on bits, because compilers may assume that infinities do not occur.
 fn is_number(v: vec3<f32>) -> bool {
     return all((bitcast<vec3<u32>>(v) & vec3<u32>(0x7fffffffu)) <= vec3<u32>(LARGEST));
 }
@@ -115,7 +115,7 @@ fn cell_of(position: vec3<f32>) -> vec3<i32> {
 fn insert(near: ptr<function, Near>, distance2: f32, id: u32, entry: u32) {
     let old = *near;
     let is_equal = old.distance2 == vec4<f32>(distance2);
-    // Places behind the new one, the last ones of four.
+    // Entries after the new one, always a suffix of the four.
     let behind = (old.distance2 > vec4<f32>(distance2)) | (is_equal & (old.id > vec4<u32>(id)));
     let moved = vec4<bool>(false, behind.xyz);
     let distances2 = select(vec4<f32>(distance2), vec4<f32>(0.0, old.distance2.xyz), moved);
@@ -126,8 +126,8 @@ fn insert(near: ptr<function, Near>, distance2: f32, id: u32, entry: u32) {
     (*near).entry = select(old.entry, entries, behind);
 }
 
-// Finds the nearest of the means in the cells that a box of half the edge `radius` meets; how many means
-// and rows were looked at.
+// Finds the nearest means in the cells that intersect a box of half edge `radius`. Returns the number of
+// means and rows visited.
 fn gather(position: vec3<f32>, radius: f32, near: ptr<function, Near>) -> u32 {
     *near = Near(vec4<f32>(FAR), vec4<u32>(NOBODY), vec4<u32>(0u));
     let first = cell_of(position - vec3<f32>(radius));
@@ -155,7 +155,7 @@ fn gather(position: vec3<f32>, radius: f32, near: ptr<function, Near>) -> u32 {
     return looks;
 }
 
-// Finds the candidates of a point; whether they are proved to be the nearest.
+// Finds the candidates of a point. Returns true if they are proven to be the nearest.
 fn search(position: vec3<f32>, near: ptr<function, Near>) -> bool {
     let size = abs(position);
     let slack = COORDINATE_MARGIN * max(size.x, max(size.y, size.z)) + MIN_MARGIN;
@@ -171,7 +171,7 @@ fn search(position: vec3<f32>, near: ptr<function, Near>) -> bool {
         }
         let farthest2 = (*near).distance2[frame.candidates - 1u];
         if farthest2 < FAR {
-            // All that is nearer lies in this box.
+            // All nearer means lie in this box.
             let needed = sqrt(farthest2) * RELATIVE_MARGIN + slack;
             if needed <= radius {
                 return true;
@@ -193,8 +193,8 @@ fn score(near: Near, color: vec3<f32>, place: u32) -> f32 {
     return (near.distance2[place] + of_color) - mean.w;
 }
 
-// The components that share a point. Only equals do: what is nearer than the gap is left to the
-// processor, and what is farther receives nothing.
+// Components that share a point; only equal scores share. Scores within the gap but not equal leave the tile
+// to the CPU, and larger ones receive nothing.
 fn assign(position: vec3<f32>, color: vec3<f32>) -> Answer {
     var answer = Answer(vec4<u32>(NOBODY), vec4<u32>(0u), 0.0, 0.0, true);
     var near: Near;
@@ -223,7 +223,7 @@ fn assign(position: vec3<f32>, color: vec3<f32>) -> Answer {
     return answer;
 }
 
-// Whether a component shares a point of the tile before this lane's.
+// True if an earlier lane's point of the tile is shared by this component.
 fn is_known(id: u32, lane: u32) -> bool {
     for (var other = 0u; other < lane; other++) {
         if any(owners[other] == vec4<u32>(id)) {
@@ -233,7 +233,7 @@ fn is_known(id: u32, lane: u32) -> bool {
     return false;
 }
 
-// Sums of a component over the points of the tile from `first` on, in their order.
+// Sums of a component over the points of the tile from `first` on, in order.
 fn summed(id: u32, mean: vec3<f32>, first: u32, n: u32) -> Sums {
     var sums: Sums;
     for (var at = first; at < n; at++) {

@@ -1,8 +1,8 @@
-// Adds up what the tiles found of each splat, tile by tile: a lane for every quarter of its sums.
+// Adds the sums of each splat over its tiles: one lane per `vec4` of its sums.
 
 @group(0) @binding(5) var<storage, read> shown: array<u32>;
 @group(0) @binding(6) var<storage, read> partial_sums: array<vec4<f32>>;
-// `N_IMAGE_SUMS` by splat.
+// Per splat: `N_IMAGE_SUMS` values.
 @group(0) @binding(7) var<storage, read_write> totals: array<f32>;
 
 @compute @workgroup_size(GROUP)

@@ -1,38 +1,37 @@
-// The first walk: one workgroup a tile, one lane a chosen pixel. Draws the tile's splats front to back
-// and compares the pixel with the photograph.
+// First walk: one workgroup per tile, one lane per chosen pixel. Draws the tile's splats front to back and
+// compares the pixel with the photograph.
 
-// What was measured of a pixel.
+// Measured pixel.
 struct Measured {
-    // Over black.
+    // Colour over black.
     red: f32,
     green: f32,
     blue: f32,
-    // Bits of it: no number where it is not known.
+    // Bits of the coverage; NaN if unknown.
     coverage: u32,
     depth: f32,
-    // 0 where depth is not known.
+    // 0 if depth is unknown.
     per_tolerance: f32,
 }
 
-// Chosen rows alone.
+// Only the chosen rows.
 @group(0) @binding(4) var<storage, read> photograph: array<Measured>;
 @group(0) @binding(5) var<storage, read_write> pixels: array<Pixel>;
-// By tile: squared differences of covered pixels, and how many these are.
+// Per tile: squared error over covered pixels, and their number.
 @group(0) @binding(6) var<storage, read_write> errors: array<vec2<f32>>;
 
-// 1.0 as bits.
 const ONE_BITS: u32 = 0x3f800000u;
-// Splats brought to the workgroup at a time.
+// Splats loaded into workgroup memory at a time.
 const BATCH: u32 = 128u;
 
 var<workgroup> staged: array<Splat, BATCH>;
 var<workgroup> sums: array<vec2<f32>, GROUP>;
-// The last batch at whose end some pixel was unfinished.
+// Number of batches completed with some pixel unfinished.
 var<workgroup> last_live: atomic<u32>;
 
 struct Drawn {
     color: vec3<f32>,
-    // Negative once the pixel is finished, and where there is none.
+    // Negative if the pixel is finished or outside the image.
     transmittance: f32,
     wrong: f32,
 }
@@ -67,7 +66,7 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         if drawn.transmittance > 0.0 {
             atomicStore(&last_live, batch);
         }
-        // Lanes that are done must not bring the next splats over those still being read.
+        // Finished lanes must not overwrite splats that other lanes still read.
         workgroupBarrier();
     }
     var error = vec2<f32>(0.0);
@@ -100,7 +99,7 @@ fn blend(
         let weight = alpha * (*drawn).transmittance;
         let left = (*drawn).transmittance - weight;
         if left < TRANSMITTANCE_STOP {
-            // The size stays: coverage still needs it.
+            // The magnitude remains, because coverage needs it.
             (*drawn).transmittance = -(*drawn).transmittance;
             return;
         }
@@ -111,12 +110,12 @@ fn blend(
     }
 }
 
-// Sets what the second walk needs of a pixel; its squared difference and 1, if it counts.
+// Stores the pixel state of the second walk. Returns the squared error and 1 if the pixel counts, else 0.
 fn compare(drawn: Drawn, measured: Measured, tile: vec2<u32>, lane: u32) -> vec2<f32> {
     let left = abs(drawn.transmittance);
     let covered = 1.0 - left;
     let fill = 1.0 / max(covered, frame.full_coverage);
-    // The derivative of `1/A` where the pixel is filled, times what is left to the background.
+    // Derivative of `1/A` in a filled pixel, times the final transmittance.
     let filled = select(0.0, left / max(covered * covered, 1e-12), covered > frame.full_coverage);
     let color = vec3<f32>(measured.red, measured.green, measured.blue);
     let residual = color - drawn.color * fill;
@@ -127,9 +126,9 @@ fn compare(drawn: Drawn, measured: Measured, tile: vec2<u32>, lane: u32) -> vec2
     pixel.fill = fill;
     pixel.residual = rho * residual;
     pixel.share = rho * sqrt(covered) * sqrt(sqrt(covered));
-    // Not a number, told by its bits: shaders may take numbers for granted.
+    // NaN is tested on bits, because shaders may assume that it does not occur.
     let is_unknown = (measured.coverage & 0x7fffffffu) > 0x7f800000u;
-    // What is mostly covered lies inside a surface, as far as nobody knows better.
+    // Without a known coverage, a mostly covered pixel is assumed to lie inside a surface.
     if !is_unknown || covered >= SEEN {
         let wanted = select(measured.coverage, ONE_BITS, is_unknown);
         pixel.end = left;
@@ -140,11 +139,11 @@ fn compare(drawn: Drawn, measured: Measured, tile: vec2<u32>, lane: u32) -> vec2
     pixel.depth = measured.depth;
     pixel.per_tolerance = measured.per_tolerance;
     pixels[(tile.y * frame.columns + tile.x) * LANES + lane] = pixel;
-    // Where nothing is drawn yet the difference says nothing of noise.
+    // Pixels with little coverage carry no information about noise.
     return select(vec2<f32>(0.0), vec2<f32>(squared, 1.0), covered >= SEEN);
 }
 
-// In the same order whenever it runs. Every lane must call it.
+// Sums in a fixed order, for reproducible bits. Every lane must call it.
 fn add_up(tile: vec2<u32>, lane: u32, error: vec2<f32>) {
     sums[lane] = error;
     workgroupBarrier();

@@ -1,18 +1,18 @@
-// What the walks over a tile share: chosen pixels, one for each lane, and how a splat shows in one.
+// Common to both walks over a tile: chosen pixels, one per lane, and the response of a splat in a pixel.
 
 struct Frame {
-    // Pixels.
+    // Image size, px.
     size: vec2<u32>,
-    // Of tiles.
+    // Number of tile columns.
     columns: u32,
     n_splats: u32,
-    // Every so many rows of pixels one is chosen, from the first on.
+    // Every `every`-th pixel row is chosen, starting at `first`.
     every: u32,
     first: u32,
     full_coverage: f32,
     // `1/τ²`.
     per_tau: f32,
-    // How much coverage counts beside colour, squared, and how much depth does.
+    // Squared weights of coverage and depth errors relative to colour.
     coverage: f32,
     depth: f32,
 }
@@ -20,10 +20,10 @@ struct Frame {
 struct Splat {
     // Projected centre, px.
     centre: vec2<f32>,
-    // `p = dot(p, offset)`, `q = q_y·offset.y`, and the exponent of 2 is `−(p² + q²)`.
+    // `p = dot(p, offset)`, `q = q_y·offset.y`; the exponent of 2 is `−(p² + q²)`.
     p: vec2<f32>,
     q_y: f32,
-    // Smallest exponent that is drawn.
+    // Smallest exponent that passes the alpha cut.
     cut: f32,
     opacity: f32,
     red: f32,
@@ -33,26 +33,26 @@ struct Splat {
     red_across: vec2<f32>,
     green_across: vec2<f32>,
     blue_across: vec2<f32>,
-    // Change of depth per px, and depth at the centre.
+    // Depth change per px, and depth at the centre, world units.
     depth_across: vec2<f32>,
     depth: f32,
 }
 
-// What the second walk needs of a pixel.
+// Pixel state of the second walk.
 struct Pixel {
     // Finished colour, and the factor of crack filling.
     behind: vec3<f32>,
     fill: f32,
-    // Weighted residual, and the weight of curvature but for the splat's own weight.
+    // Weighted residual, and curvature weight without the splat's own weight.
     residual: vec3<f32>,
     share: f32,
-    // What is left to the background where it is known what should be; weighted coverage that lacks.
+    // Final transmittance if the target coverage is known, else 0; weighted missing coverage.
     end: f32,
     lacking: f32,
-    // How wrong what is drawn is beside the depth that was measured, and that weighted.
+    // Blended depth error, unweighted and weighted.
     wrong: f32,
     wronged: f32,
-    // What was measured, and one over how far a surface may lie from it: 0 where nothing was.
+    // Measured depth, and inverse tolerance of a surface's depth; 0 if unknown.
     depth: f32,
     per_tolerance: f32,
 }
@@ -66,10 +66,10 @@ struct Response {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> entries: array<u32>;
-// First entry of each tile, and at the end their number.
+// First entry of each tile, followed by the total number of entries.
 @group(0) @binding(3) var<storage, read> starts: array<u32>;
 
-// Chosen pixels of a tile: all 256, or those of every 2nd, 4th, 8th or 16th row.
+// Chosen pixels per tile: all 256, or those of every 2nd, 4th, 8th or 16th row.
 override LANES: u32 = 256u;
 
 fn entries_of(tile: vec2<u32>) -> vec2<u32> {
@@ -85,7 +85,7 @@ fn is_inside(tile: vec2<u32>, lane: u32) -> bool {
     return all(tile * TILE + vec2<u32>(lane % TILE, row_of(lane)) < frame.size);
 }
 
-// From a splat's centre to a pixel, px; added up as the processor does.
+// Offset of a pixel from a splat's centre, px; added in the same order as on the CPU.
 fn offset_of(splat: Splat, tile: vec2<u32>, lane: u32) -> vec2<f32> {
     let x = f32(lane % TILE) + (f32(tile.x * TILE) + 0.5 - splat.centre.x);
     let y = f32(tile.y * TILE + row_of(lane)) + 0.5 - splat.centre.y;
@@ -108,7 +108,7 @@ fn color_of(splat: Splat, offset: vec2<f32>) -> vec3<f32> {
     return max(vec3<f32>(splat.red, splat.green, splat.blue) + held, vec3<f32>(0.0));
 }
 
-// How wrong a splat's place is: 0 at the measured depth, half at the tolerance, 1 far from it.
+// Depth error of a splat: 0 at the measured depth, ½ at the tolerance, close to 1 far from it.
 fn wrongness_of(splat: Splat, offset: vec2<f32>, depth: f32, per_tolerance: f32) -> f32 {
     let far = (splat.depth + dot(splat.depth_across, offset) - depth) * per_tolerance;
     return far * far / (1.0 + far * far);

@@ -1,11 +1,11 @@
-// Where the sums of a splat lie among those of all pairs of splat and tile: tile by tile, row by row.
+// Location of a splat's sums among those of all splat-tile pairs, ordered by tile row and column.
 
 struct Place {
-    // Pairs of splat and tile of the splats before.
+    // Number of pairs of all preceding splats.
     first: u32,
-    // First column of tiles; first row, times 2¹⁶.
+    // First tile column, plus first tile row times 2¹⁶.
     corner: u32,
-    // Columns of tiles; rows, times 2¹⁶.
+    // Number of tile columns, plus number of tile rows times 2¹⁶.
     size: u32,
 }
 

@@ -1,9 +1,9 @@
-// The second walk: one workgroup a tile. A lane holds a splat and pixels pass by: at every step lane `i`
-// sees the pixel that lane `i − 1` saw before, so each pixel meets the splats in their order, and sums
-// of a splat stay in its lane. No lane adds to another's, so the sums have the same bits in every run,
-// and no feature beyond workgroup memory is needed.
+// Second walk: one workgroup per tile. Each lane holds one splat, and the pixels move from lane to lane: at
+// every step lane `i` processes the pixel that lane `i − 1` processed before. Each pixel thus meets the
+// splats in order, and the sums of a splat stay in its lane. No sums are combined across lanes, so results
+// are bit-identical in every run and need only workgroup memory.
 
-// Sums of one splat in one tile, in the order of the processor's, in quarters.
+// Sums of one splat in one tile, in the order used by the CPU, in groups of four.
 struct Sums {
     slope: vec4<f32>,
     slope_rest: vec2<f32>,
@@ -21,29 +21,29 @@ struct Sums {
 }
 
 @group(0) @binding(5) var<storage, read> pixels: array<Pixel>;
-// By pair of splat and tile: whether a pixel there shows the splat.
+// Per splat-tile pair: whether a pixel of the tile shows the splat.
 @group(0) @binding(6) var<storage, read_write> shown: array<u32>;
-// By pair, where it is shown: its sums, `N_QUARTERS` each.
+// Per visible pair: its sums, `N_QUARTERS` each.
 @group(0) @binding(7) var<storage, read_write> partial_sums: array<vec4<f32>>;
 
 const NONE: u32 = 0xffffffffu;
 
-// By pixel: transmittance, negative once it is finished, and what lies behind.
+// Per pixel: transmittance (negative once finished) and the colour behind.
 var<workgroup> open: array<vec4<f32>, GROUP>;
 // Factor of crack filling, weighted residual.
 var<workgroup> faces: array<vec4<f32>, GROUP>;
-// Share of curvature, end, lacking coverage, weighted wrongness.
+// Curvature share, final transmittance, missing coverage, weighted depth error.
 var<workgroup> rests: array<vec4<f32>, GROUP>;
-// Measured depth, and one over its tolerance.
+// Measured depth and inverse tolerance.
 var<workgroup> depths: array<vec2<f32>, GROUP>;
-// Wrongness that lies behind.
+// Depth error behind.
 var<workgroup> wrong: array<f32, GROUP>;
 var<workgroup> n_open: atomic<u32>;
 
-// A splat in its lane.
+// Splat held by a lane.
 struct Own {
     splat: Splat,
-    // Of its sums; `NONE` without a splat.
+    // Index of its sums; `NONE` without a splat.
     slot: u32,
     is_shown: bool,
 }
@@ -63,13 +63,13 @@ fn walk(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var own: Own;
     own.slot = NONE;
     var sums: Sums;
-    // One round more, in which the last splats see their last pixels.
+    // One extra round, in which the last splats process their last pixels.
     for (var batch = 0u; batch <= n_batches; batch++) {
-        // Once every pixel is finished no later splat shows.
+        // Once every pixel is finished, later splats are hidden.
         if workgroupUniformLoad(&n_open) == 0u {
             break;
         }
-        // All lanes at once, though each takes its splat when its first pixel comes.
+        // Loaded by all lanes at once, although each lane switches splats when its first pixel arrives.
         let next = own_of(tile, range.x + batch * LANES + lane, range.y);
         for (var step = 0u; step < LANES; step++) {
             if step == lane {
@@ -140,12 +140,12 @@ fn add_pixel(own: ptr<function, Own>, sums: ptr<function, Sums>, tile: vec2<u32>
     let filled = face.x * weight;
     let behind = before.yzw - filled * color;
     open[i] = vec4<f32>(left, behind);
-    // What one more unit of alpha would change of the pixel.
+    // Derivative of the pixel's colour by alpha.
     let per_open = 1.0 / (1.0 - alpha);
     let change = face.x * front * color - behind * per_open;
-    // Coverage is one more channel, in which every splat is 1 and what lies behind ends with 1.
+    // Coverage is an extra channel in which every splat is 1 and the background is 0.
     let closing = rest.y * per_open;
-    // Depth is another, which shows how wrong splats are and should show nothing.
+    // Depth error is another extra channel, with target 0.
     let wrongness = wrongness_of((*own).splat, offset, depths[i].x, depths[i].y);
     let wrong_behind = wrong[i] - weight * wrongness;
     wrong[i] = wrong_behind;
@@ -153,10 +153,10 @@ fn add_pixel(own: ptr<function, Own>, sums: ptr<function, Sums>, tile: vec2<u32>
     let along = dot(change, face.yzw) + closing * rest.z - wronging * rest.w;
     let squared = dot(change, change) + frame.coverage * closing * closing
         + frame.depth * wronging * wronging;
-    // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
+    // `(A/w)^¾`: all splats of a pixel move at once, so exact blocks would overshoot.
     let root = sqrt(max(weight, MIN_WEIGHT));
     let share = rest.x / (root * sqrt(root));
-    // Under the cap neither position nor shape nor opacity changes alpha.
+    // While capped, alpha does not depend on position, shape or opacity.
     let moving = select(0.0, alpha, free <= ALPHA_CAP);
     let pull = filled * face.yzw;
     add_moments(sums, seen.at, along * moving, share * squared * moving * moving);

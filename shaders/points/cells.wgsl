@@ -1,8 +1,8 @@
-// Seeds in a hash grid of cells as wide as the structural scale, for whoever files them and whoever looks them
-// up. The seeds of a bucket are a chain, in an order that differs from run to run and alters nothing: equal
-// distances go to the older seed.
+// Hash grid of seeds with cells as wide as the structural scale, used both for insertion and for search. The
+// seeds of a bucket form a linked list whose order differs between runs. Results do not depend on it,
+// because ties go to the older seed.
 
-// Where it is, and where the chain goes on. Seeds count from 1 in chains, and 0 ends them.
+// Position and link. Links are seed indices plus 1; 0 ends the list.
 struct Seed {
     position: vec3<f32>,
     next: u32,
@@ -12,8 +12,8 @@ fn lane_of(group: vec3<u32>, n_groups: vec3<u32>, lane: u32) -> u32 {
     return (group.y * n_groups.x + group.x) * GROUP + lane;
 }
 
-// Rounds seeds and places alike, and never down what is farther along: a range of cells holds every seed of a
-// range of places.
+// Monotonic rounding, identical for seeds and queries: the range of cells of a range of positions contains
+// all of its seeds.
 fn cell_of(position: vec3<f32>) -> vec3<i32> {
     return vec3<i32>(floor(product3(position, vec3<f32>(settings.per_cell))));
 }

@@ -1,7 +1,7 @@
-// Files new seeds.
+// Inserts new seeds into the hash grid.
 
 @group(0) @binding(2) var<storage, read_write> seeds: array<Seed>;
-// By bucket its first seed.
+// Per bucket: its first seed plus 1.
 @group(0) @binding(3) var<storage, read_write> heads: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)

@@ -1,14 +1,15 @@
 // Finds the nearest seed of every point.
 
 @group(0) @binding(2) var<storage, read> seeds: array<Seed>;
-// By bucket its first seed.
+// Per bucket: its first seed plus 1.
 @group(0) @binding(3) var<storage, read> heads: array<u32>;
-// By point.
+// Per point.
 @group(0) @binding(4) var<storage, read_write> nearest: array<u32>;
 
-// Bits of the first number that is none.
+// Bits of infinity, the smallest pattern that is not a finite number.
 const INFINITY: u32 = 0x7f800000u;
-// Seeds that a point looks at before it is left to the processor: a crowd must not hold up a driver.
+// Maximum seeds visited per point. Beyond it the point is left to the CPU, so that crowded cells do not
+// block the driver.
 const MAX_LOOKS: u32 = 16384u;
 
 fn squared_distance(a: vec3<f32>, b: vec3<f32>) -> f32 {
@@ -17,10 +18,10 @@ fn squared_distance(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return (squares.x + squares.y) + squares.z;
 }
 
-// Whether a place can be told from its neighbours, as the processor asks it.
+// True if a position is finite and within the range of cells, by the same test as on the CPU.
 fn is_within(position: vec3<f32>) -> bool {
     let bits = bitcast<vec3<u32>>(position) & vec3<u32>(0x7fffffffu);
-    // By bits, since compilers may take it that everything is a number.
+    // Tested on bits, because compilers may assume that all values are finite.
     let are_numbers = all(bits < vec3<u32>(INFINITY));
     let cells = abs(product3(position, vec3<f32>(settings.per_cell)));
     return are_numbers && all(cells < vec3<f32>(settings.max_cells));
@@ -29,7 +30,7 @@ fn is_within(position: vec3<f32>) -> bool {
 fn search(position: vec3<f32>) -> u32 {
     let first = cell_of(position - vec3<f32>(settings.radius));
     let last = cell_of(position + vec3<f32>(settings.radius));
-    // Above every seed, so that one at exactly the limit counts.
+    // `found` starts above every index, so that a seed at exactly the limit counts.
     var best = settings.limit;
     var found = NO_SEED;
     var looks = 0u;

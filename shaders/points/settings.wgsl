@@ -1,30 +1,30 @@
-// What searches for seeds and sums of points read (`scene.md`, On a device). Every number that leaves the
-// device has the processor's bits.
+// Settings of seed searches and sums of points (`scene.md`, On a device). All results are bit-identical to
+// those of the CPU.
 
 struct Settings {
-    // Factor on each channel.
+    // Factor per colour channel.
     gain: vec3<f32>,
-    // Structural scales a world unit.
+    // Inverse structural scale, per world unit.
     per_h: f32,
-    // Pixels that a point stands for.
+    // Number of pixels that a point represents.
     weight: f32,
-    // Minus zero, which no compiler may know.
+    // −0.0, stored as a uniform so that no compiler can fold it.
     minus_zero: f32,
     per_cell: f32,
-    // Cells from the origin from which on no place has a seed.
+    // Limit of the cell coordinates; positions beyond it have no seed.
     max_cells: f32,
-    // How far seeds are looked for, a little farther than they may be.
+    // Search radius, slightly larger than the maximum distance of a seed.
     radius: f32,
-    // Largest squared distance of a seed.
+    // Maximum squared distance of a seed.
     limit: f32,
     n_points: u32,
-    // Seeds from this one on are new.
+    // Index of the first new seed.
     first_seed: u32,
     n_seeds: u32,
     bucket_mask: u32,
 }
 
-// As a frame holds it; a number follows each vector.
+// Memory layout of a frame's points; a scalar follows each vector.
 struct Point {
     position: vec3<f32>,
     range: u32,
@@ -39,8 +39,8 @@ struct Point {
 @group(0) @binding(0) var<uniform> settings: Settings;
 @group(0) @binding(1) var<storage, read> points: array<Point>;
 
-// Products rounded by themselves: drivers may fuse a product with a sum that follows, but not this sum,
-// which changes no bit.
+// Products with their own rounding. Drivers may fuse a product with a following sum, but not this fma with
+// −0, which changes no bit.
 fn product(a: f32, b: f32) -> f32 {
     return fma(a, b, settings.minus_zero);
 }

@@ -1,15 +1,15 @@
-// Sums of the points of every slot: a workgroup some points, a lane a sum. Points come in tiles, so that
-// neighbours mostly belong together: a lane adds them up before it adds to the slot. Whole quanta wrap and
-// have one sum in any order.
+// Sums of the points of every slot: a workgroup processes SUM_GROUP points, with one lane per sum. Points
+// arrive in tiles, so neighbours mostly share a slot, and a lane adds them up before one atomic addition.
+// Integer quanta wrap around and give the same sum in any order.
 
-// By point its slot and the bits of its shift.
+// Per point: its slot and the bits of its shift.
 @group(0) @binding(2) var<storage, read> fits: array<vec2<u32>>;
-// By slot the seed that its sums are about.
+// Per slot: the seed that its sums are relative to.
 @group(0) @binding(3) var<storage, read> references: array<vec4<f32>>;
-// By slot its sums.
+// Per slot: its sums.
 @group(0) @binding(4) var<storage, read_write> sums: array<atomic<i32>>;
 
-// Of a point: 1, offset, colour, normal and direction.
+// Per point: 1, offset, colour, normal and direction.
 const N_NUMBERS: u32 = 13u;
 
 var<workgroup> numbers: array<f32, SUM_GROUP * N_NUMBERS>;
@@ -40,7 +40,7 @@ fn load(i: u32, lane: u32) {
     put(at + 10u, point.direction);
 }
 
-// The term of a point in whole quanta, ties to even.
+// Term of a point in integer quanta, ties rounded to even.
 fn quanta(at: u32, factors: vec2<u32>) -> i32 {
     let term = product(settings.weight, product(numbers[at + factors.x], numbers[at + factors.y]));
     return i32(round(term * QUANTA));

@@ -1,24 +1,24 @@
-// From splats in order of depth to entries, pairs of tile and splat: `count` and `offsets` say where
-// the entries of 256 splats begin, `emit` writes them, still in order of depth, and after the sort
-// by tile `ranges` finds the entries of each tile.
+// Converts splats in depth order to entries, pairs of tile and splat. `count` and `offsets` compute where the
+// entries of each block of 256 splats begin, and `emit` writes them in depth order. After the sort by
+// tile, `ranges` finds the entries of each tile.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read_write> counts: array<u32>;
-// By depth: key and splat.
+// Sorted by depth: key and splat.
 @group(0) @binding(2) var<storage, read> order: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> footprints: array<Footprint>;
-// By 256 splats: their entries; after `offsets` the entries before them.
+// Per block of 256 splats: number of entries; after `offsets`, number of entries before the block.
 @group(0) @binding(4) var<storage, read_write> blocks: array<u32>;
 // Tile and splat.
 @group(0) @binding(5) var<storage, read_write> entries: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read> fews: array<u32>;
 @group(0) @binding(7) var<storage, read> sorted: array<vec2<u32>>;
-// First entry of each tile and the one after its last; zeros before `ranges`.
+// Per tile: first entry and one past the last; zeros before `ranges`.
 @group(0) @binding(8) var<storage, read_write> ends_of_tiles: array<vec2<u32>>;
 
 const BLOCKS_PER_LANE: u32 = 16u;
 
-// Entries of this workgroup's splats up to and including each.
+// Inclusive prefix sum of the entries of this workgroup's splats.
 var<workgroup> ends: array<u32, GROUP>;
 var<workgroup> words: array<u32, GROUP>;
 var<workgroup> splats: array<u32, GROUP>;
@@ -41,7 +41,7 @@ fn count(
     }
 }
 
-// One workgroup.
+// Runs as a single workgroup.
 @compute @workgroup_size(GROUP)
 fn offsets(@builtin(local_invocation_index) lane: u32) {
     let n_blocks = (counts[N_VISIBLE] + GROUP - 1u) / GROUP;
@@ -57,7 +57,7 @@ fn offsets(@builtin(local_invocation_index) lane: u32) {
             }
         }
         let up_to = inclusive_scan(lane, sum);
-        // Once saturated the difference means nothing, but then nothing more fits anyway.
+        // After saturation the difference is meaningless, but then no more entries fit anyway.
         let before = select(saturating_sum(carried, up_to - sum), LARGEST, up_to == LARGEST);
         for (var i = 0u; i < BLOCKS_PER_LANE; i++) {
             if first + i < n_blocks {
@@ -97,7 +97,7 @@ fn emit(
     let capacity = arrayLength(&entries);
     let room = capacity - min(base, capacity);
     let columns = (u32(view.viewport.x) + TILE - 1u) / TILE;
-    // Neighbouring lanes write neighbouring entries, whatever the sizes of the splats.
+    // Neighbouring lanes write neighbouring entries, independent of the splats' sizes.
     for (var i = lane; i < min(total, room); i += GROUP) {
         let source = owner_of(i);
         var first = 0u;
@@ -123,7 +123,7 @@ fn n_tiles_at(splat: u32) -> u32 {
     return n_tiles_of(footprints[splat]);
 }
 
-// The first lane whose entries end after entry `i`.
+// First lane whose entries end after entry `i`.
 fn owner_of(i: u32) -> u32 {
     var at = 0u;
     for (var step = GROUP / 2u; step > 0u; step >>= 1u) {

@@ -1,17 +1,17 @@
-// The tiles that a splat reaches. Most reach a tile or a few, which one word holds; only for others is a
-// footprint written and read. What is gathered by depth is so a fourth as long, and stays in caches.
+// Tiles covered by a splat. Most splats cover at most 2×2 tiles, which fit in one word; only others need a
+// footprint. Gathering words in depth order reads a quarter of the memory, which remains in the caches.
 
-// In a word: column and row of the first of 2×2 tiles, 12 bits each, more tiles than any image has; then which
-// of the four, a bit each. 0 stands for a footprint that has to be read.
+// Layout of a word: column and row of the first of 2×2 tiles, 12 bits each (more than any image needs), then
+// one bit per covered tile. 0 means that the footprint must be read.
 const ROW_SHIFT: u32 = 12u;
 const FEW_SHIFT: u32 = 24u;
 const TILE_MASK: u32 = 0xfffu;
 
 // 16 bytes.
 struct Footprint {
-    low: u32,                   // first column and row of a rectangle of tiles, 16 bits each
+    low: u32,                   // first column and row of a tile rectangle, 16 bits each
     size: u32,                  // columns and rows, 16 bits each
-    // Which tiles of the rectangle, row by row; rectangles of more than 64 are taken whole.
+    // Covered tiles of the rectangle, row by row; rectangles of more than 64 tiles count as fully covered.
     mask_low: u32,
     mask_high: u32,
 }
@@ -26,7 +26,7 @@ fn n_tiles_of(footprint: Footprint) -> u32 {
     return countOneBits(footprint.mask_low) + countOneBits(footprint.mask_high);
 }
 
-// Column and row of one of them.
+// Column and row of the covered tile number `which`.
 fn tile_of(footprint: Footprint, which: u32) -> vec2<u32> {
     let columns = footprint.size & 0xffffu;
     var j = which;
@@ -42,7 +42,7 @@ fn tile_of(footprint: Footprint, which: u32) -> vec2<u32> {
         + vec2<u32>(j % columns, j / columns);
 }
 
-// Where the bit is that has `rank` set bits below it.
+// Position of the set bit with `rank` set bits below it.
 fn place_of_bit(mask: u32, rank: u32) -> u32 {
     var rest = mask;
     var left = rank;
@@ -58,14 +58,14 @@ fn place_of_bit(mask: u32, rank: u32) -> u32 {
     return at;
 }
 
-// The word of a footprint.
+// Word of a footprint; 0 if it covers more than 2×2 tiles.
 fn few_of(footprint: Footprint) -> u32 {
     let columns = footprint.size & 0xffffu;
     let rows = footprint.size >> 16u;
     if columns > 2u || rows > 2u {
         return 0u;
     }
-    // A second row begins after the columns of the first.
+    // The word has two columns per row, so the second row of a single column moves up by one bit.
     let few = select(
         footprint.mask_low,
         (footprint.mask_low & 1u) | ((footprint.mask_low & 2u) << 1u),
@@ -76,7 +76,7 @@ fn few_of(footprint: Footprint) -> u32 {
     return column | (row << ROW_SHIFT) | (few << FEW_SHIFT);
 }
 
-// Column and row of one of the tiles of a word.
+// Column and row of the covered tile number `which` of a word.
 fn few_tile_of(few: u32, which: u32) -> vec2<u32> {
     let j = place_of_bit(few >> FEW_SHIFT, which);
     return vec2<u32>(few & TILE_MASK, (few >> ROW_SHIFT) & TILE_MASK) + vec2<u32>(j % 2u, j / 2u);

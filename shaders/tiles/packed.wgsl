@@ -1,4 +1,4 @@
-// Records as they wait in memory between preprocessing and blending, and which pixels they reach.
+// Records in memory between preprocessing and blending, and conservative tests of the pixels they cover.
 
 // 64 bytes.
 struct Packed {
@@ -8,14 +8,14 @@ struct Packed {
     blue_reach: vec4<f32>,      // blue, reach, 0, 0
 }
 
-// 48 bytes, for scenes with appearance only.
+// 48 bytes; only for scenes with appearance.
 struct PackedGradient {
     along: vec4<f32>,           // along, across_y.x
     across_x: vec4<f32>,        // across_x, across_y.y
     across_y: vec4<f32>,        // across_y.z, 0, 0, 0
 }
 
-// Slack of the reach against f32, a share of its square.
+// Slack of the reach for f32 rounding, as a fraction of its square.
 const REACH_SLACK: f32 = 0.01;
 
 fn pack(record: Record) -> Packed {
@@ -45,14 +45,14 @@ fn gradient_from(packed: PackedGradient) -> Gradient {
     return Gradient(packed.along.xyz, packed.across_x.xyz, across_y);
 }
 
-// The pixels that a splat reaches, made ready for many boxes: nothing is divided for each of them.
+// Support of a splat, precomputed so that testing many boxes needs no division.
 struct Reach {
     centre: vec2<f32>,
     half_l: vec2<f32>,
     factor: vec3<f32>,
-    k2: f32,                    // the reach squared
+    k2: f32,                    // squared reach
     rest: f32,                  // 1 − k²/|p|²
-    slopes: vec2<f32>,          // of num at fixed y or x: its minimum at x = slopes.x·y or y = slopes.y·x
+    slopes: vec2<f32>,          // minimum of num: x = slopes.x·y for fixed y, y = slopes.y·x for fixed x
 }
 
 fn reach_from(conic: Conic, reach: f32) -> Reach {
@@ -64,23 +64,23 @@ fn reach_from(conic: Conic, reach: f32) -> Reach {
     return Reach(conic.anchor.xy, conic.half_l, factor, k2, rest, slopes);
 }
 
-// Whether alpha can reach the cut somewhere in a box of pixel centres: never wrongly false.
-// D² ≤ k² is num·(1 − k²/|p|²) ≤ k²·h², and h is linear, so its maximum is at a corner.
+// True if alpha may reach the cut somewhere in a box of pixel centres; never wrongly false.
+// D² ≤ k² is equivalent to num·(1 − k²/|p|²) ≤ k²·h², and h is linear, so its maximum is at a corner.
 fn touches(reach: Reach, low: vec2<f32>, high: vec2<f32>) -> bool {
     if view.lens == LENS_FISHEYE {
-        // Pixels are not linear in the conic's frame; the box of the cone has to do.
+        // The conic is not linear in fisheye pixels, so only the bounding box of the cone applies.
         return true;
     }
     let a = low - reach.centre;
     let b = high - reach.centre;
     let turn = max(reach.half_l * a, reach.half_l * b);
     let h = max(1.0 + turn.x + turn.y, 0.0);
-    // A NaN touches.
+    // Negated, so that NaN counts as covered.
     return !(least_num(reach, a, b) * reach.rest > (1.0 + REACH_SLACK) * reach.k2 * h * h);
 }
 
-// Smallest num in a box. It is convex and 0 at the origin, so outside the box its minimum lies on a
-// side that faces the origin.
+// Minimum of num in a box. num is convex and 0 at the origin. If the origin is outside the box, the minimum
+// lies on a side that faces it.
 fn least_num(reach: Reach, a: vec2<f32>, b: vec2<f32>) -> f32 {
     let nearest = clamp(vec2<f32>(0.0), a, b);
     if all(nearest == vec2<f32>(0.0)) {

@@ -1,8 +1,8 @@
-// One lane a splat: its record, its key of depth, and the tiles it reaches.
+// One lane per splat: computes its record, depth key and covered tiles.
 
 @group(0) @binding(1) var<storage, read_write> counts: array<atomic<u32>>;
 @group(0) @binding(2) var<storage, read> splats: array<Splat>;
-// All ones where nothing is drawn.
+// Depth keys; all ones for invisible splats.
 @group(0) @binding(3) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(4) var<storage, read_write> records: array<Packed>;
 @group(0) @binding(5) var<storage, read_write> footprints: array<Footprint>;
@@ -10,10 +10,10 @@
 @group(0) @binding(7) var<storage, read_write> gradients: array<PackedGradient>;
 @group(0) @binding(8) var<storage, read_write> fews: array<u32>;
 
-// Whether there is one appearance a splat, and not a single one that nobody reads.
+// True if there is one appearance per splat, false if the buffer is a placeholder.
 override has_appearance: bool;
 
-// Lanes that look through the keys of a workgroup, and keys of each.
+// Lanes that search the keys of a workgroup, and keys per such lane.
 const SEEKERS: u32 = 16u;
 const SOUGHT: u32 = GROUP / SEEKERS;
 
@@ -34,7 +34,7 @@ fn preprocess(
     note(lane, key);
 }
 
-// Writes all that the image needs of a splat; its key.
+// Writes all outputs of a splat and returns its key.
 fn prepare(i: u32) -> u32 {
     let splat = splats[i];
     var drawn = draw(splat);
@@ -51,11 +51,11 @@ fn prepare(i: u32) -> u32 {
     return key;
 }
 
-// Widens the range of keys by those of a workgroup. Every lane must call it.
+// Extends the range of keys by those of the workgroup. Every lane must call it.
 fn note(lane: u32, key: u32) {
     group_keys[lane] = key;
     workgroupBarrier();
-    // By few lanes, then by one: all of them at one word would wait for each other.
+    // Reduced by a few lanes and then one, because atomics of all lanes on one word would be serialised.
     if lane < SEEKERS {
         var range = vec2<u32>(LARGEST, 0u);
         for (var k = 0u; k < SOUGHT; k++) {
@@ -82,7 +82,7 @@ fn note(lane: u32, key: u32) {
     }
 }
 
-// Writes key and tiles; the key, all ones where there is nothing to draw.
+// Writes key and covered tiles. Returns the key, all ones for an invisible splat.
 fn keep(i: u32, drawn: Drawn) -> u32 {
     var key = LARGEST;
     if drawn.visible {
@@ -102,11 +102,11 @@ fn keep(i: u32, drawn: Drawn) -> u32 {
 }
 
 fn footprint_of(drawn: Drawn) -> Footprint {
-    // Pixels whose centres are inside the box.
+    // Pixels whose centres lie inside the box.
     let end = view.viewport - 1.0;
     let low = vec2<u32>(clamp(ceil(drawn.outline.low - 0.5), vec2<f32>(0.0), end)) / TILE;
     let high = vec2<u32>(clamp(floor(drawn.outline.high - 0.5), vec2<f32>(0.0), end)) / TILE;
-    // Without any pixel centre the box is upside down.
+    // A box without any pixel centre is inverted.
     let size = max(high + 1u, low) - low;
     var out: Footprint;
     out.low = low.x | (low.y << 16u);

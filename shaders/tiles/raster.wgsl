@@ -1,8 +1,8 @@
-// One workgroup a tile, one lane a pixel: blends the tile's splats front to back. Of every 256 splats
-// each block of 4×4 pixels that is not full goes through those only that reach it, by lists of bits that
-// the lanes make together while they load.
+// Blends the splats of a tile front to back: one workgroup per tile, one lane per pixel. Splats are processed
+// in batches of 256. Each block of 4×4 unfinished pixels visits only the splats that cover it, listed in
+// bit masks that the lanes build together while loading.
 
-// First entry of each tile and the one after its last.
+// Per tile: first entry and one past the last.
 @group(0) @binding(1) var<storage, read> ends_of_tiles: array<vec2<u32>>;
 // Tile and splat.
 @group(0) @binding(2) var<storage, read> entries: array<vec2<u32>>;
@@ -10,11 +10,11 @@
 @group(0) @binding(4) var target_image: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(5) var<storage, read> gradients: array<PackedGradient>;
 
-// Whether there is one gradient a splat, and not a single one that nobody reads.
+// True if there is one gradient per splat, false if the buffer is a placeholder.
 override has_appearance: bool;
 
-// Half of the lanes that a GPU runs together: they wait for the longer of two lists, and still for less than
-// for one of twice the pixels.
+// Half a warp of 32 lanes, which run together. They take as long as the longer of two lists, which is still
+// shorter than one list for twice the pixels.
 const BLOCK: vec2<u32> = vec2<u32>(4u, 4u);
 const BLOCK_LANES: u32 = 16u;
 const BLOCK_COLUMNS: u32 = TILE / 4u;
@@ -26,9 +26,9 @@ var<workgroup> factors: array<vec4<f32>, GROUP>;
 var<workgroup> half_l_colors: array<vec4<f32>, GROUP>;
 var<workgroup> blues: array<f32, GROUP>;
 var<workgroup> sources: array<u32, GROUP>;
-// By block, then by word of 32 splats. One is read while the other is cleared.
+// Indexed by block, then by word of 32 splats. One list is read while the other is cleared.
 var<workgroup> lists: array<array<atomic<u32>, N_BLOCKS * N_WORDS>, 2>;
-// The last batch at whose end some pixel was unfinished, of the tile and of each block.
+// Number of batches completed with some pixel unfinished, for the tile and for each block.
 var<workgroup> last_live: atomic<u32>;
 var<workgroup> block_live: array<atomic<u32>, N_BLOCKS>;
 
@@ -97,7 +97,7 @@ fn corner_of(block: u32) -> vec2<u32> {
     return vec2<u32>(block % BLOCK_COLUMNS, block / BLOCK_COLUMNS) * BLOCK;
 }
 
-// Brings the first 256 splats of a range to the workgroup and lists them by block. Every lane must call it.
+// Loads the first 256 splats of a range and lists them by block. Every lane must call it.
 fn load(tile: vec2<u32>, lane: u32, range: vec2<u32>, batch: u32) {
     let side = batch & 1u;
     if range.x + lane < range.y {
@@ -144,7 +144,7 @@ fn blend(pixel: ptr<function, Pixel>, block: u32, side: u32) {
     }
 }
 
-// False where the pixel is finished, which it is before the splat that would take too much.
+// Blends a splat. Returns false, without blending, if it would take the transmittance below the stop.
 fn add(pixel: ptr<function, Pixel>, alpha: f32, color: vec3<f32>) -> bool {
     let left = (*pixel).transmittance * (1.0 - alpha);
     if left < TRANSMITTANCE_STOP {

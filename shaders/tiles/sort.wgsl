@@ -1,19 +1,19 @@
-// Stable radix sort of pairs of a u32 key and a u32 value, one digit of up to 8 bits a pass:
-// `histogram`, then `spine`, then `scatter`. The grid is fixed and every workgroup takes one strip of
-// neighbouring keys, as long as the count (known to the GPU only) makes it, so no size comes from the CPU.
-// Key and value lie side by side: what a pass scatters costs by the place that is written, not by the
-// word. No subgroups: a lane finds the equal digits before it in bit masks that all lanes set together.
+// Stable radix sort of pairs of u32 key and u32 value. Each pass sorts a digit of up to 8 bits by the kernels
+// `histogram`, `spine` and `scatter`. The grid is fixed: every workgroup takes one strip of consecutive keys,
+// whose length depends on the count that only the GPU knows. Key and value are stored side by side, because
+// scattering costs per location written rather than per word. Subgroups are not used: a lane finds equal
+// digits before it in bit masks that all lanes set together.
 
 struct Digit {
     shift: u32,
     n_values: u32,              // a power of two, at most GROUP
-    source: u32,                // slot of `counts`: keys there are
-    // Not 0 in the first pass over keys without values: the value of a key is its place, keys of
-    // all ones are dropped, and `counts[sink]` gets how many are left.
+    source: u32,                // slot of `counts`: number of keys
+    // Not 0 in the first pass over keys without values: the value of a key is its index, keys of all ones
+    // are dropped, and `counts[sink]` receives the number of retained keys.
     is_first: u32,
     sink: u32,
-    // In that pass: slots of the least and the largest key that is not dropped, and the bits that what
-    // lies between is brought to.
+    // For that pass: slots of the smallest and largest retained key, and the number of bits that the range
+    // of keys is reduced to.
     least: u32,
     largest: u32,
     n_bits: u32,
@@ -21,28 +21,28 @@ struct Digit {
 
 @group(0) @binding(0) var<uniform> digit: Digit;
 @group(0) @binding(1) var<storage, read_write> counts: array<u32>;
-// In the first pass over keys without values these, later pairs.
+// Keys without values in such a first pass, otherwise pairs.
 @group(0) @binding(2) var<storage, read> keys_in: array<u32>;
 @group(0) @binding(3) var<storage, read_write> pairs_out: array<vec2<u32>>;
-// By digit, then by strip: how many keys; after `spine` how many in the strips before.
+// Per digit and strip: number of keys; after `spine`, number of keys in preceding strips.
 @group(0) @binding(4) var<storage, read_write> strips: array<u32>;
 @group(0) @binding(5) var<storage, read_write> totals: array<u32>;
 
-// N_STRIPS are the workgroups of `histogram` and `scatter`.
+// `histogram` and `scatter` run N_STRIPS workgroups.
 const STRIPS_PER_LANE: u32 = N_STRIPS / GROUP;
-// Words of one bit a lane.
+// Words that hold one bit per lane.
 const N_WORDS: u32 = GROUP / 32u;
 
-// Where keys without values start, and by how much they are cut to fit their bits.
+// Offset and shift that reduce keys without values to their number of bits.
 struct Cut {
     least: u32,
     shift: u32,
 }
 
 var<workgroup> tally: array<atomic<u32>, GROUP>;
-// By word, then by digit, so that lanes with different digits meet different banks.
+// Indexed by word, then by digit, so that lanes with different digits use different banks.
 var<workgroup> masks: array<atomic<u32>, N_WORDS * GROUP>;
-// Where the next key of each digit goes.
+// Destination of the next key of each digit.
 var<workgroup> places: array<u32, GROUP>;
 var<workgroup> n_keys: u32;
 
@@ -69,7 +69,7 @@ fn histogram(
     }
 }
 
-// One workgroup a digit.
+// One workgroup per digit value.
 @compute @workgroup_size(GROUP)
 fn spine(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -122,7 +122,7 @@ fn scatter(
     workgroupBarrier();
 
     let cut = load_cut();
-    // The next key is on its way while this one is placed.
+    // Prefetches the next key while the current one is placed.
     var coming = fetch(strip.x + lane, strip.y);
     for (var start = strip.x; start < strip.y; start += GROUP) {
         let pair = coming;
@@ -132,7 +132,7 @@ fn scatter(
     }
 }
 
-// Moves the keys of one row of lanes behind the earlier ones of their digits. Every lane must call it.
+// Stores one row of lanes after the earlier keys of their digits. Every lane must call it.
 fn place(lane: u32, pair: vec2<u32>, is_there: bool) {
     let value = digit_of(pair.x);
     let own_word = lane / 32u;
@@ -154,7 +154,7 @@ fn place(lane: u32, pair: vec2<u32>, is_there: bool) {
     }
     workgroupBarrier();
     if is_there {
-        // Its own bit only, so that no lane has to wait for others before it sets the next one.
+        // Clears only its own bit, so that no lane waits for others before setting the next one.
         atomicAnd(&masks[own_word * GROUP + value], ~own_bit);
         if n_before + 1u == n_equal {
             places[value] += n_equal;
@@ -188,18 +188,18 @@ fn load_cut() -> Cut {
     return Cut(least, max(n_used, digit.n_bits) - digit.n_bits);
 }
 
-// Equal keys stay equal and no two change places; those that differ in bits that are cut off become equal.
+// Reduces a key while preserving order. Keys that differ only in dropped bits become equal.
 fn narrowed(key: u32, cut: Cut) -> u32 {
     return (key - cut.least) >> cut.shift;
 }
 
-// First key of a strip and the one after its last; no keys where the first is not before the other.
+// First key of a strip and one past its last; empty if the first is not smaller.
 fn strip_of(group: u32, count: u32) -> vec2<u32> {
     let length = strip_length(count);
     return vec2<u32>(group * length, min((group + 1u) * length, count));
 }
 
-// Whole rows of lanes; 0 when there are no keys.
+// Keys per strip, a multiple of GROUP; 0 if there are no keys.
 fn strip_length(count: u32) -> u32 {
     return (count + (N_STRIPS * GROUP - 1u)) / (N_STRIPS * GROUP) * GROUP;
 }

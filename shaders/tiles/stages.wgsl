@@ -1,20 +1,19 @@
-// What the stages of the tile path share: workgroups of one size, slots of the counts that never
-// leave the GPU within a frame, and the running sum of a workgroup.
+// Common to the stages of the tile path: maximum of u32, and the prefix sum of a workgroup.
 
 const LARGEST: u32 = 0xffffffffu;
 
-// Two halves, of which one is read while the other is written: one barrier a step.
+// Two halves, one read and one written per step, so that each step needs one barrier.
 var<workgroup> partial_sums: array<u32, 2u * GROUP>;
 
-// 10⁷ splats on 10³ tiles each are more than a u32 counts.
+// The number of entries may exceed u32, for example with 10⁷ splats on 10³ tiles each.
 fn saturating_sum(a: u32, b: u32) -> u32 {
     let sum = a + b;
     return select(sum, LARGEST, sum < a);
 }
 
-// Sum of the values of all lanes up to and including this one. Every lane must call it.
+// Inclusive prefix sum over the lanes, saturating. Every lane must call it.
 fn inclusive_scan(lane: u32, value: u32) -> u32 {
-    // A lane may still read the sums of the call before.
+    // Other lanes may still read the sums of the previous call.
     workgroupBarrier();
     var sum = value;
     var half = 0u;
@@ -31,8 +30,8 @@ fn inclusive_scan(lane: u32, value: u32) -> u32 {
     return sum;
 }
 
-// After `inclusive_scan`: the sum of all lanes.
+// Total of the last `inclusive_scan`.
 fn scanned_total() -> u32 {
-    // An even number of steps ends in the half where it began.
+    // The number of steps is even, so the result is in the half where it started.
     return partial_sums[GROUP - 1u];
 }

@@ -1,10 +1,9 @@
-//! Where the window saves runs on their way, and what earlier windows have left there.
+//! Autosave slots of running windows, and runs left behind by windows that were killed.
 //!
-//! A run has a slot: a file named after its dataset, in the platform's folder for what programs
-//! remember, and a locked file beside it as long as its window lives. A process loses its locks
-//! however it ends, so a file that nobody has locked is of a window that was killed before its user
-//! was asked about it. A slot that holds such a file is not used for another run: progress is never
-//! discarded unasked.
+//! A run has one slot: a checkpoint named after its dataset in the platform's state folder, and a lock
+//! file beside it that stays locked while the window lives. A process loses its locks however it ends.
+//! So a checkpoint without a locked file belongs to a window that was killed before the user chose to
+//! save or discard. Such a slot is never reused for another run: no progress is lost unnoticed.
 
 use crate::pipeline::checkpoint::SavedRun;
 use std::fs::{File, TryLockError};
@@ -12,22 +11,22 @@ use std::io;
 use std::path::{Path, PathBuf, absolute};
 use std::time::SystemTime;
 
-/// Runs of one dataset that can wait to be gone on with.
+/// Most slots of one dataset, occupied ones included.
 const MAX_SLOTS: usize = 100;
 const ENDING: &str = "vbgs";
 
-/// A place for one run's saves, nobody else's as long as this lives.
+/// Exclusive place for one run's autosaves; the slot stays locked while this value lives.
 pub struct AutosaveSlot {
     path: PathBuf,
-    /// Held and never written: the lock is what counts.
+    /// Never written: only the lock matters.
     _lock: File,
 }
 
 impl AutosaveSlot {
-    /// A slot in which nothing is, for a run on a dataset; the folder is created where it is missing.
+    /// Returns an empty, locked slot for a run on `dataset`; creates the folder if it is missing.
     ///
     /// # Errors
-    /// The folder takes no files, or all its slots for this dataset wait to be gone on with.
+    /// The folder is not writable, or all 100 slots of this dataset hold unfinished runs.
     pub fn claim(folder: &Path, dataset: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         for n in 1..=MAX_SLOTS {
@@ -39,72 +38,74 @@ impl AutosaveSlot {
                 return Ok(slot);
             }
         }
-        Err(io::Error::other(format!("expected a free slot, found {MAX_SLOTS} saved runs")))
+        Err(io::Error::other(format!(
+            "expected a free autosave slot, found {MAX_SLOTS} unfinished runs of this dataset; resume or discard some"
+        )))
     }
 
-    /// The slot of a file that was left behind; `None` while another window has it.
+    /// Locks the slot of an existing checkpoint; `None` if another window holds it.
     ///
     /// # Errors
-    /// The lock cannot be created.
+    /// The lock file cannot be created.
     pub fn take(path: &Path) -> io::Result<Option<Self>> {
         let lock = File::create(path.with_extension("lock"))?;
         match lock.try_lock() {
             Err(TryLockError::WouldBlock) => Ok(None),
-            // Some file systems know no locks: two windows on one dataset are rarer than these.
+            // Some file systems have no locks. Two windows on one dataset are rarer than those.
             Ok(()) | Err(TryLockError::Error(_)) => {
                 Ok(Some(Self { path: path.to_owned(), _lock: lock }))
             }
         }
     }
 
-    /// The file.
+    /// Path of the checkpoint.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Removes what was saved: the run is in a file of the user's choice, or is not wanted any more.
+    /// Deletes the checkpoint, its backup and the lock file: the run was saved elsewhere or discarded.
     pub fn discard(self) {
         for path in [&self.path, &backup(&self.path), &self.path.with_extension("lock")] {
-            // What cannot be removed is offered again, which is no harm.
+            // A file that cannot be removed is only offered again at the next start.
             let _ = std::fs::remove_file(path);
         }
     }
 }
 
-/// A run that was saved on its way and then neither ended nor given up.
+/// Autosaved run of a window that ended before the run was saved or discarded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AbandonedRun {
-    /// Its slot's file.
+    /// Checkpoint path of the slot; it may be missing if only its backup exists.
     pub slot: PathBuf,
-    /// The file that can be read: the slot's, or the one before it.
+    /// Readable checkpoint: the slot's file or its backup.
     pub file: PathBuf,
-    /// Folder of its dataset.
+    /// Folder of the dataset.
     pub dataset: PathBuf,
-    /// Frames learnt that are in it.
+    /// Frames trained so far.
     pub frames: u64,
-    /// Frames the run was to go through.
+    /// Frames the run was planned to train on.
     pub planned_frames: usize,
 }
 
-/// The newest run that was left behind in a folder, of one dataset or of any.
+/// Finds the newest abandoned run in `folder`, of `dataset` or of any dataset if `None`.
 pub fn find(folder: &Path, dataset: Option<&Path>) -> Option<AbandonedRun> {
     let dataset = dataset.map(full);
     let mut slots: Vec<(SystemTime, PathBuf)> =
         std::fs::read_dir(folder).ok()?.flatten().filter_map(|entry| slot(&entry.path())).collect();
     slots.sort();
-    // Newest first. Checkpoints are large, so of the others not even a byte is read.
+    // Newest first, and lazily: checkpoints are large, so older ones are not read at all.
     let mut slots = slots.into_iter().rev().map(|(_, path)| path);
     slots.find_map(|path| {
         let is_meant = dataset.as_ref().is_none_or(|dataset| is_slot_of(&path, dataset));
         let is_free = is_meant && matches!(AutosaveSlot::take(&path), Ok(Some(_)));
         is_free.then(|| read(&path)).flatten().filter(|run| {
-            // Its name is a checksum's word; the file knows.
+            // The file name holds only a checksum of the dataset's path, which may collide.
             dataset.as_ref().is_none_or(|dataset| run.dataset == *dataset)
         })
     })
 }
 
-/// A slot's file that exists, or whose older file does, and when it was written.
+/// Slot path and modification time of a checkpoint or backup file.
 fn slot(path: &Path) -> Option<(SystemTime, PathBuf)> {
     let path = match path.extension()?.to_str()? {
         ENDING => path.to_owned(),
@@ -115,7 +116,6 @@ fn slot(path: &Path) -> Option<(SystemTime, PathBuf)> {
     Some((file.metadata().ok()?.modified().ok()?, path))
 }
 
-/// What can be read of a slot.
 fn read(path: &Path) -> Option<AbandonedRun> {
     [path.to_owned(), backup(path)].into_iter().find_map(|file| {
         let run = SavedRun::read(&file).ok()?;
@@ -129,12 +129,12 @@ fn read(path: &Path) -> Option<AbandonedRun> {
     })
 }
 
-/// The file before, as [`Autosave`](crate::pipeline::autosave::Autosave) keeps it.
+/// Previous version of the checkpoint, written by [`Autosave`](crate::pipeline::autosave::Autosave).
 fn backup(path: &Path) -> PathBuf {
     path.with_added_extension("bak")
 }
 
-/// `<dataset>-<checksum of its path>`, then its number from the second on.
+/// `<dataset>-<checksum of its path>.vbgs`; slots after the first have their number appended.
 fn slot_name(dataset: &Path, n: usize) -> String {
     let stem = stem(&full(dataset));
     if n == 1 { format!("{stem}.{ENDING}") } else { format!("{stem}-{n}.{ENDING}") }
@@ -150,7 +150,7 @@ fn stem(dataset: &Path) -> String {
     format!("{plain}-{:08x}", crc32fast::hash(dataset.as_os_str().as_encoded_bytes()))
 }
 
-/// As checkpoints name their dataset.
+/// Absolute path, as checkpoints store their dataset.
 fn full(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }

@@ -1,4 +1,4 @@
-//! The list of everything that can be done, found by some letters of its name.
+//! Searchable list of all actions, filtered by fuzzy matching of their names.
 
 use super::color_mode::ColorMode;
 use super::command::UiCommand;
@@ -10,26 +10,25 @@ use eframe::egui::{
     Align, Button, Context, Id, Key, Modal, Modifiers, RichText, ScrollArea, TextEdit, Ui, Vec2,
 };
 
-/// Size of the list, points.
+/// Width and height, points.
 const LIST: Vec2 = Vec2::new(440.0, 300.0);
 
-/// Something that can be done from anywhere.
+/// Action available from the menus and the finder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// A command.
     Command(UiCommand),
-    /// Turn the side panel to a tab.
+    /// Show a tab of the side panel.
     Tab(SideTab),
-    /// Compare so.
+    /// Switch the comparison mode of the viewport.
     Mode(ViewMode),
-    /// Let colours mean this.
+    /// Switch the colour mode of the viewport.
     Color(ColorMode),
 }
 
 impl Action {
-    /// Every action, in the order in which they are listed as long as nothing is typed.
+    /// Every action, in the order listed while the search text is empty.
     pub fn all() -> impl Iterator<Item = Self> {
-        // Those that are about the keyboard itself are only ever asked for by their keys.
+        // Commands about the keyboard itself are useful only as shortcuts.
         let is_listed = |c: &UiCommand| !matches!(c, UiCommand::Find | UiCommand::FocusControls);
         let commands = UiCommand::ALL.into_iter().filter(is_listed);
         let rest = SideTab::ALL.into_iter().map(Self::Tab);
@@ -37,7 +36,6 @@ impl Action {
         commands.map(Self::Command).chain(rest).chain(ColorMode::ALL.into_iter().map(Self::Color))
     }
 
-    /// Its name.
     pub fn name(self) -> String {
         match self {
             Self::Command(command) => command.name().to_owned(),
@@ -47,7 +45,7 @@ impl Action {
         }
     }
 
-    /// As a menu of its own kind names it.
+    /// Label within the menu of its kind, where the prefix of `name` is redundant.
     pub fn menu_label(self) -> &'static str {
         match self {
             Self::Command(command @ (UiCommand::PreviousCamera | UiCommand::NextCamera)) => {
@@ -60,17 +58,16 @@ impl Action {
         }
     }
 
-    /// One sentence on what it does.
     pub fn tooltip(self) -> &'static str {
         match self {
             Self::Command(command) => command.tooltip(),
-            Self::Tab(_) => "Turn to this panel",
+            Self::Tab(_) => "Show this panel",
             Self::Mode(mode) => mode.tooltip(),
             Self::Color(mode) => mode.tooltip(),
         }
     }
 
-    /// Its keys as menus show them, empty if it has none.
+    /// Shortcuts as menus show them; empty if there are none.
     pub fn keys(self, ctx: &Context) -> String {
         match self {
             Self::Command(command) => command.keys(ctx),
@@ -79,27 +76,25 @@ impl Action {
     }
 }
 
-/// The list over the window, open or not.
 #[derive(Default)]
 pub struct ActionFinder {
     is_open: bool,
     typed: String,
-    /// Which of those found the keyboard chooses.
+    /// Index of the keyboard's choice among the possible actions found.
     chosen: usize,
 }
 
 impl ActionFinder {
-    /// Opens it with nothing typed.
     pub fn show(&mut self) {
         *self = Self { is_open: true, ..Self::default() };
     }
 
-    /// Whether it takes the keys.
+    /// True while the finder consumes keyboard input.
     pub fn is_open(&self) -> bool {
         self.is_open
     }
 
-    /// Draws the list; what was chosen. Actions that are not possible now are listed last.
+    /// Draws the list and returns the chosen action. Unavailable actions come last.
     pub fn ui(&mut self, ui: &Ui, is_possible: impl Fn(Action) -> bool) -> Option<Action> {
         if !self.is_open {
             return None;
@@ -133,7 +128,7 @@ impl ActionFinder {
     fn list(&self, found: &[(Action, bool)], has_moved: bool, ui: &mut Ui) -> Option<Action> {
         let mut asked = None;
         if found.is_empty() {
-            ui.label(RichText::new("No action is named so").weak());
+            ui.label(RichText::new("No matching action").weak());
         }
         ScrollArea::vertical().auto_shrink(false).max_height(LIST.y).show(ui, |ui| {
             for (i, &(action, is_possible)) in found.iter().enumerate() {
@@ -154,8 +149,8 @@ impl ActionFinder {
     }
 }
 
-/// How far the keyboard moves the choice, and whether it takes it. Before the text field, which would
-/// take these keys.
+/// Consumes the arrow and Enter keys: steps of the choice, and true if Enter confirms it. Runs before the
+/// text field, which would consume these keys.
 fn keys(ui: &Ui) -> (isize, bool) {
     ui.input_mut(|i| {
         let down = i.consume_key(Modifiers::NONE, Key::ArrowDown);
@@ -165,12 +160,12 @@ fn keys(ui: &Ui) -> (isize, bool) {
     })
 }
 
-/// The actions that go with what was typed, the best first, and those that are possible before others.
+/// Matching actions and their availability: available ones first, then by descending score.
 fn found(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
     let mut found: Vec<_> = Action::all()
         .filter_map(|action| Some((score(&action.name(), typed)?, action, is_possible(action))))
         .collect();
-    // Stable: what goes equally well stays in its order.
+    // A stable sort keeps the listed order among equal scores.
     found.sort_by_key(|&(score, _, is_possible)| (!is_possible, std::cmp::Reverse(score)));
     found.into_iter().map(|(_, action, is_possible)| (action, is_possible)).collect()
 }

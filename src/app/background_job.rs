@@ -1,22 +1,21 @@
-//! A piece of work beside the window, on a thread of its own, whose one answer the window takes when it
-//! is there.
+//! Work on a thread of its own with a single result that the window polls.
 //!
-//! A panic of the work is an answer as well, and wakes the window like one. A thread that merely hung up
-//! would leave a window at rest waiting until somebody moves the pointer, and nobody would learn why.
+//! A panic counts as a result and wakes the window too. If the thread merely closed its channel, an idle
+//! window would not repaint until the pointer moved, and the cause would be lost.
 
 use super::panic_report::PanicReport;
 use super::worker::Waker;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, sync_channel};
 
-/// Work that is under way; dropping it lets the work go on unheard.
+/// Running work. Dropping this value does not stop the work; its result is discarded.
 pub struct BackgroundJob<T>(Receiver<Result<T, PanicReport>>);
 
 impl<T: Send + 'static> BackgroundJob<T> {
-    /// Starts the work on a thread with this name; `waker` is called once the answer is there.
+    /// Runs `work` on a thread named `name` and calls `waker` once the result is available.
     ///
     /// # Errors
-    /// No thread could be started.
+    /// The thread cannot be started.
     pub fn start(
         name: &str,
         waker: Waker,
@@ -24,17 +23,17 @@ impl<T: Send + 'static> BackgroundJob<T> {
     ) -> std::io::Result<Self> {
         let (answer, answers) = sync_channel(1);
         std::thread::Builder::new().name(name.to_owned()).spawn(move || {
-            // Nothing that the work may have left half done is used afterwards but its answer.
+            // Unwind safe: after a panic only the report is used, no state of `work`.
             let done =
                 catch_unwind(AssertUnwindSafe(work)).map_err(|panic| PanicReport::of(&*panic));
-            // Nobody listens any more if the window has something else to do by now.
+            // The receiver is gone if the window dropped the job.
             let _ = answer.send(done);
             waker();
         })?;
         Ok(Self(answers))
     }
 
-    /// What the work answers, or the panic that ended it; once, when it is there.
+    /// Returns the result, or the panic that ended the work, once; `None` until it is available.
     pub fn take(&self) -> Option<Result<T, PanicReport>> {
         self.0.try_recv().ok()
     }
@@ -47,14 +46,14 @@ mod tests {
     use std::sync::mpsc::channel;
     use std::time::Duration;
 
-    /// A job's answer, taken no sooner than the window is woken.
+    /// Result of a job, read after the waker was called.
     fn answer(work: impl FnOnce() -> usize + Send + 'static) -> Result<usize, PanicReport> {
         PanicReport::listen();
         let (woken, wakes) = channel();
         let waker: Waker = Arc::new(move || woken.send(()).unwrap());
         let job = BackgroundJob::start("test", waker, work).unwrap();
         wakes.recv_timeout(Duration::from_secs(60)).expect("the window is woken");
-        let answer = job.take().expect("an answer that the window is woken for");
+        let answer = job.take().expect("a result after the wake-up");
         assert!(job.take().is_none(), "once");
         answer
     }
@@ -72,6 +71,6 @@ mod tests {
         let (woken, wakes) = channel();
         let waker: Waker = Arc::new(move || woken.send(()).unwrap());
         drop(BackgroundJob::start("test", waker, || 7).unwrap());
-        wakes.recv_timeout(Duration::from_secs(60)).expect("it comes to its end");
+        wakes.recv_timeout(Duration::from_secs(60)).expect("the work ends");
     }
 }

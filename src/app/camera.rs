@@ -1,4 +1,4 @@
-//! The camera people steer: orbit, pan, dolly, frame.
+//! Interactive viewport camera: orbit, pan, dolly, fly, frame.
 
 use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
@@ -9,47 +9,46 @@ use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// A viewport's camera.
+/// Orbit camera of a viewport.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCamera {
     orbit: Orbit,
     /// Vertical field of view of the scene's own camera, radians.
     own_fov_y: f64,
     lens: Lens,
-    /// Vertical field of view, radians: a wider window shows more at the sides.
+    /// Vertical field of view, radians. A wider window shows more at the sides.
     fov_y: f64,
-    /// Size of the scene, world units: bounds how near and far one can dolly.
+    /// Scene radius, world units; bounds the dolly distance.
     radius: f64,
-    /// Middle of the scene.
     middle: DVec3,
 }
 
-/// Range of the vertical field of view that is taken from a scene's own camera, radians.
+/// Range that the vertical field of view of a scene's own camera is clamped to, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
-/// Largest field of view of a pinhole in either direction, radians (`rendering.md`, Wide views and
+/// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views and
 /// fisheye).
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
-/// Largest field of view by which the distance for the whole scene is chosen, radians.
+/// Largest field of view used to compute the framing distance, radians.
 const MAX_FRAMING_FOV: f64 = 2.0;
-/// Smallest one: a sliver of a window must not send the camera away.
+/// Smallest one; without it a very narrow window would move the camera far away.
 const MIN_FRAMING_FOV: f64 = 0.1;
-/// How far the overview looks down and how far it turns aside, radians: from behind a camera the others
-/// would hide each other.
+/// Elevation and azimuth offset of the overview, radians. Seen along the path of the cameras, their
+/// frusta would hide each other.
 const OVERVIEW_ELEVATION: f64 = 0.5;
 const OVERVIEW_TURN: f64 = 0.5;
-/// Wheel points that halve the distance.
+/// Scroll distance that halves the distance to the target, points.
 const WHEEL_PER_HALVING: f64 = 240.0;
 /// Nearest and farthest distance from the target, in scene radii.
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
-/// Distance of the target from a dataset's camera, in scene radii.
+/// Range of the target's distance from a visited dataset camera, in scene radii.
 const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
-/// How close to the poles dragging goes, radians.
+/// Largest elevation reached by dragging, radians; avoids the poles.
 const MAX_ELEVATION: f64 = FRAC_PI_2 - 0.01;
 
 impl ViewCamera {
-    /// The view a scene is opened with.
+    /// Creates the camera of a scene's initial view.
     pub fn home(home: &HomeView) -> Self {
-        // An orbit needs a distance above 0, and a target may lie in the camera itself.
+        // An orbit needs a positive distance, and the target may coincide with the camera.
         let distance = home.camera.pose.centre().distance(home.target);
         let fov_y = own_fov_y(&home.camera.intrinsics);
         Self {
@@ -62,24 +61,24 @@ impl ViewCamera {
         }
     }
 
-    /// Stands where another camera does, turning about a point in front of it.
+    /// Moves to the pose of a dataset camera and orbits about a point in front of it.
     pub fn visit(&mut self, camera: &Camera) {
         let pose = &camera.pose;
-        // The middle of the scene may lie behind this camera: clamped, the target is always ahead.
+        // The scene's centre may lie behind this camera; clamping keeps the target in front.
         let ahead = (self.middle - pose.centre()).dot(pose.forward());
         let [least, most] = VISIT_DISTANCE.map(|share| share * self.radius);
         self.orbit = Orbit::from_pose(pose, self.orbit.up, ahead.clamp(least, most).max(1e-9));
-        // Taken along, or the picture would jump when the camera of a dataset is left.
+        // Otherwise the field of view would jump when the user leaves the dataset's camera.
         self.own_fov_y = own_fov_y(&camera.intrinsics);
     }
 
-    /// Chooses the lens and its vertical field of view (radians), the scene's own if `None`.
+    /// Sets the lens and its vertical field of view in radians; `None` restores the scene's own.
     pub fn look_through(&mut self, lens: Lens, fov_y: Option<f64>) {
         self.lens = lens;
         self.fov_y = fov_y.unwrap_or(self.own_fov_y);
     }
 
-    /// Turns about the target; a drag over the height of the viewport is half a turn.
+    /// Orbits about the target. A drag over the viewport's height is half a turn.
     pub fn turn(&mut self, delta_px: [f64; 2], height_px: f64) {
         let per_pixel = PI / height_px.max(1.0);
         self.orbit.azimuth -= delta_px[0] * per_pixel;
@@ -87,7 +86,7 @@ impl ViewCamera {
         self.orbit.elevation = elevation.clamp(-MAX_ELEVATION, MAX_ELEVATION);
     }
 
-    /// Shifts the target so that it follows the pointer.
+    /// Translates the target so that it follows the pointer.
     pub fn pan(&mut self, delta_px: [f64; 2], size_px: [f64; 2]) {
         let per_pixel = self.orbit.distance / self.focal(size_px);
         let rotation = self.orbit.pose().rotation();
@@ -95,13 +94,13 @@ impl ViewCamera {
         self.orbit.target -= shift * per_pixel;
     }
 
-    /// Moves towards the target (positive wheel points) or away from it.
+    /// Moves towards the target for positive scroll distances (points), away from it otherwise.
     pub fn dolly(&mut self, wheel_points: f64) {
         let distance = self.orbit.distance * 0.5f64.powf(wheel_points / WHEEL_PER_HALVING);
         self.orbit.distance = distance.clamp(DISTANCE[0] * self.radius, DISTANCE[1] * self.radius);
     }
 
-    /// Flies by a share of the scene's size: to the right, down and ahead, as the camera sees.
+    /// Translates camera and target by `[right, down, ahead]` in camera axes, in scene radii.
     pub fn fly(&mut self, [right, down, ahead]: [f64; 3]) {
         let pose = self.orbit.pose();
         let rotation = pose.rotation();
@@ -109,7 +108,7 @@ impl ViewCamera {
         self.orbit.target += way * self.radius;
     }
 
-    /// Turns about another point from now on and looks at it from where it stands.
+    /// Sets the orbit's target and turns the camera towards it without moving the camera.
     pub fn pivot(&mut self, point: DVec3) {
         let eye = self.orbit.pose().centre();
         if let Some(pose) = Pose::look_at(eye, point, self.orbit.up) {
@@ -117,11 +116,11 @@ impl ViewCamera {
         }
     }
 
-    /// Looks along a world direction at what it looks at now.
+    /// Views the current target along a world direction.
     pub fn look_along(&mut self, direction: DVec3) {
         let eye = self.orbit.target - direction * self.orbit.distance;
-        // Straight down there is no horizon to keep: a little aside of it, so that what was ahead, or up in
-        // the picture, stays up.
+        // Straight down, the horizon is undefined. A small offset from the pole keeps the current heading, or
+        // the picture's up direction, pointing up.
         let rotation = self.orbit.pose().rotation();
         let level = [rotation.z_axis, -rotation.y_axis].map(|axis| axis.reject_from(direction));
         let ahead = if level[0].length() > 0.1 { level[0] } else { level[1] }.normalize_or_zero();
@@ -133,36 +132,36 @@ impl ViewCamera {
         }
     }
 
-    /// Where it stands about its target.
+    /// Current orbit.
     pub fn orbit(&self) -> Orbit {
         self.orbit
     }
 
-    /// Direction that points up, unit length.
+    /// Up direction in world space, unit length.
     pub fn up(&self) -> DVec3 {
         self.orbit.up
     }
 
-    /// Takes another direction for up and stays where it is, level with the new horizon.
+    /// Sets the up direction and levels the camera without moving it.
     pub fn set_up(&mut self, up: DVec3) {
         let pose = self.orbit.pose();
         self.orbit = Orbit::from_pose(&pose, up, self.orbit.distance);
     }
 
-    /// Looks at the whole scene from where it looks now.
+    /// Fits the whole scene into the viewport without changing the view direction.
     pub fn frame(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.target = framing.centre;
         self.orbit.distance = framing.distance(self.narrower_fov(size_px));
     }
 
-    /// Looks at everything from above, over the shoulder of where it looks now.
+    /// Fits the whole scene into the viewport from above, turned aside from the current heading.
     pub fn look_over(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.elevation = OVERVIEW_ELEVATION;
         self.orbit.azimuth += OVERVIEW_TURN;
         self.frame(framing, size_px);
     }
 
-    /// The smaller field of view of a viewport, radians: in a narrow window the sides would be cut.
+    /// Smaller of the horizontal and vertical field of view, radians, so that nothing is cut off.
     fn narrower_fov(&self, [width, height]: [u32; 2]) -> f64 {
         let fov_y = self.fov_y.min(MAX_FRAMING_FOV);
         let aspect = (f64::from(width) / f64::from(height.max(1))).min(1.0);
@@ -170,11 +169,11 @@ impl ViewCamera {
             Lens::Pinhole => 2.0 * ((0.5 * fov_y).tan() * aspect).atan(),
             Lens::Fisheye => fov_y * aspect,
         };
-        // The distance goes by the sine of half the angle, which is 0 for a fisheye all around.
+        // The framing distance divides by the sine of half the angle, which is 0 for a 360° fisheye.
         fov_x.clamp(MIN_FRAMING_FOV, MAX_FRAMING_FOV)
     }
 
-    /// The camera for a viewport of this size in pixels.
+    /// Camera for a viewport of this size in pixels.
     pub fn camera(&self, [width, height]: [u32; 2]) -> Camera {
         let size = [f64::from(width), f64::from(height)];
         let focal = self.focal(size);
@@ -189,12 +188,12 @@ impl ViewCamera {
         Camera { intrinsics, pose: self.orbit.pose() }
     }
 
-    /// Focal length in pixels (per radian, for a fisheye) in a viewport of this size.
+    /// Focal length in pixels; pixels per radian for a fisheye.
     fn focal(&self, [width, height]: [f64; 2]) -> f64 {
         match self.lens {
             Lens::Pinhole => {
-                // In a wide window the limit is met at the sides first: less is seen
-                // from top to bottom then.
+                // In a wide window the horizontal field of view reaches the limit first, which reduces the
+                // vertical one.
                 let upright = 0.5 * height / (0.5 * self.fov_y).tan();
                 upright.max(0.5 * width.max(height) / (0.5 * MAX_PINHOLE_FOV).tan())
             }
@@ -207,17 +206,17 @@ impl ViewCamera {
         self.own_fov_y
     }
 
-    /// Distance of a camera from the middle of the scene, world units.
+    /// Distance of a camera from the scene's centre, world units.
     pub fn distance_to_middle(&self, camera: &Camera) -> f64 {
         camera.pose.centre().distance(self.middle)
     }
 
-    /// Point turned about.
+    /// Point that the camera orbits about.
     pub fn target(&self) -> DVec3 {
         self.orbit.target
     }
 
-    /// Size of the scene, world units.
+    /// Scene radius, world units.
     pub fn radius(&self) -> f64 {
         self.radius
     }
@@ -265,10 +264,13 @@ mod tests {
         assert!((k.fov_x() - 1.5).abs() < 1e-9);
         view.look_through(Lens::Pinhole, Some(MAX_PINHOLE_FOV));
         let k = view.camera([800, 400]).intrinsics;
-        assert!((k.fov_x() - MAX_PINHOLE_FOV).abs() < 1e-9, "not beyond it at the sides");
+        assert!((k.fov_x() - MAX_PINHOLE_FOV).abs() < 1e-9, "the limit holds horizontally");
         view.look_through(Lens::Fisheye, Some(2.0 * PI));
         let k = view.camera([800, 400]).intrinsics;
-        assert!((k.fy * PI - 200.0).abs() < 1e-9, "straight behind is at the upper edge");
+        assert!(
+            (k.fy * PI - 200.0).abs() < 1e-9,
+            "the backward direction projects to the upper edge"
+        );
     }
 
     #[test]
@@ -293,7 +295,7 @@ mod tests {
             let camera = view.camera(size);
             let (pose, k) = (camera.pose, camera.intrinsics);
             let distance = pose.centre().distance(framing.centre);
-            // The ball's rim is seen at the tangent of the angle whose sine is radius by distance.
+            // The sphere's silhouette lies at the angle whose sine is radius / distance.
             let rim = (1.0 / distance).asin().tan() * k.fx;
             let half = 0.5 * f64::from(size[0].min(size[1]));
             assert!((rim - half).abs() < 1e-6 * half, "{size:?}: {rim} of {half}");
@@ -310,7 +312,10 @@ mod tests {
         let point = DVec3::new(0.5, 0.4, -0.3);
         view.pivot(point);
         let camera = view.camera([400, 400]);
-        assert!((camera.pose.centre() - after.centre()).length() < 1e-9, "stays where it is");
+        assert!(
+            (camera.pose.centre() - after.centre()).length() < 1e-9,
+            "the camera does not move"
+        );
         let (pixel, _) = camera.project(point);
         assert!((pixel.x - 200.0).abs() < 1e-6 && (pixel.y - 200.0).abs() < 1e-6, "{pixel}");
     }
@@ -321,7 +326,7 @@ mod tests {
         for axis in [DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z] {
             view.look_along(axis);
             let pose = view.camera([400, 400]).pose;
-            // Straight down the camera stops a little before the pole.
+            // Straight down, the camera stops just before the pole.
             assert!(pose.forward().dot(axis) > 0.999, "{axis}: {}", pose.forward());
             assert!((view.target() - DVec3::ZERO).length() < 1e-9);
         }

@@ -1,32 +1,32 @@
-//! What the colours of the viewport mean.
+//! Colour modes of the viewport.
 
 use crate::render::Paint;
 use crate::render::attributes::Attribute;
 use serde::{Deserialize, Serialize};
 
-/// What a splat's colour shows.
+/// Quantity shown by the colour of a splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorMode {
-    /// The colour that was learned.
+    /// Learned colour.
     #[default]
     Color,
-    /// How many points the component has explained.
+    /// Number of points assigned to the component.
     Evidence,
-    /// How uncertain the component's mean still is.
+    /// Standard deviation of the component's mean.
     Uncertainty,
-    /// How well the current frame's points fit the component.
+    /// Mean ELBO of the last frame's points assigned to the component, nats.
     Elbo,
-    /// The frame that the component was born in.
+    /// Frame in which the component was created.
     Birth,
     /// Distance from the camera.
     Depth,
-    /// Direction of the shortest axis.
+    /// Direction of the splat's shortest axis.
     Normal,
 }
 
 impl ColorMode {
-    /// Every mode, in the order of the menu.
+    /// Every mode, in menu order.
     pub const ALL: [ColorMode; 7] = [
         ColorMode::Color,
         ColorMode::Evidence,
@@ -37,7 +37,7 @@ impl ColorMode {
         ColorMode::Normal,
     ];
 
-    /// As menus show it.
+    /// Label in menus.
     pub fn label(self) -> &'static str {
         match self {
             ColorMode::Color => "Colour",
@@ -50,21 +50,21 @@ impl ColorMode {
         }
     }
 
-    /// One sentence on what it shows.
+    /// One sentence of explanation.
     pub fn tooltip(self) -> &'static str {
         match self {
-            ColorMode::Color => "The colours that were learned",
-            ColorMode::Evidence => "How many points each component has explained",
-            ColorMode::Uncertainty => "How uncertain each component's position still is",
+            ColorMode::Color => "Learned colours",
+            ColorMode::Evidence => "Number of points assigned to each component",
+            ColorMode::Uncertainty => "Standard deviation of each component's position",
             ColorMode::Elbo => "How well the current frame's points fit each component",
-            ColorMode::Birth => "The frame that each component was born in",
-            ColorMode::Depth => "Distance from the camera: violet is near, yellow is far",
-            ColorMode::Normal => "Direction of each splat's shortest axis, as red, green and blue",
+            ColorMode::Birth => "Frame in which each component was created",
+            ColorMode::Depth => "Distance from the camera, from violet (near) to yellow (far)",
+            ColorMode::Normal => "Direction of each splat's shortest axis, coded as RGB",
         }
     }
 
-    /// How the renderer colours splats in this mode, with depths (world units) between `range`.
-    /// Values that only the trainer knows come as the splats' own colours.
+    /// Paint mode of the renderer, with depths (world units) mapped from `range`. Attributes known only to
+    /// the trainer are baked into the splats' stored colours.
     pub fn paint(self, range: [f32; 2]) -> Paint {
         match self {
             ColorMode::Depth => Paint::Depth(range),
@@ -77,7 +77,7 @@ impl ColorMode {
         }
     }
 
-    /// What the splats' own colours are replaced by in this mode, if so.
+    /// Component attribute that replaces the stored colours, if any.
     pub fn attribute(self) -> Option<Attribute> {
         match self {
             ColorMode::Evidence => Some(Attribute::Evidence),
@@ -88,16 +88,16 @@ impl ColorMode {
         }
     }
 
-    /// Why a scene cannot be shown in this mode, if so; `available` are the modes whose values the scene
-    /// brings with it.
+    /// Reason why the open scene cannot be shown in this mode, if any; `available` lists the attribute modes
+    /// that the scene supports.
     pub fn why_not(self, available: &[ColorMode]) -> Option<&'static str> {
         match self {
             ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,
             _ if available.contains(&self) => None,
-            ColorMode::Evidence => Some("What is open does not tell each splat's evidence"),
-            ColorMode::Uncertainty => Some("What is open does not tell each splat's uncertainty"),
-            ColorMode::Elbo => Some("What is open does not tell how well points fit each splat"),
-            ColorMode::Birth => Some("What is open does not tell when each splat was born"),
+            ColorMode::Evidence => Some("The open scene stores no evidence per splat"),
+            ColorMode::Uncertainty => Some("The open scene stores no uncertainty per splat"),
+            ColorMode::Elbo => Some("The open scene stores no ELBO per splat"),
+            ColorMode::Birth => Some("The open scene stores no birth frame per splat"),
         }
     }
 }

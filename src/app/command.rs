@@ -1,93 +1,93 @@
-//! What a user can ask for: label, tooltip and shortcut in one place, and the one table of what is
-//! legal in which state. Buttons, keys (`shortcuts.rs`) and the help list come from here.
+//! User commands: label, tooltip and shortcut of each, and the table of commands available in each state.
+//! Buttons, shortcuts (`shortcuts.rs`) and the help list are generated from it.
 
 use super::state::{RunState, Source};
 
-/// A request of the user.
+/// User command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UiCommand {
     /// Open a dataset or a model.
     Open,
-    /// Load and train the built-in demo.
+    /// Train the built-in demo scene.
     OpenDemo,
-    /// Train until paused or done.
+    /// Train until paused or finished.
     Train,
     /// Stop after the current frame.
     Pause,
     /// Train one frame.
     Step,
-    /// Take frames while they are recorded, or no longer.
+    /// Toggle training on frames as they are recorded.
     Follow,
-    /// Start over with the same dataset.
+    /// Restart training on the same dataset.
     Reset,
-    /// Write the run to a file it can go on from.
+    /// Save a checkpoint.
     Save,
-    /// Write the scene to a file.
+    /// Export the splats.
     Export,
-    /// Write the picture of the view to a file.
+    /// Save the view as an image.
     SavePicture,
-    /// Frame the whole scene.
+    /// Move the camera so that the whole scene is visible.
     FrameScene,
-    /// Back to where the scene was opened.
+    /// Return to the initial view.
     Home,
-    /// The other of the two renderers.
+    /// Switch between the two renderers.
     ToggleRenderer,
-    /// Stand at the dataset's camera before.
+    /// Move to the previous camera of the dataset.
     PreviousCamera,
-    /// Stand at the dataset's next camera.
+    /// Move to the next camera of the dataset.
     NextCamera,
-    /// The camera goes where training is, or stays.
+    /// Toggle the camera that follows the frame being trained.
     RideAlong,
-    /// Clicks measure, or select again.
+    /// Toggle the measuring tool.
     Measure,
-    /// Drags over the viewport select splats, or turn the camera again.
+    /// Toggle box selection by dragging.
     BoxSelect,
-    /// Show what is selected no more.
+    /// Hide the selected splats.
     HideSelected,
-    /// Show what was hidden.
+    /// Show all hidden splats.
     ShowHidden,
-    /// Leave what is selected out of view and files.
+    /// Exclude the selected splats from view and exports.
     DeleteSelected,
-    /// Leave nothing out that was deleted.
+    /// Restore all deleted splats.
     BringBack,
-    /// Cut the scene by a box, or no longer.
+    /// Toggle the crop box.
     CropBox,
-    /// Make the edit again that was taken back last.
+    /// Redo the last undone edit.
     Redo,
-    /// Take the last edit back.
+    /// Undo the last edit.
     Undo,
-    /// Show the dataset's cameras, or hide them.
+    /// Toggle the dataset's cameras.
     Cameras,
-    /// Show the points of the current frame, or hide them.
+    /// Toggle the points of the current frame.
     Points,
-    /// Show ground and axes, or hide them.
+    /// Toggle ground grid and axes.
     Grid,
-    /// Show the strip of frames, or fold it away.
+    /// Toggle the frame strip.
     FrameStrip,
-    /// Panels and strip back to where they were at first.
+    /// Restore the default layout of panels and frame strip.
     ResetLayout,
-    /// Compare with the photograph, or stop doing so.
+    /// Toggle the comparison with the photograph.
     ComparePhoto,
-    /// Choose a second model to compare with.
+    /// Open a second model to compare with.
     CompareModel,
-    /// Compare with no second model any more.
+    /// Close the second model.
     RemoveModel,
-    /// Select no splat any more.
+    /// Clear the selection.
     Deselect,
-    /// The command that trains likewise without a window, to the clipboard.
+    /// Copy the equivalent `train` command line to the clipboard.
     CopyCommandLine,
-    /// Find an action by its name.
+    /// Open the action finder.
     Find,
-    /// The keyboard to the controls, or back to the view.
+    /// Move the keyboard focus to the controls, or back to the view.
     FocusControls,
-    /// List of all shortcuts.
+    /// Toggle the list of shortcuts.
     Help,
     /// Close the window.
     Quit,
 }
 
 impl UiCommand {
-    /// Every command, in the order help shows them.
+    /// Every command, in the order of the help list.
     pub const ALL: [UiCommand; 39] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
@@ -112,7 +112,7 @@ impl UiCommand {
         UiCommand::DeleteSelected,
         UiCommand::BringBack,
         UiCommand::CropBox,
-        // Before `Undo`, whose keys are held too where its own are.
+        // Before `Undo`: its shortcut also matches while the additional modifier of Redo is held.
         UiCommand::Redo,
         UiCommand::Undo,
         UiCommand::Cameras,
@@ -149,13 +149,13 @@ impl UiCommand {
             UiCommand::ToggleRenderer => "Projected/exact",
             UiCommand::PreviousCamera => "‹",
             UiCommand::NextCamera => "›",
-            UiCommand::RideAlong => "Ride along",
+            UiCommand::RideAlong => "Auto camera",
             UiCommand::Measure => "Measure",
             UiCommand::BoxSelect => "Box select",
             UiCommand::HideSelected => "Hide",
             UiCommand::ShowHidden => "Show hidden",
             UiCommand::DeleteSelected => "Delete",
-            UiCommand::BringBack => "Bring back",
+            UiCommand::BringBack => "Restore deleted",
             UiCommand::CropBox => "Crop box",
             UiCommand::Redo => "Redo",
             UiCommand::Undo => "Undo",
@@ -170,13 +170,13 @@ impl UiCommand {
             UiCommand::Deselect => "Deselect",
             UiCommand::CopyCommandLine => "Copy as command line",
             UiCommand::Find => "Find action…",
-            UiCommand::FocusControls => "Controls by keyboard",
+            UiCommand::FocusControls => "Focus controls",
             UiCommand::Help => "Shortcuts",
             UiCommand::Quit => "Quit",
         }
     }
 
-    /// Its name where it stands alone, beside no other button.
+    /// Name out of context, where no neighbouring button explains it.
     pub fn name(self) -> &'static str {
         match self {
             UiCommand::PreviousCamera => "Previous camera",
@@ -184,74 +184,74 @@ impl UiCommand {
             UiCommand::HideSelected => "Hide selected splats",
             UiCommand::ShowHidden => "Show hidden splats",
             UiCommand::DeleteSelected => "Delete selected splats",
-            UiCommand::BringBack => "Bring deleted splats back",
-            UiCommand::Points => "Points of the frame",
+            UiCommand::BringBack => "Restore deleted splats",
+            UiCommand::Points => "Points of the current frame",
             UiCommand::Redo => "Redo edit",
             UiCommand::Undo => "Undo edit",
             other => other.label().trim_end_matches('…'),
         }
     }
 
-    /// One sentence on what it does.
+    /// One sentence of explanation.
     pub fn tooltip(self) -> &'static str {
         match self {
-            UiCommand::Open => "Open a dataset folder, a checkpoint or a file of splats",
+            UiCommand::Open => "Open a dataset folder, a checkpoint or a splat file",
             UiCommand::OpenDemo => "Train the built-in synthetic scene",
-            UiCommand::Train => "Train frame by frame until the frames end",
+            UiCommand::Train => "Train on all remaining frames",
             UiCommand::Pause => "Stop after the current frame",
-            UiCommand::Step => "Train exactly one frame",
-            UiCommand::Follow => "Take frames as they are recorded, also of what is opened next",
-            UiCommand::Reset => "Forget the scene and start over with what was opened",
-            UiCommand::Save => "Write a checkpoint that training can go on from",
-            UiCommand::Export => "Write the scene as a file of splats",
-            UiCommand::SavePicture => "Write the view as a PNG picture beside what is open",
-            UiCommand::FrameScene => "Move the camera so that the whole scene is seen",
-            UiCommand::Home => "Go back to the view the scene was opened with",
+            UiCommand::Step => "Train on exactly one frame",
+            UiCommand::Follow => "Train on new frames while a recording is still running",
+            UiCommand::Reset => "Discard the trained scene and start over with the same dataset",
+            UiCommand::Save => "Save a checkpoint from which training can resume",
+            UiCommand::Export => "Export the scene as a splat file",
+            UiCommand::SavePicture => "Save the view as a PNG next to the open file or folder",
+            UiCommand::FrameScene => "Move the camera so that the whole scene is visible",
+            UiCommand::Home => "Return to the initial view of the scene",
             UiCommand::ToggleRenderer => "Switch between the projected and the exact renderer",
-            UiCommand::PreviousCamera => "Stand where the dataset's camera before stood",
-            UiCommand::NextCamera => "Stand where the dataset's next camera stood",
+            UiCommand::PreviousCamera => "Move to the previous camera of the dataset",
+            UiCommand::NextCamera => "Move to the next camera of the dataset",
             UiCommand::RideAlong => {
-                "Look where the frame in training looks, until you move the camera"
+                "The camera follows the frame being trained until you move the camera"
             }
-            UiCommand::Measure => "Measure between two clicked places",
+            UiCommand::Measure => "Measure the distance between two clicked points",
             UiCommand::BoxSelect => {
-                "Select splats by dragging over the picture, those behind others too; Shift adds, Ctrl takes away"
+                "Drag a box to select splats, including occluded ones; Shift adds, Ctrl removes"
             }
             UiCommand::HideSelected => {
-                "Show the selected splats no more; files get them all the same"
+                "Hide the selected splats in the viewport; exports still include them"
             }
-            UiCommand::ShowHidden => "Show all splats again that were hidden",
+            UiCommand::ShowHidden => "Show all hidden splats again",
             UiCommand::DeleteSelected => {
-                "Leave the selected splats out of view and exports; the model and its checkpoints keep them"
+                "Exclude the selected splats from view and exports; the model and its checkpoints are unchanged"
             }
-            UiCommand::BringBack => "Show and export all splats again that were deleted",
+            UiCommand::BringBack => "Show and export all deleted splats again",
             UiCommand::CropBox => {
-                "Leave out what is outside a box: around what is selected, else around everything; or no longer"
+                "Crop the scene to a box around the selection, or around everything; again removes the box"
             }
-            UiCommand::Redo => "Make the edit again that was taken back last",
-            UiCommand::Undo => "Take the last selection, hiding, deleting or cropping back",
-            UiCommand::Cameras => "Show where the photographs were taken, or hide it",
-            UiCommand::Points => "Show what the current frame measured, in its colours, or hide it",
-            UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
-            UiCommand::FrameStrip => "Show the frames below the picture, or fold them away",
-            UiCommand::ResetLayout => "Put panels and frame strip back where they were at first",
-            UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
+            UiCommand::Redo => "Redo the last undone edit",
+            UiCommand::Undo => "Undo the last selection, hiding, deletion or crop",
+            UiCommand::Cameras => "Show or hide the cameras of the dataset",
+            UiCommand::Points => "Show or hide the measured points of the current frame",
+            UiCommand::Grid => "Show or hide the ground grid and the axes",
+            UiCommand::FrameStrip => "Show or hide the frames below the viewport",
+            UiCommand::ResetLayout => "Restore the default layout of panels and frame strip",
+            UiCommand::ComparePhoto => "Compare with the photograph of a dataset camera, or stop",
             UiCommand::CompareModel => {
-                "Open a checkpoint or a file of splats beside the scene, to wipe between the two"
+                "Open a second checkpoint or splat file and compare it with the scene by a wipe"
             }
-            UiCommand::RemoveModel => "Compare with the second model no longer",
-            UiCommand::Deselect => "Select no splat any more; a click on a splat selects it",
+            UiCommand::RemoveModel => "Close the second model",
+            UiCommand::Deselect => "Clear the selection; click a splat to select it",
             UiCommand::CopyCommandLine => {
-                "Copy the command that trains what is open by these settings without a window"
+                "Copy the command that trains this dataset with these settings without a window"
             }
-            UiCommand::Find => "Find every action by some letters of its name",
-            UiCommand::FocusControls => "Go to the controls (Tab leads on), or back to the view",
+            UiCommand::Find => "Find any action by typing part of its name",
+            UiCommand::FocusControls => "Focus the controls (Tab for the next), or the view",
             UiCommand::Help => "Show all keyboard and mouse shortcuts",
-            UiCommand::Quit => "Close the window; training that is in no file is asked about",
+            UiCommand::Quit => "Close the window; unsaved training must be confirmed",
         }
     }
 
-    /// Whether the command makes sense now: the one table of states and commands.
+    /// True if the command is available in this state. This is the only table of states and commands.
     pub fn is_legal(self, state: RunState, source: Source) -> bool {
         use RunState::{Empty, Failed, Finished, Loading, Paused, Ready, Training, Waiting};
         let dataset = source == Source::Dataset;
@@ -260,7 +260,7 @@ impl UiCommand {
             UiCommand::Train => dataset && matches!(state, Ready | Paused),
             UiCommand::Pause => state == Training,
             UiCommand::Step => dataset && matches!(state, Ready | Paused),
-            // Not in `Ready`: nothing is trained yet that could be forgotten or saved.
+            // Not in `Ready`: nothing is trained yet that could be reset or saved.
             UiCommand::Reset | UiCommand::Save => {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
@@ -277,13 +277,13 @@ impl UiCommand {
             of_view => match of_view.view_source() {
                 Some(Source::Dataset) => dataset,
                 Some(_) => source != Source::Nothing,
-                // One that stands nowhere is legal nowhere, which the test below finds.
+                // A command missing from both tables is never available, which the test below detects.
                 None => false,
             },
         }
     }
 
-    /// What the view has to show for the command, if it is one of the view's: a dataset, or any model.
+    /// Kind of content that a view command needs, a dataset or any model; `None` for other commands.
     fn view_source(self) -> Option<Source> {
         match self {
             UiCommand::PreviousCamera
@@ -310,29 +310,29 @@ impl UiCommand {
         }
     }
 
-    /// Whether it is the view alone that does it.
+    /// True if the view alone executes the command.
     pub fn is_of_view(self) -> bool {
         self.view_source().is_some()
     }
 
-    /// Why the command makes no sense now, if so.
+    /// Reason why the command is unavailable, if any.
     pub fn why_not(self, state: RunState, source: Source) -> Option<&'static str> {
         if self.is_legal(state, source) {
             return None;
         }
         let is_for = |source| RunState::ALL.iter().any(|&state| self.is_legal(state, source));
         Some(match (state, source) {
-            (RunState::Loading, _) => "Something is being opened",
-            (RunState::Waiting, _) => "The recording that is followed holds no whole frame yet",
+            (RunState::Loading, _) => "A file or folder is being opened",
+            (RunState::Waiting, _) => "The followed recording has no complete frame yet",
             (_, Source::Nothing) => "Nothing is open",
             (_, Source::Model) if !is_for(Source::Model) => {
-                "What is open is a model without frames: open a dataset or a checkpoint of one"
+                "The open model has no frames: open a dataset, or a checkpoint of one"
             }
-            (RunState::Empty | RunState::Ready, _) => "Nothing is trained yet",
-            (RunState::Training, _) => "Frames are being trained: pause first",
-            (RunState::Paused, _) => "Training rests",
-            (RunState::Finished, _) => "Every frame is trained",
-            (RunState::Failed, _) => "Training has failed: reset starts over",
+            (RunState::Empty | RunState::Ready, _) => "No frame is trained yet",
+            (RunState::Training, _) => "Training is running: pause it first",
+            (RunState::Paused, _) => "Training is paused",
+            (RunState::Finished, _) => "All frames are trained",
+            (RunState::Failed, _) => "Training has failed: use Reset to start over",
         })
     }
 }
@@ -355,7 +355,7 @@ mod tests {
             let somewhere = RunState::ALL.iter().any(|&s| command.is_legal(s, Source::Dataset));
             assert!(somewhere, "{command:?} has no row in the table");
             let alone = command.is_legal(RunState::Finished, Source::Nothing);
-            assert!(!(command.is_of_view() && alone), "{command:?} of no view");
+            assert!(!(command.is_of_view() && alone), "{command:?} is available without a view");
         }
         assert!(!UiCommand::Train.is_legal(RunState::Finished, Source::Dataset));
         assert!(!UiCommand::Reset.is_legal(RunState::Finished, Source::Model));

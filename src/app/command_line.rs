@@ -1,4 +1,4 @@
-//! The command that trains what is open as the window would, for scripts and other machines.
+//! Command line that reproduces the window's run, for scripts and other machines.
 
 use super::state::{GivenCalibration, Opened};
 use super::training::TrainSettings;
@@ -6,26 +6,27 @@ use crate::train::setting::Preset;
 use crate::train::setting::table::{SettingLayer, Spelling};
 use std::path::{Path, PathBuf, absolute};
 
-/// Why there is no such command.
+/// Reason why no equivalent command exists.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoCommandLine {
-    /// Nothing on disk is open.
-    #[error("the built-in scene lies in no folder that a command could name: open a dataset first")]
+    /// The built-in scene, which is not on disk.
+    #[error("the built-in scene has no folder that a command could name: open a dataset first")]
     BuiltIn,
-    /// A path that no text can say.
-    #[error("{0}: expected a path in UTF-8, so that a command can name it; rename it first")]
+    /// A path that is not UTF-8.
+    #[error("{0}: expected a path in UTF-8 for use in a command; rename it first")]
     Path(PathBuf),
-    /// The cameras are corrected, but it is not known by which file.
+    /// The calibration in use has no file.
     #[error(
-        "the cameras are corrected by a calibration that came with a run, not from a file that a command could name: open its file here first"
+        "the calibration in use came with a run, not from a file that a command could name: open its calibration file here first"
     )]
     Calibration,
 }
 
-/// The command, quoted for the shell of this platform. It writes to a folder beside what is open.
+/// Returns the `train` command, quoted for this platform's shell. Its output folder lies next to the open
+/// dataset.
 ///
 /// # Errors
-/// [`NoCommandLine`] where no command would do the same.
+/// [`NoCommandLine`] if no command reproduces the run.
 pub fn command_line(
     opened: &Opened,
     training: &TrainSettings,
@@ -36,7 +37,7 @@ pub fn command_line(
     let mut words = vec!["vbgs-studio".to_owned(), "train".to_owned(), path(folder)?];
     words.extend(["--out".to_owned(), path(&opened.files.path("run"))?]);
     match &opened.path {
-        // A checkpoint brings its own settings.
+        // A checkpoint stores its own settings.
         Some(run) if run != folder => words.extend(["--resume".to_owned(), path(run)?]),
         _ => {
             words.extend(settings(training));
@@ -63,7 +64,7 @@ fn settings(training: &TrainSettings) -> Vec<String> {
     words(&training.scene)
 }
 
-/// What is given of a preset's settings.
+/// Options of the settings that differ from the preset.
 fn words<L: SettingLayer>(layer: &L) -> Vec<String> {
     let given = L::TABLE.iter().filter_map(|setting| {
         let value = (setting.given)(layer)?;
@@ -79,20 +80,20 @@ fn words<L: SettingLayer>(layer: &L) -> Vec<String> {
     given.flatten().collect()
 }
 
-/// From the root, since a shell may stand elsewhere than this window does.
+/// Absolute path, since the shell's current folder may differ from the window's.
 fn path(path: &Path) -> Result<String, NoCommandLine> {
     let full = absolute(path).unwrap_or_else(|_| path.to_owned());
     full.to_str().map(str::to_owned).ok_or(NoCommandLine::Path(full))
 }
 
-/// A word as the shell takes it for one.
+/// Quotes a word for the shell if necessary.
 fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%\\".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) && (cfg!(windows) || !word.contains('\\')) {
         return word.to_owned();
     }
     if cfg!(windows) {
-        // Names of files hold no quotes there.
+        // File names contain no quotes on Windows.
         format!("\"{word}\"")
     } else {
         format!("'{}'", word.replace('\'', r"'\''"))
@@ -126,7 +127,7 @@ mod tests {
     #[test]
     fn settings_are_said_as_the_command_line_says_them() {
         let mut training = TrainSettings::default();
-        assert!(settings(&training).is_empty(), "defaults need no words");
+        assert!(settings(&training).is_empty(), "defaults need no options");
         training.scene = SceneOverrides {
             scale: Some(StructuralScale::Pixels(1.5)),
             births: Some(BirthRule::BodyCentred),

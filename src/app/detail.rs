@@ -1,7 +1,7 @@
-//! How fine a scene is trained, and what a finer or coarser run would be.
+//! Level of detail of a run (structural scale), and forecasts for finer or coarser runs.
 //!
-//! The structural scale is a number of pixels or world units; it becomes a length, below which depth
-//! noise hides what a finer scene could show (`scene.md`, Settings by sensor).
+//! The structural scale is given in pixels or world units and converted to a length. Depth noise bounds
+//! that length from below, since it hides finer detail (`scene.md`, Settings by sensor).
 
 use super::state::{Opened, Snapshot};
 use crate::dataset::surface::sample::FrameSample;
@@ -10,35 +10,34 @@ use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::SceneConfig;
 use crate::train::scene::units::StructuralScale;
 
-/// Share of a frame's time that goes with the number of components; the rest goes with its points. Twice
-/// as many components took 7.6 instead of 6.8 ms a frame of Lego.
+/// Share of the time per frame that is proportional to the number of components; the rest is proportional
+/// to the points. Measured on Lego: twice the components took 7.6 instead of 6.8 ms a frame.
 const COMPONENT_SHARE: f64 = 0.2;
-/// Coarsest structural scale that the slider reaches, pixels.
+/// Coarsest structural scale of the slider, pixels.
 pub const COARSEST_PX: f64 = 20.0;
-/// Finest structural scale that the slider reaches where noise allows it, pixels.
+/// Finest structural scale of the slider, pixels; noise may limit it further.
 pub const FINEST_PX: f64 = 0.5;
 
-/// What a run would be that is otherwise like the one that is open.
+/// Forecast for a run that differs only in its structural scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DetailForecast {
-    /// Components after as many frames.
+    /// Components after the same number of frames.
     pub components: f64,
-    /// Bytes of the model.
     pub model_bytes: f64,
-    /// Milliseconds of training a frame.
+    /// Training time per frame, milliseconds.
     pub frame_ms: f64,
 }
 
-/// A structural scale as the trainer takes it.
+/// Structural scale after the noise limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveScale {
     /// World units.
     pub length: f64,
-    /// Whether noise holds it above what was asked for.
+    /// True if noise limits the scale to more than was requested.
     pub is_held: bool,
 }
 
-/// The length of a structural scale by these settings, on a dataset whose frames look so.
+/// Converts a structural scale to a length for frames with the statistics of `sample`.
 pub fn effective(
     engine: &SceneConfig,
     scale: StructuralScale,
@@ -52,14 +51,14 @@ pub fn effective(
     EffectiveScale { length: asked.max(least), is_held: asked < least }
 }
 
-/// The settings of a run that other ones can follow: a dataset trained by the scene preset. A
-/// checkpoint brings its own settings, so that beginning anew would bring them back.
+/// Settings of the open run if another run can follow it: a dataset trained by the scene preset. `None` for
+/// a checkpoint, whose own settings would return on a restart.
 pub fn trained_by(opened: &Opened) -> Option<&SceneRun> {
     let dataset = opened.dataset.as_ref()?;
     opened.scene().filter(|_| dataset.path == opened.path)
 }
 
-/// What a run of another structural scale, world units, would be; `None` before the first frame.
+/// Forecasts a run with another structural scale (world units); `None` before the first frame.
 pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     let run = snapshot.opened.as_deref()?.scene()?;
     let mut ms: Vec<f64> = snapshot.recent.iter().map(|frame| frame.ms.stages.train).collect();
@@ -68,7 +67,7 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     }
     ms.sort_by(f64::total_cmp);
     let used = snapshot.used as f64;
-    // Components cover surfaces: their number goes with the square.
+    // Components cover surfaces, so their number is inversely proportional to the squared scale.
     let components = (used * (run.engine.h / length).powi(2)).min(run.engine.max_components as f64);
     let factor = components / used;
     Some(DetailForecast {
@@ -78,9 +77,9 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     })
 }
 
-/// The structural scale of components twice as many; `None` where noise hides what they would show.
+/// Structural scale that doubles the components; `None` if noise hides the finer detail.
 pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
-    /// Their number goes with the square.
+    /// The number of components is inversely proportional to the squared scale.
     const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let run = trained_by(snapshot.opened.as_deref()?)?;
     let in_world = StructuralScale::World(FINER * run.engine.h);
@@ -92,7 +91,7 @@ pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
         {
             Some(StructuralScale::Pixels(FINER * n))
         }
-        // Where pixels are narrower than noise, world units still go to half of it.
+        // If pixels are narrower than the noise, a scale in world units may still be half the noise.
         (_, Some(sample)) => Some(in_world).filter(|&scale| is_shown(scale, sample)),
         (StructuralScale::World(_), None) => Some(in_world),
     }

@@ -1,32 +1,30 @@
-//! The window's graphics device: what it is, what else there is, and whether it is still there.
+//! The window's graphics device: its adapter, alternatives, and loss detection.
 
 use super::viewport;
 use crate::render::gpu::adapters::AdapterFacts;
 use crate::render::gpu::faults::GpuFaults;
 use eframe::egui_wgpu::RenderState;
 
-/// The window's device, watched from the start.
 pub struct WindowDevice {
-    /// eframe's.
     pub state: RenderState,
-    /// What went wrong after the fact.
+    /// Asynchronous errors and device loss.
     pub faults: GpuFaults,
-    /// Everything that could draw the window.
+    /// Adapters that can draw the window.
     pub there: Vec<AdapterFacts>,
-    /// What does.
+    /// Adapter in use.
     pub adapter: AdapterFacts,
 }
 
 impl WindowDevice {
-    /// Listens to eframe's device.
+    /// Installs the error handlers on eframe's device.
     pub fn new(state: &RenderState) -> Self {
         let (there, adapter) = viewport::adapters(state);
         Self { state: state.clone(), faults: viewport::watch(state), there, adapter }
     }
 
-    /// Whether it is gone, and everything on it.
+    /// True if the device and all its resources are lost.
     pub fn is_lost(&self) -> bool {
-        // Word of a loss comes with a poll or a submission, and a window at rest submits nothing.
+        // A loss is reported only by a poll or a submission, and an idle window submits nothing.
         viewport::poll(&self.state);
         self.faults.is_lost()
     }

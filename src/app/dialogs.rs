@@ -1,22 +1,17 @@
-//! Questions about unsaved training, and the list of shortcuts.
+//! Confirmation dialogs for unsaved training, and the list of shortcuts.
 
 use super::command::UiCommand;
 use eframe::egui::{Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, Window};
 
-/// What the user decided about unsaved training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
-    /// Forget the scene.
     Discard,
-    /// Save the run first.
     Save,
-    /// Export the scene first.
     Export,
-    /// Do nothing.
     Cancel,
 }
 
-/// Asks whether `n_frames` of training may be forgotten.
+/// Confirms that `n_frames` of unsaved training may be discarded; `None` until the user decides.
 pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     let mut decision = None;
     let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
@@ -42,8 +37,8 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     decision
 }
 
-/// Shown while a file is written on which something waits, with the share of an export that is
-/// written; whether the user no longer wants that.
+/// Shows a progress dialog while an action waits for a file; `exported` is the share of an export already
+/// written. Returns true if the user cancels.
 pub fn wait_for_file(ui: &Ui, exported: Option<f32>) -> bool {
     let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
         ui.horizontal(|ui| {
@@ -54,38 +49,37 @@ pub fn wait_for_file(ui: &Ui, exported: Option<f32>) -> bool {
         if let Some(share) = exported {
             ui.add(ProgressBar::new(share).show_percentage());
         }
-        // A checkpoint takes less time than a click.
+        // Saving a checkpoint is faster than a click, so it cannot be cancelled.
         let meaning = match exported {
-            Some(_) => "No file is written, and nothing else is done",
-            None => "The file is written all the same",
+            Some(_) => "Stops the export; the pending action is cancelled too",
+            None => "The file is still written; the pending action is cancelled",
         };
         ui.button("Cancel").on_hover_text(meaning).clicked()
     });
     response.inner || response.should_close()
 }
 
-/// Actions of mouse and keyboard that are no commands, for the help window.
+/// Mouse and keyboard actions that are not commands.
 const MOUSE: [(&str, &str); 8] = [
     ("Left drag", "Orbit"),
     ("Right or middle drag", "Pan"),
     ("Wheel, pinch", "Dolly"),
-    ("Double click", "Turn about this place of the surface"),
-    ("W A S D, Q E", "Fly, down and up; Shift ten times faster, Ctrl ten times slower"),
-    ("Drag a divider", "Wipe from one picture to the other"),
-    ("Shift+Tab", "Go to the controls, where Tab leads on and Escape back to the view"),
-    ("Drop a folder or file", "Open it, or calibrate what is open by it"),
+    ("Double click", "Orbit about this point of the surface"),
+    ("W A S D, Q E", "Fly; Q and E: down and up. Shift: 10× faster, Ctrl: 10× slower"),
+    ("Drag a divider", "Wipe between the two pictures"),
+    ("Shift+Tab", "Focus the controls; Tab for the next, Escape back to the view"),
+    ("Drop a folder or file", "Open it, or apply a calibration to the open dataset"),
 ];
 
-/// Room that the title of the list of shortcuts takes, and some around it, points.
+/// Height of the help window's title bar and margins, points.
 const HELP_FRAME: f32 = 60.0;
 
-/// The list of shortcuts.
 pub fn help(ui: &Ui, is_open: &mut bool) {
     let room = ui.ctx().viewport_rect().height() - HELP_FRAME;
     Window::new("Shortcuts").open(is_open).collapsible(false).resizable(false).show(
         ui.ctx(),
         |ui| {
-            // All of the list where the window has room for it.
+            // The list uses the whole height of the window if it needs to.
             let list = ScrollArea::vertical().max_height(room).min_scrolled_height(room);
             list.show(ui, shortcuts);
         },

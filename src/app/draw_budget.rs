@@ -1,45 +1,43 @@
-//! What drawing may take of the cores while frames are trained, where no GPU draws.
+//! Limits the CPU time for drawing during training when no GPU draws.
 //!
-//! A pass of the window costs what the threads that draw worked from its beginning to the next one's: egui,
-//! the driver that draws the window on the cores, and the picture of the scene. From the mean of the latest
-//! passes follows how long passes must be apart for drawing to stay within its share, and how large the
-//! picture may be.
+//! The cost of a pass is the CPU time of all drawing threads until the next pass: egui, the software driver
+//! of the window, and the renderer of the scene. The mean of recent passes determines the interval between
+//! passes that keeps drawing within its share, and the size of the picture.
 
 use super::thread_times::ThreadTimes;
 use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
-/// Shares of all cores that can be chosen.
+/// Shares of all cores that the user can choose.
 pub const SHARES: RangeInclusive<f32> = 0.05..=0.5;
-/// Share unless another is chosen.
 pub const DEFAULT_SHARE: f32 = 0.2;
-/// Sizes of pictures beside training, of the viewport's in each direction.
+/// Resolution range during training, as a fraction of the viewport's width and height.
 const SCALES: RangeInclusive<f64> = 0.25..=0.5;
-/// Pictures a second that a moving camera should have; their size gives way to that.
+/// Target rate of pictures while the camera moves, per second. The resolution is reduced to reach it.
 const WANTED_PER_S: f64 = 10.0;
-/// Weight of the newest pass in the mean.
+/// Weight of the newest pass in the running mean.
 const NEWEST: f64 = 0.2;
-/// Least that a pass counts as, s of a core: the display server and the driver's queue work for it too, which
-/// nothing here sees, and more than a dozen pictures a second of two cores are not worth training's time.
+/// Least cost assumed for a pass, core seconds. It covers work not measured here (display server, driver
+/// queue) and limits two cores to about a dozen pictures a second, so that training keeps its time.
 const LEAST_PASS_S: f64 = 0.036;
-/// Longest pause before a pass of a moving camera: longer ones would be felt in every control, so beyond
-/// it a budget is exceeded.
+/// Longest pause before a pass while the camera moves. Longer pauses would make every control sluggish, so
+/// beyond it the budget is exceeded instead.
 const LONGEST_PAUSE: Duration = Duration::from_millis(200);
 
-/// What a pass and a picture cost, and what follows.
+/// Measured cost of passes and pictures, with the resulting interval and resolution.
 #[derive(Debug)]
 pub struct DrawBudget {
-    /// Share of all cores, a setting.
+    /// Share of all cores allowed for drawing (a setting).
     pub share: f32,
     cores: f64,
     times: ThreadTimes,
-    /// When the last pass began, and what had been worked then.
+    /// Start of the last pass, and the drawing threads' CPU time at that moment.
     last: Option<(Instant, Option<Duration>)>,
-    /// Mean work of a pass, s of a core.
+    /// Running mean of the cost of a pass, core seconds.
     pass_s: f64,
-    /// Mean work of a picture of a moving camera, at the scale of now, s of a core.
+    /// Running mean of the cost of a picture at the current scale while the camera moves, core seconds.
     picture_s: f64,
-    /// Mean time between passes, s.
+    /// Running mean of the time between passes, seconds.
     apart_s: f64,
     scale: f64,
 }
@@ -61,12 +59,12 @@ impl Default for DrawBudget {
 }
 
 impl DrawBudget {
-    /// Notes that a pass begins after a pause.
+    /// Records the start of a pass that begins after `pause`.
     pub fn begin_pass(&mut self, pause: Duration) {
         let (now, worked) = (Instant::now() + pause, self.times.drawing());
         if let Some((before, worked_before)) = self.last.replace((now, worked)) {
             let apart = now - before;
-            // Where the system does not tell, the pictures alone are known.
+            // If the system reports no thread times, only the cost of the pictures is known.
             let work = worked.zip(worked_before).map(|(now, before)| now.saturating_sub(before));
             let work_s = work.map_or(self.picture_s, |work| work.as_secs_f64());
             mean(&mut self.pass_s, work_s);
@@ -74,46 +72,46 @@ impl DrawBudget {
         }
     }
 
-    /// Notes what a picture of a scale has taken of one core.
+    /// Records the CPU time of a picture at `scale`; adapts the scale.
     pub fn note_picture(&mut self, ms: f64, scale: f64) {
         mean(&mut self.picture_s, 1e-3 * ms * (self.scale / scale).powi(2));
-        // Half of what there is for a pass is the window's. Pixels grow with the square of the scale.
+        // Half of the budget belongs to the window. The cost of a picture grows with the squared scale.
         let wanted_s = 0.5 * self.allowed() / WANTED_PER_S;
         let fitting = self.scale * (wanted_s / self.picture_s.max(1e-6)).sqrt();
         let fitting = fitting.clamp(*SCALES.start(), *SCALES.end());
-        // Small changes would be seen as flicker.
+        // Small changes of the resolution would be visible as flicker.
         if (fitting / self.scale - 1.0).abs() > 0.2 || fitting == *SCALES.end() {
             self.picture_s *= (fitting / self.scale).powi(2);
             self.scale = fitting;
         }
     }
 
-    /// Scale of a picture beside training, of the viewport's size in each direction: the largest for a
-    /// camera that rests, of which pictures come seldom.
+    /// Resolution of a picture during training, as a fraction of the viewport's. A camera at rest gets the
+    /// largest, since its pictures are rare.
     pub fn scale(&self, moving: bool) -> f64 {
         if moving { self.scale } else { *SCALES.end() }
     }
 
-    /// How long passes must be apart for drawing to stay within its share.
+    /// Interval between passes that keeps drawing within its share.
     pub fn interval(&self) -> Duration {
         if self.pass_s == 0.0 {
-            return Duration::ZERO; // nothing is known yet
+            return Duration::ZERO; // nothing is measured yet
         }
         Duration::from_secs_f64((self.pass_s.max(LEAST_PASS_S) / self.allowed()).min(10.0))
     }
 
-    /// What to wait before a pass for a camera that moves.
+    /// Time to wait before the next pass while the camera moves.
     pub fn pause(&self) -> Duration {
         let since = self.last.map_or(Duration::MAX, |(begun, _)| begun.elapsed());
         self.interval().min(LONGEST_PAUSE).saturating_sub(since)
     }
 
-    /// The share of all cores that drawing took of late.
+    /// Share of all cores recently used for drawing.
     pub fn taken(&self) -> f64 {
         if self.apart_s > 0.0 { self.pass_s / self.apart_s / self.cores } else { 0.0 }
     }
 
-    /// Cores that drawing may keep busy.
+    /// Number of cores allowed for drawing.
     fn allowed(&self) -> f64 {
         f64::from(self.share.clamp(*SHARES.start(), *SHARES.end())) * self.cores
     }
@@ -134,14 +132,14 @@ mod tests {
     #[test]
     fn passes_are_as_far_apart_as_their_work_asks_for() {
         let mut budget = budget(0.25);
-        assert_eq!(budget.interval(), Duration::ZERO, "nothing is known yet");
+        assert_eq!(budget.interval(), Duration::ZERO, "nothing is measured yet");
         (budget.pass_s, budget.apart_s) = (0.05, 0.25);
         assert_eq!(budget.interval(), Duration::from_millis(100));
         assert!((budget.taken() - 0.1).abs() < 1e-9);
         budget.share = 0.5;
         assert_eq!(budget.interval(), Duration::from_millis(50));
         budget.pass_s = 0.001;
-        assert_eq!(budget.interval(), Duration::from_millis(36), "as if it took more");
+        assert_eq!(budget.interval(), Duration::from_millis(36), "the least cost applies");
         budget.share = f32::NAN;
         assert!(budget.interval() <= Duration::from_secs(10));
     }
@@ -159,7 +157,7 @@ mod tests {
         assert_eq!(draw(&mut budget, 40.0), 0.5);
         let small = draw(&mut budget, 200.0);
         assert!((0.25..0.4).contains(&small), "{small}");
-        assert_eq!(draw(&mut budget, 5000.0), 0.25, "never too small to see anything");
+        assert_eq!(draw(&mut budget, 5000.0), 0.25, "the smallest scale applies");
         assert_eq!(draw(&mut budget, 10.0), 0.5);
     }
 }

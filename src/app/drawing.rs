@@ -1,35 +1,35 @@
-//! What drawing the viewport takes: the latest pictures, stage by stage.
+//! Timings of recent viewport pictures, stage by stage.
 
 use std::collections::VecDeque;
 
-/// Who draws the scene.
+/// Renderer of the viewport.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Drawer {
-    /// The CPU renderer.
+    /// CPU renderer.
     Cpu,
-    /// The GPU, which can time its passes.
+    /// GPU with timestamp queries.
     Gpu,
-    /// A GPU that cannot.
+    /// GPU without timestamp queries.
     UntimedGpu,
 }
 
-/// Stages of a picture, in the order they happen.
+/// Stages of a picture, in order of execution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawStage {
-    /// The whole picture on the CPU.
+    /// Whole picture on the CPU.
     Picture,
-    /// The order of the splats, found on a thread of the CPU.
+    /// Depth sort on a CPU thread.
     Order,
-    /// Records of the splats on the GPU.
+    /// Projection of the splats on the GPU.
     Preprocess,
-    /// Their order on the GPU.
+    /// Depth sort on the GPU.
     Sort,
-    /// Their pixels on the GPU.
+    /// Rasterisation on the GPU.
     Draw,
 }
 
 impl DrawStage {
-    /// Every stage.
+    /// Every stage, in order.
     pub const ALL: [DrawStage; 5] = [
         DrawStage::Picture,
         DrawStage::Order,
@@ -38,7 +38,7 @@ impl DrawStage {
         DrawStage::Draw,
     ];
 
-    /// As the panel shows it.
+    /// Label in the panel.
     pub fn label(self) -> &'static str {
         match self {
             DrawStage::Picture => "Picture (CPU)",
@@ -50,26 +50,26 @@ impl DrawStage {
     }
 }
 
-/// One picture.
+/// Timings of one picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawSample {
     ms: [Option<f64>; DrawStage::ALL.len()],
-    /// Bytes of splats sent to the GPU for it.
+    /// Splat data uploaded to the GPU for this picture, bytes.
     pub uploaded_bytes: u64,
 }
 
 impl DrawSample {
-    /// A picture for which so many bytes of splats were sent to the GPU; nothing measured yet.
+    /// Creates a record without timings for a picture that uploaded this many bytes.
     pub fn new(uploaded_bytes: u64) -> Self {
         Self { uploaded_bytes, ..Self::default() }
     }
 
-    /// Milliseconds of a stage, where it happened and could be measured.
+    /// Time of a stage in milliseconds; `None` if it did not run or cannot be measured.
     pub fn ms(&self, stage: DrawStage) -> Option<f64> {
         self.ms[stage as usize]
     }
 
-    /// Notes what a stage took; two pictures side by side take what both take together.
+    /// Adds to the time of a stage; two pictures side by side are summed.
     pub fn add(&mut self, stage: DrawStage, ms: Option<f64>) {
         if let Some(ms) = ms {
             *self.ms[stage as usize].get_or_insert(0.0) += ms;
@@ -77,24 +77,24 @@ impl DrawSample {
     }
 }
 
-/// Pictures whose figures are kept.
+/// Length of the history, pictures.
 const MAX_SAMPLES: usize = 300;
 
-/// The latest pictures, oldest first.
+/// Timings of the latest pictures, oldest first.
 #[derive(Clone, Debug)]
 pub struct DrawHistory {
-    /// Who drew them.
+    /// Renderer that drew them.
     pub drawer: Drawer,
     samples: VecDeque<DrawSample>,
 }
 
 impl DrawHistory {
-    /// Nothing drawn yet.
+    /// Creates an empty history.
     pub fn new(drawer: Drawer) -> Self {
         Self { drawer, samples: VecDeque::new() }
     }
 
-    /// Adds a picture and forgets the oldest beyond 300.
+    /// Appends a picture and drops the oldest beyond 300.
     pub fn push(&mut self, sample: DrawSample) {
         if self.samples.len() == MAX_SAMPLES {
             self.samples.pop_front();
@@ -102,7 +102,7 @@ impl DrawHistory {
         self.samples.push_back(sample);
     }
 
-    /// The pictures, oldest first.
+    /// Recorded pictures, oldest first.
     pub fn samples(&self) -> impl ExactSizeIterator<Item = &DrawSample> {
         self.samples.iter()
     }

@@ -1,8 +1,7 @@
-//! What the window says while a file is held over it.
+//! Overlay shown while a file is dragged over the window.
 
 use eframe::egui::{Align2, Color32, Context, FontId, Id, LayerId, Order};
 
-/// Draws a hint while a file is dragged over the window.
 pub fn show(ctx: &Context) {
     if ctx.input(|i| i.raw.hovered_files.is_empty()) {
         return;

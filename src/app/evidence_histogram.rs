@@ -1,27 +1,27 @@
-//! How many components have how much evidence.
+//! Histogram of the components' evidence.
 
 use crate::model::attributes::ComponentAttributes;
 
-/// Bars for each factor of ten.
+/// Bars per factor of ten.
 pub const PER_DECADE: f64 = 4.0;
 
-/// Components by the logarithm of their evidence.
+/// Components counted by the logarithm of their evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvidenceHistogram {
-    /// Number of the first bar: bar `i` begins at `10^(i / PER_DECADE)` points.
+    /// Index of the first bar; bar `i` begins at `10^(i / PER_DECADE)` points.
     pub first: i32,
-    /// Components of each bar from there on.
+    /// Components per bar.
     pub counts: Vec<usize>,
 }
 
 impl EvidenceHistogram {
-    /// Of all components whose evidence is known; `None` if it is of none.
+    /// Counts all components with known, positive evidence; `None` if there are none.
     pub fn of(known: &[ComponentAttributes]) -> Option<Self> {
         let evidence = known.iter().filter_map(|known| known.evidence).filter(|n| *n > 0.0);
         let bar = |n: f32| (PER_DECADE * f64::from(n).log10()).floor() as i32;
         let bars: Vec<i32> = evidence.map(bar).collect();
         let (first, last) = (*bars.iter().min()?, *bars.iter().max()?);
-        // Of floats: a few hundred bars at most.
+        // Evidence is an `f32`, so there are a few hundred bars at most.
         let mut counts = vec![0; (last - first) as usize + 1];
         for bar in bars {
             counts[(bar - first) as usize] += 1;

@@ -1,32 +1,32 @@
-//! Why a window ends, and what it leaves to the next one, told by whatever ends it to whoever opened it.
+//! Reason why a window ended and the state it hands over to the next window.
 
 use super::path_editor::PathEditor;
 use super::viewer::kept::KeptView;
 use crate::render::gpu::adapters::AdapterChoice;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Why a window ended.
+/// Reason why a window ended.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Leave {
     /// The user closed it.
     #[default]
     Closed,
-    /// Its graphics device is gone.
+    /// Its graphics device was lost.
     DeviceLost,
-    /// The user chose another adapter.
+    /// The user chose another graphics adapter.
     Adapter(AdapterChoice),
 }
 
-/// What the user made in a window that has to be opened anew.
+/// User state passed to a reopened window.
 pub struct Handover {
-    /// Where the view stands, with its edits.
+    /// View and edits.
     pub view: KeptView,
-    /// The camera path that is being made.
+    /// Camera path being edited.
     pub path: PathEditor,
 }
 
-/// Where a window leaves word why it ends. It outlives the window, whose own state is gone after a
-/// panic.
+/// Shared record of why a window ends and what it hands over. It outlives the window, whose own state is gone
+/// after a panic.
 #[derive(Clone, Default)]
 pub struct Exit(Arc<Mutex<Word>>);
 
@@ -37,33 +37,33 @@ struct Word {
 }
 
 impl Exit {
-    /// Leaves word.
+    /// Records the reason.
     pub fn leave(&self, why: Leave) {
         self.lock().why = why;
     }
 
-    /// The word left.
+    /// Recorded reason.
     pub fn why(&self) -> Leave {
         self.lock().why.clone()
     }
 
-    /// Leaves what the user made to the next window.
+    /// Stores the state for the next window.
     pub fn hand_over(&self, handover: Handover) {
         self.lock().handover = Some(handover);
     }
 
-    /// What the window before has left, once.
+    /// Takes the state stored by the previous window; `None` if there is none.
     pub fn taken_over(&self) -> Option<Handover> {
         self.lock().handover.take()
     }
 
-    /// For the next window, which has not ended: what was left to it, and no word.
+    /// Creates the record of the next window with the stored state and no reason.
     pub fn of_next(&self) -> Self {
         Self(Arc::new(Mutex::new(Word { why: Leave::Closed, handover: self.taken_over() })))
     }
 
     fn lock(&self) -> MutexGuard<'_, Word> {
-        // A window that panicked while it left word has left it whole: every write is one assignment.
+        // Every write is one assignment, so the value is valid even after a panic.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

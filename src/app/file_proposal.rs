@@ -1,45 +1,44 @@
-//! Folder and name that are proposed for files of what is open.
+//! Default folder and name for files written for the open dataset or model.
 
 use std::path::{Path, PathBuf, absolute};
 
-/// Name of files of what has no folder of its own.
+/// File name for the built-in demo, which has no path.
 const DEMO: &str = "demo";
 
-/// A folder and a name without an ending.
+/// Default folder and file name without extension.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileProposal {
-    /// Where: beside what is open, the current folder for the demo. Absolute where that can be found
-    /// out.
+    /// Folder of the open file or dataset; the current folder for the demo. Absolute if it can be determined.
     pub folder: PathBuf,
-    /// Name without an ending.
+    /// File name without extension.
     pub stem: String,
 }
 
 impl FileProposal {
-    /// Files beside an opened folder or file, of the same name; `None` is the demo.
+    /// Proposes files next to an opened path and with its name; `None` is the demo.
     pub fn beside(opened: Option<&Path>) -> Self {
         let Some(opened) = opened else {
             return Self { folder: full(Path::new(".")), stem: DEMO.to_owned() };
         };
         let mut path = full(opened);
         if path.file_name().is_none() {
-            // `a/..` names a folder too, but only the file system knows by what name.
+            // `a/..` is a folder too, but only the file system knows its name.
             path = path.canonicalize().unwrap_or(path);
         }
-        // Only files have endings: what follows the point in the name of a folder belongs to it.
+        // Only files have extensions: a dot in a folder's name is part of the name.
         let name = if path.is_file() { path.file_stem() } else { path.file_name() };
         let stem = name.map_or_else(|| DEMO.to_owned(), |name| name.to_string_lossy().into_owned());
         let folder = path.parent().map_or_else(|| path.clone(), Path::to_path_buf);
         Self { folder, stem }
     }
 
-    /// The proposal with an ending, which is given without its point.
+    /// Proposed path with `ending`, given without its dot.
     pub fn path(&self, ending: &str) -> PathBuf {
         self.folder.join(format!("{}.{ending}", self.stem))
     }
 }
 
-/// The path from the root, or as it is where the current folder is unknown.
+/// Absolute path; unchanged if the current folder is unknown.
 fn full(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }

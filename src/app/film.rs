@@ -1,7 +1,7 @@
-//! Drawing a camera path into files, on a thread of its own.
+//! Renders a camera path to files on a thread of its own.
 //!
-//! By the renderer of `render --path`, so that the window's film is the command line's. While frames are
-//! trained it draws with one thread.
+//! Uses the renderer of `render --path`, so that both give the same film. While training runs, one thread
+//! renders.
 
 use super::background_job::BackgroundJob;
 use super::edit::left_out::LeftOut;
@@ -15,23 +15,20 @@ use crate::render::cpu::CpuRenderer;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A film to be drawn.
+/// Parameters of a film.
 pub struct FilmOrder {
-    /// The way and its pace.
     pub path: PacedPath,
-    /// Size of its pictures, pixels.
+    /// Picture size, pixels.
     pub size: [u32; 2],
-    /// A video by its ending, else a folder of pictures.
+    /// Video file by its extension, otherwise a folder of pictures.
     pub output: PathBuf,
-    /// How the scene is drawn.
     pub options: RenderOptions,
-    /// What is left out of the scene.
     pub left_out: LeftOut,
-    /// Whether a trainer needs the other cores.
+    /// True if training needs the other cores.
     pub is_aside: bool,
 }
 
-/// How a film ended that nothing went wrong with.
+/// Outcome without an error, with the number of pictures written.
 enum Ended {
     Whole(usize),
     Cancelled(usize),
@@ -43,7 +40,7 @@ struct Running {
     drawing: BackgroundJob<Result<Ended, FilmError>>,
 }
 
-/// The film that is being drawn, if one is.
+/// Rendering thread of the current film, if any.
 #[derive(Default)]
 pub struct FilmThread(Option<Running>);
 
@@ -54,10 +51,10 @@ impl Drop for FilmThread {
 }
 
 impl FilmThread {
-    /// Draws a film of the scene as it is; one that is under way is given up.
+    /// Starts rendering a film of this scene; cancels the current one.
     ///
     /// # Errors
-    /// No thread could be started.
+    /// The thread cannot be started.
     pub fn start(
         &mut self,
         scene: Arc<SplatSet>,
@@ -78,24 +75,23 @@ impl FilmThread {
         Ok(())
     }
 
-    /// The share that is drawn; `None` while no film is.
+    /// Share of the film rendered; `None` if no film is being rendered.
     pub fn share(&self) -> Option<f32> {
         self.0.as_ref().map(|running| running.progress.share().unwrap_or(0.0))
     }
 
-    /// Where it goes; `None` while no film is drawn.
+    /// Output path; `None` if no film is being rendered.
     pub fn output(&self) -> Option<&Path> {
         self.0.as_ref().map(|running| &*running.output)
     }
 
-    /// The user wants it no more.
     pub fn cancel(&self) {
         if let Some(running) = &self.0 {
             running.progress.cancel();
         }
     }
 
-    /// What is to be said of a film that has ended, once.
+    /// Notice about a finished film, once; `None` until it is finished.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let running = self.0.as_ref()?;
         let answer = running.drawing.take()?;

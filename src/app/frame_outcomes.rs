@@ -1,7 +1,7 @@
-//! What became of each frame of a dataset: trained, left out, skipped or still ahead.
+//! State of each frame of a dataset: trained, excluded, skipped or pending.
 //!
-//! Gathered from the snapshots, which tell of the latest frames only: what a window was not there to see
-//! it knows to be trained, and not how well.
+//! Collected from snapshots, which report only the latest frames. For frames trained while the window was
+//! closed, only the fact that they were trained is known.
 
 use super::state::{Opened, Snapshot};
 use crate::eval::report::{FrameReport, SkippedFrame};
@@ -10,34 +10,34 @@ use crate::train::outcome::{Contradiction, PhotographOutcome};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// What became of a frame.
+/// State of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameState {
-    /// The run does not take it.
+    /// Not part of the run.
     NotTaken,
-    /// To be trained, at this position of the order.
+    /// Pending, at this position of the training order.
     Ahead(usize),
-    /// Trained, at this position; with its report where the window saw it.
+    /// Trained, at this position of the order, with its figures if the window received them.
     Trained(usize, Option<TrainedFrame>),
-    /// It could not be used, and why.
+    /// Unusable, with the reason.
     Skipped(String),
 }
 
-/// How a frame was trained.
+/// Figures of a trained frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainedFrame {
-    /// Points learnt from.
+    /// Points trained on.
     pub points: usize,
     /// Mean ELBO of its points, nats.
     pub elbo_mean: f64,
-    /// PSNR of its photograph against the scene as it was before, dB; where photographs are learnt and
-    /// the scene was there.
+    /// PSNR of its photograph against the scene before training on it, dB; `None` without photometric
+    /// training or without a scene at that time.
     pub psnr_before: Option<f64>,
 }
 
 impl From<&FrameReport> for TrainedFrame {
     fn from(report: &FrameReport) -> Self {
-        // Of a frame that contradicts by its points the difference is not that of its photograph.
+        // If the frame's points contradict the scene, the difference is not that of its photograph.
         let is_of_photograph = |photo: &PhotographOutcome| {
             matches!(photo.contradiction, None | Some(Contradiction::Picture))
         };
@@ -51,12 +51,12 @@ impl From<&FrameReport> for TrainedFrame {
     }
 }
 
-/// What is known of the frames of what is open.
+/// States of all frames of the open dataset.
 #[derive(Default)]
 pub struct FrameOutcomes {
     serial: u64,
     plan: Option<Arc<Plan>>,
-    /// First position in the order of training of each frame of the split that is trained.
+    /// First position in the training order, by index of the frame in the trained split.
     positions: HashMap<usize, usize>,
     outcomes: HashMap<usize, TrainedFrame>,
     recent: Arc<Vec<FrameReport>>,
@@ -64,12 +64,12 @@ pub struct FrameOutcomes {
     /// Frames before this position are trained or skipped.
     n_reached: usize,
     skipped: Arc<Vec<SkippedFrame>>,
-    /// Places in that list, by the name of the frame.
+    /// Indices into `skipped`, by frame name.
     skipped_at: HashMap<String, usize>,
 }
 
 impl FrameOutcomes {
-    /// Takes what is new in a snapshot.
+    /// Adds the news of a snapshot.
     pub fn take(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         if self.serial != opened.serial {
@@ -79,7 +79,7 @@ impl FrameOutcomes {
         let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
         if !Arc::ptr_eq(&self.recent, &snapshot.recent) {
             self.recent = snapshot.recent.clone();
-            // Known ones too: a photograph that waits is learnt some frames later.
+            // Known frames too: a photograph in the shuffle buffer is trained on some frames later.
             self.outcomes.extend(self.recent.iter().map(outcome));
             self.n_reached = self.recent.last().map_or(self.n_reached, |newest| newest.index + 1);
         }
@@ -94,7 +94,7 @@ impl FrameOutcomes {
         }
     }
 
-    /// A recording that is followed gains frames, and with them another plan.
+    /// A followed recording gains frames and gets a new plan.
     fn take_plan(&mut self, opened: &Opened) {
         let is_known = match (&self.plan, &opened.plan) {
             (Some(known), Some(plan)) => Arc::ptr_eq(known, plan),
@@ -110,7 +110,7 @@ impl FrameOutcomes {
         }
     }
 
-    /// What became of a frame, by its split, its index there and its name.
+    /// State of a frame given by its split, its index there and its name.
     pub fn of(&self, (split, index): (usize, usize), name: &str) -> FrameState {
         let is_trained = self.plan.as_ref().is_some_and(|plan| plan.split == split);
         let position = self.positions.get(&index).filter(|_| is_trained);
@@ -123,7 +123,7 @@ impl FrameOutcomes {
         }
     }
 
-    /// Position in the order of training of the frame that was trained last.
+    /// Position of the last trained frame in the training order.
     pub fn latest(&self) -> Option<usize> {
         self.n_reached.checked_sub(1)
     }
@@ -178,7 +178,7 @@ mod tests {
         assert!((outcome.psnr_before.unwrap() - 20.0).abs() < 1e-9);
         assert_eq!(known.latest(), Some(3));
 
-        // Of the next run nothing is known.
+        // Another run starts without any states.
         let mut again = Opened::clone(&opened);
         again.serial = 2;
         let again = Snapshot { opened: Some(Arc::new(again)), ..Snapshot::default() };

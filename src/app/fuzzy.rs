@@ -1,7 +1,7 @@
-//! Finding names by some of their letters.
+//! Fuzzy matching of names.
 
-/// How well a name goes with what was typed: `None` unless it has these letters in this order, more for
-/// letters that begin a word or follow each other. Spaces and case do not count.
+/// Score of a name against a search text; `None` unless the name contains its letters in order. Letters that
+/// begin a word or follow each other score higher. Spaces and case are ignored.
 pub fn score(name: &str, typed: &str) -> Option<u32> {
     let letters = typed.chars().filter(|c| !c.is_whitespace());
     let mut wanted = letters.flat_map(char::to_lowercase).peekable();

@@ -1,4 +1,4 @@
-//! What a panic of the window's thread means.
+//! Runs a window and handles panics of its thread.
 
 use super::exit::{Exit, Leave};
 use super::panic_report::PanicReport;
@@ -9,20 +9,20 @@ use eframe::{App, CreationContext, NativeOptions};
 use std::error::Error;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Runs of winit's loop to get a window.
+/// Attempts of running winit's event loop until a window is created.
 const MAX_RUNS: usize = 3;
 
-/// What makes the application of a window.
+/// Result of creating a window's application.
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
-/// Opens a window by `options` and runs what `create` makes for it to its end, [`guarded`].
+/// Opens a window with `options` and runs the application of `create`, [`guarded`], until it ends.
 ///
-/// A panic goes through winit's loop and leaves it as if it still ran: the next run handles what is left of
-/// the window before, ends at once as if the user had closed one, and makes no window at all. The run after
-/// that does.
+/// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
+/// handles remaining events of the old window and ends at once without creating a window. The run after that
+/// creates one.
 ///
 /// # Errors
-/// As [`guarded`]; also if no run made a window.
+/// Those of [`guarded`]; also if no run created a window.
 pub fn run_window(
     worker: &Worker,
     exit: &Exit,
@@ -34,7 +34,7 @@ pub fn run_window(
         let waiting = &mut create;
         let creator = move |context: &CreationContext<'_>| match waiting.take() {
             Some(create) => create(context),
-            None => Err("one run of the loop made two windows".into()),
+            None => Err("one run of the event loop created two windows".into()),
         };
         let run = || Ok(eframe::run_native("vbgs-studio", options(), Box::new(creator))?);
         guarded(worker, exit, run)?;
@@ -42,25 +42,25 @@ pub fn run_window(
             return Ok(());
         }
     }
-    Err(WindowError::Window("the event loop ended before there was a window".to_owned()))
+    Err(WindowError::Window("the event loop ended before it created a window".to_owned()))
 }
 
-/// Runs a window to its end. A panic after the device was lost is that loss's, of which the window has
-/// left word in `exit`, and the next window goes on. Any other panic is a fault of the program, after
-/// which no window is opened again: it could panic at the same picture for ever.
+/// Runs a window until it ends. A panic after a device loss, which the window records in `exit`, is a
+/// consequence of the loss and not an error: the caller opens the next window. Any other panic is a bug; no
+/// window is reopened, since it could panic on the same picture forever.
 ///
 /// # Errors
-/// [`WindowError::Crashed`] with where the worker saved the scene; else what `window` returns.
+/// [`WindowError::Crashed`] with the path of the rescued scene, or the error of `window`.
 pub fn guarded(
     worker: &Worker,
     exit: &Exit,
     window: impl FnOnce() -> Result<(), WindowError>,
 ) -> Result<(), WindowError> {
-    // Safe to go on from: the window shares with the worker only what is written in one assignment.
+    // Unwind safe: all state shared with the worker is written in single assignments.
     match catch_unwind(AssertUnwindSafe(window)) {
         Ok(ended) => ended,
-        // The device itself cannot be asked here: it went down with the
-        // window, which asked it last.
+        // The device cannot be polled here: it was dropped with the window, which polled it last
+        // (`Studio::drop`).
         Err(_) if exit.why() == Leave::DeviceLost => Ok(()),
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,

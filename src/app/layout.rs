@@ -1,9 +1,9 @@
-//! What of the window is shown and where, kept between sessions.
+//! Layout of the window's panels, stored between sessions.
 //!
-//! Panels and the picture are tiles of one tree, so that panels go to any side of the picture. The picture
-//! is a tile that is never dragged and never one of several tabs: it cannot be lost. Of a container in which
-//! the picture stands beside others the shares are points: as the window grows and shrinks, panels keep their
-//! size and the picture takes the rest.
+//! Panels and viewport are tiles of one tree, so panels can be docked on any side. The viewport tile cannot
+//! be dragged or become one of several tabs, so it is always visible. In containers with the viewport,
+//! shares are sizes in points: if the window is resized, panels keep their size and the viewport takes the
+//! rest.
 
 use super::stored_text;
 use super::tab::SideTab;
@@ -12,26 +12,25 @@ use egui_tiles::{Container, LinearDir, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashSet};
 
-/// Changes with what is stored: an older layout is not mistaken for one of now.
+/// Version of the stored format; other versions are rejected.
 const VERSION: u32 = 1;
-/// Width of the panels at first, points.
+/// Initial width of the panels, points.
 const WIDTH: f32 = 370.0;
-/// Share of the room that panels have which were just put beside the picture.
+/// Share of the room for panels newly docked beside the viewport.
 const NEW_SHARE: f32 = 0.24;
-/// Share of the room that panels on one side of the picture have at most, and those on both together.
+/// Largest share of the room for panels on one side of the viewport, and on both sides together.
 const MAX_SHARE: f32 = 0.42;
 const MAX_SHARE_OF_BOTH: f32 = 0.6;
-/// Smaller shares are no points: they come from a container that was just made.
+/// Smaller shares are not sizes in points: they come from a newly created container.
 const MIN_POINTS: f32 = 60.0;
-/// Narrowest panels, points; a window that is smaller gives them what they need to be read.
+/// Least width of the panels, points, which takes precedence over the largest share.
 const MIN_WIDTH: f32 = 240.0;
 
-/// A part of the window that has a place.
+/// Content of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum DockPane {
-    /// The scene.
+    /// The viewport.
     Picture,
-    /// A panel.
     Panel(SideTab),
 }
 
@@ -41,18 +40,15 @@ impl DockPane {
     }
 }
 
-/// The window's parts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WindowLayout {
     version: u32,
-    /// Whether the strip of frames is open.
     pub shows_frames: bool,
-    /// Where panels and picture stand.
     pub tree: Tree<DockPane>,
 }
 
 impl Default for WindowLayout {
-    /// The picture, and beside it every panel as one of several tabs.
+    /// Viewport on the left, all panels as tabs on the right.
     fn default() -> Self {
         let mut tiles = Tiles::default();
         let picture = tiles.insert_pane(DockPane::Picture);
@@ -68,8 +64,8 @@ impl Default for WindowLayout {
 }
 
 impl WindowLayout {
-    /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read, or lacks a panel,
-    /// falls back to the default, with a text that says so.
+    /// Parses a stored layout. Returns the default and a notice if it is unreadable, of another version, or
+    /// lacks a panel.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         let (read, notice) = stored_text::from_text::<Self>("the layout", text);
         let found = match &read {
@@ -81,24 +77,23 @@ impl WindowLayout {
             _ => return (read, None),
         };
         let notice = format!(
-            "the stored settings of the layout: expected version {VERSION} with every panel once, found {found}; the default is used instead"
+            "the stored layout: expected version {VERSION} with every panel once, found {found}; the default is used instead"
         );
         (Self::default(), Some(notice))
     }
 
-    /// For the next session.
     pub fn to_text(&self) -> Result<String, ron::Error> {
         ron::to_string(self)
     }
 
-    /// Turns to a panel, wherever it stands.
+    /// Activates the tab of a panel.
     pub fn show(&mut self, tab: SideTab) {
         let is_it =
             |tile: &Tile<DockPane>| matches!(tile, Tile::Pane(DockPane::Panel(of)) if *of == tab);
         self.tree.make_active(|_, tile| is_it(tile));
     }
 
-    /// Gives the picture what the panels beside it leave of `size`, points.
+    /// Resizes the tiles to `size` (points): panels keep their size, the viewport takes the rest.
     pub fn fit(&mut self, size: Vec2, gap: f32) {
         let Some(mut child) = self.tree.tiles.find_pane(&DockPane::Picture) else { return };
         let mut path = Vec::new();
@@ -122,7 +117,7 @@ impl WindowLayout {
     }
 }
 
-/// Sets the shares of a container, in points: `others` keep theirs as far as there is room, `child` has the
+/// Sets the shares of a container in points: `others` keep theirs as far as there is room, `child` gets the
 /// rest, which is returned.
 fn fit_beside(
     shares: &mut egui_tiles::Shares,
@@ -149,12 +144,12 @@ fn fit_beside(
     rest
 }
 
-/// Whether a tree holds every pane once, the picture beside no other tab, and nothing that cannot be reached.
+/// True if the tree holds every pane exactly once, with the viewport visible and every tile reachable.
 pub fn is_whole(tree: &Tree<DockPane>) -> bool {
     let Some(root) = tree.root() else { return false };
     let (mut seen, mut panes, mut waiting) = (HashSet::new(), BTreeSet::new(), vec![root]);
     while let Some(id) = waiting.pop() {
-        // Also ends where a container holds itself, which egui would follow for ever.
+        // A visited set also detects cycles, in which egui would loop forever.
         if !seen.insert(id) {
             return false;
         }
@@ -168,7 +163,7 @@ pub fn is_whole(tree: &Tree<DockPane>) -> bool {
     panes == DockPane::all() && !is_hidden(tree)
 }
 
-/// Whether the picture is one of several tabs, of which another one can be in front.
+/// True if the viewport is one of several tabs, so that another tab can hide it.
 fn is_hidden(tree: &Tree<DockPane>) -> bool {
     let picture = tree.tiles.find_pane(&DockPane::Picture);
     let ancestors = std::iter::successors(picture, |&id| tree.tiles.parent_of(id)).skip(1);
@@ -245,7 +240,7 @@ mod tests {
             assert_eq!(width_of(&layout, panel), expected, "{width}");
             assert_eq!(width_of(&layout, DockPane::Picture), width - expected, "{width}");
         }
-        // As after a panel was dropped on the other side of the picture.
+        // As after docking a panel on the other side of the viewport.
         let id = layout.tree.tiles.find_pane(&panel).unwrap();
         let root = layout.tree.root().unwrap();
         layout.tree.move_tile_to_container(id, root, 0, false);

@@ -1,7 +1,7 @@
-//! The window: draws from snapshots, answers with orders, holds no algorithm.
+//! The window: draws from snapshots and sends orders to the worker; contains no algorithm.
 //!
-//! The trainer lives on the [`worker`]'s thread and the window never waits for it; splats reach the
-//! viewport through [`splat_updates`]. What is legal when stands in [`command`].
+//! Training runs on the [`worker`]'s thread and never blocks the window; splats reach the viewport through
+//! [`splat_updates`]. [`command`] holds the table of commands available in each state.
 
 pub mod abandoned;
 mod action_finder;

@@ -24,51 +24,38 @@ use glam::DVec3;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What is open.
 pub enum Content {
-    /// A dataset with its model.
     Session(Box<Session>),
-    /// A model to view.
     Model(SplatSet),
 }
 
-/// Everything the window needs of a freshly opened subject.
+/// Freshly opened subject, with everything that the window needs.
 pub struct OpenedSubject {
-    /// What is open.
     pub content: Content,
-    /// What to show first.
+    /// Splats to show first.
     pub splats: SplatSet,
-    /// Name, what is known of it and first view.
+    /// Name, properties and home view.
     pub opened: Opened,
-    /// What the user should know about it.
     pub notices: Vec<(NoticeKind, String)>,
 }
 
-/// Why something could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The demo.
     #[error(transparent)]
     Demo(#[from] DemoError),
-    /// A folder.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Its session.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// A model file.
     #[error(transparent)]
     Model(#[from] ExportError),
-    /// A checkpoint.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// How it is to be trained.
     #[error(transparent)]
     Setting(#[from] RefusedSetting),
 }
 
-/// Opens a subject, to be trained as is said unless it brings its own settings; `serial` numbers
-/// what is opened.
+/// Opens a subject, to be trained with `training` unless it has its own settings; `serial` numbers it.
 pub fn open(
     subject: &Subject,
     training: &TrainSettings,
@@ -86,7 +73,7 @@ pub fn open(
     }
 }
 
-/// A session of the demo, or of what lies at a path.
+/// Wraps a session of the demo, or of the subject at a path.
 pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset().clone();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
@@ -100,7 +87,7 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
     };
     let assumed = session.config().method.assumes_calibration(&dataset).then(|| (
         NoticeKind::Info,
-        "colour is looked up by the published Kinect's camera; another is described in a calibration file, which can be dropped here".to_owned(),
+        "colour is sampled with the published Kinect calibration; for another camera, drop a calibration file here".to_owned(),
     ));
     let split = &dataset.splits[session.plan().split];
     let color_camera = session.config().method.any().color_camera();
@@ -131,9 +118,9 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
     let splats = match session.learner().used() {
         0 => vec![Splat::default(); session.learner().components()].into(),
         _ => {
-            // At rest: what waits to be learnt from photographs is drawn too.
+            // At rest pending photographs are part of the drawn scene.
             session.settle();
-            // Its reports tell them.
+            // Dropped, because the frame reports already contain them.
             session.take_doubts();
             session.splats()
         }
@@ -141,7 +128,8 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
     OpenedSubject { splats, opened, notices, content: Content::Session(Box::new(session)) }
 }
 
-/// The first training camera, turning about the middle of the scene's range.
+/// Home view: the first training camera, orbiting a point ahead of it at the depth of the scene's
+/// centre.
 fn home_of(session: &Session) -> HomeView {
     let split = &session.dataset().splits[session.plan().split];
     let camera = split.frames[session.plan().frames.first().copied().unwrap_or(0)].camera;
@@ -153,10 +141,10 @@ fn home_of(session: &Session) -> HomeView {
     HomeView { camera, up: session.up(), target, radius }
 }
 
-/// Horizontal field of view of models that bring no camera, radians.
+/// Horizontal field of view for models without a camera, radians.
 const MODEL_FOV: f64 = 1.0;
 
-/// The run where its dataset still is, else its scene to look at.
+/// Resumes the run of a checkpoint; if that fails, shows its scene.
 fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
     let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
@@ -168,7 +156,7 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
         }
         Err(error) => {
             let all = run.splats()?;
-            let text = format!("{error}; the scene is shown, but training cannot go on");
+            let text = format!("{error}; the scene is shown, but training cannot be resumed");
             Ok(view(
                 path,
                 drawable(&all),
@@ -181,7 +169,7 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     }
 }
 
-/// Opens the run that was saved on its way, as if its dataset had stayed open.
+/// Opens an autosaved run, as if its dataset had stayed open.
 pub fn open_run(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
     let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
@@ -213,17 +201,15 @@ fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     Ok(view(path, model.splats, (up, model.local_origin), model.bytes, notices, serial))
 }
 
-/// Splats alone, of a checkpoint or a model file.
+/// Splats of a checkpoint or a model file, without a run.
 pub struct BareSplats {
-    /// Relative to the local origin.
+    /// Splats, with positions relative to `local_origin`.
     pub splats: SplatSet,
-    /// What positions are relative to, in the world of the file's dataset.
+    /// Origin of the positions, in the world coordinates of the file's dataset.
     pub local_origin: DVec3,
-    /// What the user should know about them.
     pub told: Vec<(NoticeKind, String)>,
 }
 
-/// The splats of a checkpoint or a model file.
 pub fn splats_of(path: &Path) -> Result<BareSplats, OpenError> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
@@ -246,7 +232,7 @@ fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
     notices
 }
 
-/// Splats to look at, with the direction that points up and their local origin.
+/// Opens splats for viewing, with their up direction and local origin.
 fn view(
     path: &Path,
     splats: SplatSet,

@@ -1,10 +1,10 @@
-//! Which of the two painters draws the scene.
+//! Choice of the painter of the scene.
 
-/// Who draws the scene.
+/// Painter of the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Painting {
-    /// The GPU if it is a real one, else the CPU renderer, which is faster than a software GPU.
+    /// The GPU if it is a real one, else the CPU renderer, which is faster than a software adapter.
     Auto,
-    /// The GPU whatever it is.
+    /// The GPU, even if it is a software adapter.
     Gpu,
 }

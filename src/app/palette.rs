@@ -1,5 +1,4 @@
-//! The splats that the viewport shows: with the colours that were learned, or with colours that
-//! stand for what is known of them.
+//! Splats that the viewport shows, in learned colours or coloured by an attribute.
 
 use super::splat_updates::{SplatChange, SplatUpdate, apply};
 use crate::model::attributes::ComponentAttributes;
@@ -8,23 +7,23 @@ use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use std::sync::Arc;
 
-/// All splats of the scene and how they are coloured.
+/// All splats of the scene and their displayed colours.
 #[derive(Default)]
 pub struct Palette {
     learned: Arc<SplatSet>,
-    /// What colours the splats, if it is not what was learned.
+    /// Attribute that colours the splats; `None` for learned colours.
     attribute: Option<Attribute>,
-    /// One for each splat, kept only while they colour or somebody asks for them.
+    /// One for each splat; stored only while they colour the splats or are requested.
     attributes: Vec<ComponentAttributes>,
     is_asked: bool,
-    /// The rest is kept only while `attribute` is something.
+    /// This and the following field are set only while `attribute` is.
     range: Option<Range>,
-    /// Plain: what stands for a value varies neither over a splat nor with the view.
+    /// Plain splats: a colour that encodes a value varies neither over a splat nor with the view.
     shown: Arc<SplatSet>,
 }
 
 impl Palette {
-    /// Takes what the trainer sent; returns what painters are to change.
+    /// Applies an update of the trainer; returns the change for painters.
     pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
         let SplatUpdate { change, attributes, .. } = update;
         let changed = apply(&mut self.learned, change.clone());
@@ -33,7 +32,7 @@ impl Palette {
         }
         self.attributes.resize(self.learned.len(), ComponentAttributes::default());
         match &changed {
-            // Sent before the worker was told that they are asked for.
+            // Sent before the worker received the request for attributes.
             None if attributes.is_empty() => self.attributes.fill(ComponentAttributes::default()),
             None => self.attributes = attributes,
             Some(ids) => {
@@ -47,7 +46,7 @@ impl Palette {
         if self.attribute.is_none() {
             return change;
         }
-        // Another range gives every splat another colour, also those that did not change.
+        // Another range changes the colour of every splat, even of unchanged ones.
         let all_differ = self.moves_range();
         match changed {
             Some(ids) if !all_differ => self.color(ids),
@@ -55,7 +54,7 @@ impl Palette {
         }
     }
 
-    /// Colours by something else from now on; returns what painters are to change, if anything.
+    /// Selects the attribute that colours the splats; returns the change for painters, if any.
     pub fn choose(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
         if attribute == self.attribute {
             return None;
@@ -66,7 +65,7 @@ impl Palette {
             self.moves_range();
             return Some(self.color_all());
         }
-        // Memory of a second scene is kept only while that is what is shown.
+        // A second copy of the scene is stored only while it is displayed.
         (self.range, self.shown) = (None, Arc::default());
         if !self.is_asked {
             self.attributes = Vec::new();
@@ -74,7 +73,7 @@ impl Palette {
         Some(SplatChange::All(self.learned.clone()))
     }
 
-    /// Keeps what is known of splats whatever colours them, or no longer.
+    /// Sets whether attributes are stored even if they colour nothing.
     pub fn keep_known(&mut self, is_asked: bool) {
         self.is_asked = is_asked;
         if !is_asked && self.attribute.is_none() {
@@ -82,28 +81,28 @@ impl Palette {
         }
     }
 
-    /// What is known of each splat: of none where nobody asked, nothing of those not told yet.
+    /// Attributes of each splat: empty if not requested, default values until received.
     pub fn known(&self) -> &[ComponentAttributes] {
         &self.attributes
     }
 
-    /// The splats as they are coloured.
+    /// Splats in displayed colours.
     pub fn splats(&self) -> &Arc<SplatSet> {
         if self.attribute.is_some() { &self.shown } else { &self.learned }
     }
 
-    /// The splats as they were learned, to be looked at on another thread.
+    /// Splats in learned colours; other threads may share them.
     pub fn learned(&self) -> &Arc<SplatSet> {
         &self.learned
     }
 
-    /// What the colours stand for, if not what was learned, and the values at the ends of the ramp,
-    /// if any value is known.
+    /// Displayed attribute, with the values at the ends of the colour ramp if any are known. `None` for
+    /// learned colours.
     pub fn legend(&self) -> Option<(Attribute, Option<Range>)> {
         Some((self.attribute?, self.range))
     }
 
-    /// Whether the values have outgrown the range, which then follows.
+    /// Updates the range if the values have outgrown it; true if it changed.
     fn moves_range(&mut self) -> bool {
         let fresh = self.attribute.and_then(|a| Range::of(a, &self.attributes));
         let stays = match (&self.range, &fresh) {

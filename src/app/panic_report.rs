@@ -1,8 +1,8 @@
-//! What a panic said and where it happened.
+//! Message and location of a panic.
 //!
-//! Whoever catches a panic gets its message but not its place, which only the panic hook is told. The
-//! hook therefore notes both, and the catcher looks the place up by the message: rayon carries panics
-//! from its threads to the caller, so the thread is no key.
+//! A caught panic carries its message but not its location, which only the panic hook receives. The
+//! hook therefore records both, and the catcher finds the location by the message. The thread is no
+//! key, because rayon passes panics from its threads to the caller.
 
 use crate::pipeline::panic_text::panic_text;
 use std::any::Any;
@@ -11,18 +11,18 @@ use std::fmt;
 use std::panic::PanicHookInfo;
 use std::sync::{Mutex, Once, PoisonError};
 
-/// Panics noted. More than one, since decoders of images panic too, are caught and go on.
+/// Number of recorded panics. More than one, because image decoders also panic and are caught.
 const MAX_NOTED: usize = 8;
 
-/// The latest panics, oldest first.
+/// Latest panics, oldest first.
 static NOTED: Mutex<VecDeque<PanicReport>> = Mutex::new(VecDeque::new());
 
-/// A panic.
+/// Message and location of a panic.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PanicReport {
-    /// Its message.
+    /// Message of the panic.
     pub message: String,
-    /// `file:line:column`, where known.
+    /// `file:line:column`, if known.
     pub place: Option<String>,
 }
 
@@ -36,10 +36,10 @@ impl fmt::Display for PanicReport {
 }
 
 impl PanicReport {
-    /// Notes panics from now on, beside what the hook before does about them.
+    /// Installs a hook that records panics and then calls the previous hook.
     pub fn listen() {
         static ONCE: Once = Once::new();
-        // Every worker asks to listen; each further hook would note every panic once more.
+        // Every worker calls this, and each further hook would record every panic again.
         ONCE.call_once(|| {
             let before = std::panic::take_hook();
             std::panic::set_hook(Box::new(move |panic| {
@@ -49,18 +49,18 @@ impl PanicReport {
         });
     }
 
-    /// What the user reads where this ended `what`, a piece of work beside training.
+    /// Notice for the user if this panic ended `what`, a task beside training.
     pub fn ended(&self, what: &str) -> String {
         format!(
-            "{what} was ended by a defect of this program, please report it: {self}; nothing else was"
+            "{what} failed because of a bug in this program, please report it: {self}; nothing else is affected"
         )
     }
 
-    /// The panic whose payload was caught.
+    /// Returns the report of a panic with a caught payload.
     pub fn of(payload: &(dyn Any + Send)) -> Self {
         let message = message(payload);
         let noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
-        // From the latest on: the same words may have been said before, somewhere else.
+        // Newest first, because an earlier panic elsewhere may have the same message.
         let known = noted.iter().rev().find(|report| report.message == message);
         known.cloned().unwrap_or(Self { message, place: None })
     }
@@ -69,7 +69,8 @@ impl PanicReport {
 fn note(panic: &PanicHookInfo<'_>) {
     let place = panic.location().map(ToString::to_string);
     let report = PanicReport { message: message(panic.payload()), place };
-    // Poisoned or not: a panic inside the hook would abort the program before anything is saved.
+    // A poisoned lock is accepted: a panic in the hook would abort the program before anything is
+    // saved.
     let mut noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
     if noted.len() == MAX_NOTED {
         noted.pop_front();

@@ -1,33 +1,33 @@
-//! When the window is there, what it is told, and what its passes take of its thread. Told by the log, which
-//! the tests of the figures read (`tests/app/window.rs`, `journey.rs`).
+//! Timings of the window's passes, written to the log, which the performance tests parse
+//! (`tests/app/window.rs`, `journey.rs`).
 
 use super::state::RunState;
 use super::thread_times;
 use std::time::{Duration, Instant};
 
-/// Follows the passes of a window.
+/// Measures the passes of a window.
 #[derive(Default)]
 pub struct PassTimes {
     is_drawn: bool,
     state: RunState,
-    /// Time on a core of this thread when the latest pass began, and when it was laid out.
+    /// CPU time of this thread at the start of the latest pass, and at the end of its layout.
     worked: Option<Duration>,
     laid_out: Option<Duration>,
     passes: Vec<PassMs>,
 }
 
-/// What a pass took of its thread while training, milliseconds of a core.
+/// CPU time of a pass during training, milliseconds.
 #[derive(Clone, Copy)]
 struct PassMs {
     all: f64,
-    /// Of that, until everything was laid out: the window's own work, without egui's triangles and the driver.
+    /// Part of `all` until the end of the layout: without tessellation and the driver.
     layout: f64,
 }
 
 impl PassTimes {
-    /// A pass begins, which shows this state.
+    /// Starts a pass that shows `state`.
     pub fn begin(&mut self, state: RunState) {
-        // The system is asked for the time of the thread only where somebody reads it.
+        // The CPU time is queried only if the log records it.
         if !tracing::enabled!(tracing::Level::DEBUG) {
             return;
         }
@@ -48,7 +48,7 @@ impl PassTimes {
         self.state = state;
     }
 
-    /// A pass of a program that began at `started` is laid out.
+    /// Ends the layout of a pass; `started` is the start of the program.
     pub fn end(&mut self, started: Instant) {
         if !self.is_drawn {
             self.is_drawn = true;
@@ -72,7 +72,7 @@ impl PassTimes {
     }
 }
 
-/// The median, and below what 99 % lie.
+/// Median and 99th percentile.
 fn figures(mut ms: Vec<f64>) -> Option<(f64, f64)> {
     ms.sort_by(f64::total_cmp);
     let at = |share: f64| ms.get((share * ms.len() as f64) as usize).or(ms.last()).copied();

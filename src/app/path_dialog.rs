@@ -1,8 +1,8 @@
-//! Dialogs that ask for one path: a text field, and a native dialog where there is one.
+//! Dialogs for one path: a text field, and a native dialog if there is one.
 //!
-//! The field always works, since native dialogs need a desktop portal. Native dialogs ask by
-//! themselves before a file is replaced; the field asks here. What lies where a file is to go is looked
-//! for beside the window: a drive that does not answer must not hold it up.
+//! The field always works, while native dialogs need a desktop portal. A native dialog itself confirms
+//! the replacement of a file; for the field this module does. The path is checked on a separate thread,
+//! because a drive that does not respond must not block the window.
 
 use super::background_job::BackgroundJob;
 use super::file_proposal::FileProposal;
@@ -13,10 +13,10 @@ use crate::export::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
 
-/// Place beside the picture, from the upper right corner of the window, points.
+/// Offset of a dialog beside the picture from the upper right corner of the window, points.
 const ASIDE: [f32; 2] = [-8.0, 72.0];
 
-/// A path that begins with `~`, in the user's own folder, as shells have it.
+/// Replaces a leading `~` by the user's home folder, like a shell.
 fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     match (path.strip_prefix("~"), home) {
         (Ok(rest), Some(home)) => home.join(rest),
@@ -24,7 +24,6 @@ fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     }
 }
 
-/// What a path is asked for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Purpose {
     Open,
@@ -35,7 +34,7 @@ enum Purpose {
 }
 
 impl Purpose {
-    /// Title of the dialog and text of its button.
+    /// Title of the dialog and label of its button.
     fn label(self) -> &'static str {
         match self {
             Purpose::Open => "Open",
@@ -59,17 +58,17 @@ impl Purpose {
             Purpose::Save => "A file name ending in .vbgs".to_owned(),
             Purpose::Export => format!("A file name ending in {}", listed(&WRITTEN_ENDINGS)),
             Purpose::Film => {
-                "A folder for PNG pictures, or a video by ffmpeg: .mp4, .webm or .webp".to_owned()
+                "A folder for PNG images, or a video encoded by ffmpeg: .mp4, .webm or .webp"
+                    .to_owned()
             }
         }
     }
 
-    /// Whether a file is to be written.
     fn writes(self) -> bool {
         matches!(self, Purpose::Save | Purpose::Export | Purpose::Film)
     }
 
-    /// The proposed file's ending; nothing is proposed to open.
+    /// Extension of the proposed file; `None` for dialogs that open a file.
     fn ending(self) -> Option<&'static str> {
         match self {
             Purpose::Open | Purpose::Compare => None,
@@ -80,58 +79,48 @@ impl Purpose {
     }
 }
 
-/// How the user left a dialog.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PathAnswer {
-    /// By this path.
     Path(PathBuf),
-    /// By closing it.
     Cancelled,
 }
 
-/// Dialog for one path.
 pub struct PathDialog {
     purpose: Purpose,
     is_open: bool,
     path: String,
-    /// Serial of what the proposal was made for.
+    /// Serial of the subject of the proposed path.
     proposed_for: u64,
-    /// A native dialog, which returns when the user is done; the window goes on drawing until then.
+    /// Native dialog in progress, on its own thread so that the window keeps drawing.
     native: Option<BackgroundJob<Option<PathBuf>>>,
     no_native: bool,
-    /// A path that the user has let a native dialog replace.
+    /// Path whose replacement a native dialog has confirmed.
     approved: Option<PathBuf>,
     looking: Option<PathLook>,
-    /// Something older that the user is asked about.
+    /// Existing file or folder whose replacement is to be confirmed.
     replacing: Option<(PathBuf, Occupant)>,
-    /// Why the path cannot be taken.
     problem: Option<String>,
-    /// Whether the field is to have the keys, since the dialog was just opened.
+    /// True if the field is to receive the focus, because the dialog was just opened.
     takes_focus: bool,
 }
 
 impl PathDialog {
-    /// What to open.
     pub fn open() -> Self {
         Self::new(Purpose::Open)
     }
 
-    /// What to compare with.
     pub fn compare() -> Self {
         Self::new(Purpose::Compare)
     }
 
-    /// Where to save a checkpoint.
     pub fn save() -> Self {
         Self::new(Purpose::Save)
     }
 
-    /// Where to export.
     pub fn export() -> Self {
         Self::new(Purpose::Export)
     }
 
-    /// Where to draw a film to.
     pub fn film() -> Self {
         Self::new(Purpose::Film)
     }
@@ -152,19 +141,17 @@ impl PathDialog {
         }
     }
 
-    /// Whether it is shown.
     pub fn is_open(&self) -> bool {
         self.is_open
     }
 
-    /// Shows the dialog from now on.
     pub fn show(&mut self) {
         self.is_open = true;
         self.takes_focus = true;
     }
 
-    /// Proposes a file of what is open, whose `serial` tells it from what was open before. What the
-    /// user has entered stays until something else is opened.
+    /// Proposes a file for the open subject, identified by `serial`. The user's own input is retained
+    /// until another subject is opened.
     pub fn propose(&mut self, serial: u64, files: &FileProposal) {
         let Some(ending) = self.purpose.ending().filter(|_| self.proposed_for != serial) else {
             return;
@@ -174,8 +161,8 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`, and below its buttons what there is to tell, which may come
-    /// later: buttons must not move from under the pointer. The answer, once there is one.
+    /// Draws the dialog with further `choices`. `told` is drawn below the buttons, because it may
+    /// appear later and buttons must not move under the pointer. Returns the result, once there is one.
     pub fn ui(
         &mut self,
         ui: &Ui,
@@ -190,7 +177,7 @@ impl PathDialog {
         let mut stays = true;
         let mut confirmed = false;
         let (anchor, offset) = match self.purpose {
-            // The picture shows what the file will hold: this one leaves it free.
+            // An export shows its preview in the picture, so its dialog does not cover that.
             Purpose::Export => (Align2::RIGHT_TOP, ASIDE),
             _ => (Align2::CENTER_CENTER, [0.0, 0.0]),
         };
@@ -202,7 +189,8 @@ impl PathDialog {
             .show(ui.ctx(), |ui| {
                 confirmed = self.content(ui, waker, choices);
                 told(ui);
-                // Below all else, since it comes later: buttons must not move from under the pointer.
+                // Below everything else, because it appears later: buttons must not move under the
+                // pointer.
                 if let Some(look) = &self.looking {
                     look.tell(ui);
                 }
@@ -210,7 +198,7 @@ impl PathDialog {
         if let Some(answer) = self.take_look() {
             return Some(answer);
         }
-        // The question comes first: its Escape must not close the dialog below it as well.
+        // Before the dialog, which the Escape of this prompt must not close as well.
         if self.replacing.is_some() {
             return self.ask_to_replace(ui);
         }
@@ -224,13 +212,13 @@ impl PathDialog {
         None
     }
 
-    /// What is entered, from the root.
+    /// Entered path, made absolute.
     pub fn entered(&self) -> PathBuf {
         let path = at_home(Path::new(self.path.trim()), std::env::home_dir());
         absolute(&path).unwrap_or(path)
     }
 
-    /// Takes the path, once it is known what is there where a file is to be written.
+    /// Accepts the path; one that is to be written is checked first.
     fn confirm(&mut self, waker: &Waker) -> Option<PathAnswer> {
         let path = self.entered();
         if !self.purpose.writes() {
@@ -240,24 +228,26 @@ impl PathDialog {
             Ok(look) => self.looking = Some(look),
             Err(error) => {
                 let path = path.display();
-                self.problem = Some(format!("{path}: no thread to look there: {error}; try again"));
+                self.problem = Some(format!(
+                    "{path}: starting the thread that checks this path failed: {error}; try again"
+                ));
             }
         }
         None
     }
 
-    /// Takes a path that was looked at, or asks about what is there.
+    /// Takes the result of a check: accepts the path, or prompts for the replacement of what exists.
     fn take_look(&mut self) -> Option<PathAnswer> {
         let looked = self.looking.as_ref()?.take()?;
         let path = self.looking.take()?.path;
-        // Something else was entered meanwhile.
+        // The user has entered another path meanwhile.
         if path != self.entered() {
             return None;
         }
         match looked {
             Err(panic) => {
                 self.problem =
-                    Some(format!("{}: {}", path.display(), panic.ended("looking there")));
+                    Some(format!("{}: {}", path.display(), panic.ended("checking this path")));
             }
             Ok(Occupant::Folder) if self.purpose != Purpose::Film => {
                 let path = path.display();
@@ -273,7 +263,7 @@ impl PathDialog {
 
     fn answer(&mut self, path: PathBuf) -> PathAnswer {
         self.is_open = false;
-        // Asked again the next time, when there is a file in any case.
+        // By the next time the file exists, so its replacement must be confirmed again.
         (self.approved, self.replacing, self.problem) = (None, None, None);
         self.looking = None;
         PathAnswer::Path(path)
@@ -284,10 +274,10 @@ impl PathDialog {
         let (mut replace, mut keep) = (false, false);
         let response = Modal::new(Id::unique("replace")).show(ui.ctx(), |ui| {
             ui.heading(match occupant {
-                Occupant::Folder => "Replace pictures of this folder?",
-                Occupant::File | Occupant::Nothing => "Replace the older file?",
+                Occupant::Folder => "Replace the pictures in this folder?",
+                Occupant::File | Occupant::Nothing => "Replace the existing file?",
             });
-            ui.label(format!("{} exists already.", path.display()));
+            ui.label(format!("{} already exists.", path.display()));
             ui.add_space(8.0);
             ui.horizontal(|ui| {
                 replace = ui.button("Replace").clicked();
@@ -313,7 +303,7 @@ impl PathDialog {
         if field.changed() {
             self.problem = None;
         }
-        // Enter makes a field of one line give up the focus, so that it is told only here.
+        // Enter takes the focus from a single-line field, so it can only be detected here.
         let mut confirmed = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         if self.purpose.writes()
             && let Some(folder) = self.entered().parent()
@@ -330,7 +320,7 @@ impl PathDialog {
         });
         if self.no_native {
             ui.label(
-                RichText::new("No path came from the system's dialog: type the path above.").weak(),
+                RichText::new("The system dialog returned no path: type the path above.").weak(),
             );
         }
         confirmed && !self.path.trim().is_empty()
@@ -390,14 +380,14 @@ impl PathDialog {
     fn take_picked(&mut self) {
         let Some(answer) = self.native.as_ref().and_then(BackgroundJob::take) else { return };
         self.native = None;
-        // A cancelled dialog, a missing portal and one that panics answer alike, so the hint is worded for
-        // all of them.
+        // A cancelled dialog, a missing portal and a panic have the same result, so the hint covers all
+        // of them.
         let picked = answer.ok().flatten();
         self.no_native = picked.is_none();
         if let Some(path) = picked {
             self.path = path.display().to_string();
             self.problem = None;
-            // In the form that `confirm` compares: absolute, and by way of the text field.
+            // In the form that `confirm` compares: absolute, and through the text field.
             self.approved = Some(self.entered());
         }
     }

@@ -1,30 +1,26 @@
-//! The camera path that is being made in the window: keyframes in an order, played as they will be drawn.
+//! Camera path edited in the window: keyframes in order, with playback.
 
 use crate::export::camera_path::{CameraPathError, PacedPath};
 use crate::math::camera_path::{CameraPath, Keyframe};
 use glam::DVec3;
 use std::path::Path;
 
-/// Seconds from one new keyframe to the next.
+/// Time between new keyframes, seconds.
 const STEP_S: f64 = 2.0;
 
-/// Keyframes with what else a path is made of.
 #[derive(Clone, Debug)]
 pub struct PathEditor {
     keyframes: Vec<Keyframe>,
-    /// Pictures a second.
     pub fps: f64,
-    /// Whether it goes back from its last keyframe to its first.
+    /// True if the path returns from the last keyframe to the first.
     pub is_loop: bool,
-    /// Seconds that this takes.
+    /// Duration of this return, seconds.
     pub way_back: f64,
-    /// The moment that is shown, seconds from the first keyframe.
+    /// Playback position, seconds from the first keyframe.
     pub moment: f64,
-    /// Whether the moment moves on by itself.
     pub is_playing: bool,
-    /// As it was entered.
     pub file: String,
-    /// Size of the pictures of a film, pixels.
+    /// Size of the film's pictures, pixels.
     pub size: [u32; 2],
 }
 
@@ -44,28 +40,27 @@ impl Default for PathEditor {
 }
 
 impl PathEditor {
-    /// The keyframes, their times rising from 0.
+    /// Keyframes, with times rising from 0.
     pub fn keyframes(&self) -> &[Keyframe] {
         &self.keyframes
     }
 
-    /// Seconds that a keyframe comes after the one before it.
+    /// Time from the previous keyframe, seconds.
     pub fn step(&self, i: usize) -> f64 {
         self.keyframes[i].time - self.keyframes[i - 1].time
     }
 
-    /// Appends a camera some seconds after the last.
+    /// Appends a camera [`STEP_S`] after the last.
     pub fn add(&mut self, camera: Keyframe) {
         let time = self.keyframes.last().map_or(0.0, |last| last.time + STEP_S);
         self.keyframes.push(Keyframe { time, ..camera });
     }
 
-    /// Puts another camera in the place of a keyframe.
     pub fn replace(&mut self, i: usize, camera: Keyframe) {
         self.keyframes[i] = Keyframe { time: self.keyframes[i].time, ..camera };
     }
 
-    /// Takes a keyframe out; those after it keep their steps.
+    /// Removes a keyframe; the steps between later keyframes remain.
     pub fn remove(&mut self, i: usize) {
         let gap = match self.keyframes.get(i + 1) {
             Some(next) => next.time - self.keyframes[i].time,
@@ -75,7 +70,7 @@ impl PathEditor {
         self.shift(i, -gap);
     }
 
-    /// Lets a keyframe come so many seconds after the one before it; those after it keep their steps.
+    /// Sets the time from the previous keyframe, seconds; the steps between later keyframes remain.
     pub fn set_step(&mut self, i: usize, seconds: f64) {
         self.shift(i, seconds - self.step(i));
     }
@@ -84,7 +79,7 @@ impl PathEditor {
         self.keyframes[from..].iter_mut().for_each(|keyframe| keyframe.time += by);
     }
 
-    /// Takes the keyframes of another path.
+    /// Loads the keyframes and settings of another path.
     pub fn take(&mut self, paced: &PacedPath) {
         let path = &paced.path;
         let all = path.keyframes();
@@ -97,7 +92,7 @@ impl PathEditor {
         (self.fps, self.is_loop, self.moment) = (paced.fps, path.is_loop(), 0.0);
     }
 
-    /// Reads a file's; `up` is that of cameras that say no other.
+    /// Reads a file; `up` is the up direction of cameras without their own.
     ///
     /// # Errors
     /// Those of [`PacedPath::read`].
@@ -105,7 +100,7 @@ impl PathEditor {
         PacedPath::read(file, up).map(|paced| self.take(&paced))
     }
 
-    /// The path, where there are keyframes enough for one.
+    /// Path with its frame rate; `None` for fewer than two keyframes.
     pub fn paced(&self) -> Option<PacedPath> {
         let mut keyframes = self.keyframes.clone();
         if let (true, Some(first), Some(last)) =
@@ -118,7 +113,7 @@ impl PathEditor {
         Some(PacedPath { path, fps: self.fps })
     }
 
-    /// Moves the moment on by so many seconds if it is playing; the camera to show then. A loop goes on for ever,
+    /// Advances the position by `seconds` and returns the camera there, if playing. A loop repeats;
     /// another path stops at its end.
     pub fn play(&mut self, seconds: f64) -> Option<Keyframe> {
         let path = self.paced()?.path;
@@ -175,7 +170,7 @@ mod tests {
     fn playing_ends_at_the_end_or_goes_round() {
         let mut editor = PathEditor::default();
         (0..2).for_each(|i| editor.add(camera(f64::from(i))));
-        assert_eq!(editor.play(1.0), None, "not before it is asked for");
+        assert_eq!(editor.play(1.0), None, "not before playback starts");
         editor.is_playing = true;
         assert!(editor.play(1.5).is_some() && editor.is_playing);
         assert_eq!(editor.play(1.5).map(|k| k.pose), Some(camera(1.0).pose));

@@ -1,4 +1,5 @@
-//! What lies at a path, looked for beside the window: a drive that does not answer must not hold it up.
+//! Check of what exists at a path, on a separate thread: a drive that does not respond must not block
+//! the window.
 
 use super::background_job::BackgroundJob;
 use super::panic_report::PanicReport;
@@ -7,31 +8,28 @@ use eframe::egui::Ui;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// What lies where a file is to be written.
+/// What exists where a file is to be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occupant {
-    /// Nothing so far.
     Nothing,
-    /// Something that a file replaces.
+    /// A file or link, which would be replaced.
     File,
-    /// A folder.
     Folder,
 }
 
-/// A look at a path, which may take as long as its drive wants.
+/// Check of a path, which may take as long as its drive needs.
 pub struct PathLook {
-    /// Where.
     pub path: PathBuf,
     since: Instant,
     job: BackgroundJob<Occupant>,
 }
 
-/// After so long it is said what is waited for.
+/// Time after which the dialog shows what it waits for.
 const SAID_AFTER: Duration = Duration::from_secs(1);
 
 impl Occupant {
     fn of(path: &Path) -> Self {
-        // A link that leads nowhere is a file too: it would be replaced.
+        // A dangling link counts as a file, because it would be replaced.
         match (path.is_dir(), path.symlink_metadata().is_ok()) {
             (true, _) => Self::Folder,
             (false, true) => Self::File,
@@ -41,29 +39,29 @@ impl Occupant {
 }
 
 impl PathLook {
-    /// Begins to look; `waker` is called once it is known.
+    /// Starts the check; `waker` is called when it is done.
     ///
     /// # Errors
-    /// No thread could be started.
+    /// If no thread can be started.
     pub fn start(path: PathBuf, waker: Waker) -> std::io::Result<Self> {
         let looked_at = path.clone();
         let job = BackgroundJob::start("dialog", waker, move || Occupant::of(&looked_at))?;
         Ok(Self { path, since: Instant::now(), job })
     }
 
-    /// What is there, once, when it is known.
+    /// Takes the result, once.
     pub fn take(&self) -> Option<Result<Occupant, PanicReport>> {
         self.job.take()
     }
 
-    /// Says what is waited for, where that takes long.
+    /// Shows what the dialog waits for, if that takes long.
     pub fn tell(&self, ui: &mut Ui) {
         match SAID_AFTER.checked_sub(self.since.elapsed()) {
             Some(rest) => ui.ctx().request_repaint_after(rest),
             None => {
                 let folder = self.path.parent().unwrap_or(&self.path).display();
                 ui.label(format!(
-                    "{folder}: no answer yet; wait for its drive, or choose another folder"
+                    "{folder}: the drive has not responded yet; wait, or choose another folder"
                 ));
             }
         }

@@ -1,41 +1,38 @@
-//! What waits until unsaved training is dealt with: opening something else, starting over, closing.
+//! Actions that wait until unsaved training is handled: opening another subject, restarting, closing.
 
 use super::state::WriteOutcome;
 use super::worker::WorkerOrder;
 
-/// What goes ahead then.
+/// Action that waits.
 #[derive(Clone, Debug)]
 pub enum Continuation {
-    /// The worker is given an order.
     Send(WorkerOrder),
-    /// The window closes.
     Close,
 }
 
-/// How far the user and the files are with what waits.
+/// Stage of a waiting action.
 #[derive(Clone, Debug)]
 pub enum Pending {
-    /// The user is asked what shall become of the training.
+    /// The user is prompted about unsaved training.
     Asking(Continuation),
-    /// The user is asked for a file's name.
+    /// The user is prompted for a file name.
     Naming(Continuation),
     /// The file with this number is being written.
     Writing(Continuation, u64),
 }
 
-/// What follows from the news of a file.
+/// Result of checking for a written file.
 #[derive(Debug)]
 pub enum AfterWrite {
-    /// Nothing yet.
     Wait(Pending),
-    /// What waited goes ahead.
+    /// The action proceeds.
     GoAhead(Continuation),
-    /// What waited is given up, since the file was not written.
+    /// The action is dropped, because the file was not written.
     GiveUp,
 }
 
 impl Pending {
-    /// Something else waits now, as far along as this is.
+    /// Replaces the action; the stage remains.
     pub fn instead(self, next: Continuation) -> Self {
         match self {
             Self::Asking(_) => Self::Asking(next),
@@ -44,7 +41,7 @@ impl Pending {
         }
     }
 
-    /// The user has named the file, which gets this number.
+    /// Records that the user has named the file, whose number is `number`.
     pub fn named(self, number: u64) -> Self {
         match self {
             Self::Naming(next) => Self::Writing(next, number),
@@ -52,7 +49,7 @@ impl Pending {
         }
     }
 
-    /// Looks whether the file that is waited for was written.
+    /// Checks whether the awaited file was written.
     pub fn after(self, latest: Option<WriteOutcome>) -> AfterWrite {
         match (self, latest) {
             (Self::Writing(next, number), Some(outcome)) if outcome.number == number => {

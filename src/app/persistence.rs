@@ -1,5 +1,4 @@
-//! What the user chose, stored between sessions: the parts of the settings' file, each a text of RON under its
-//! name.
+//! Settings stored between sessions: the parts of the settings file, each a RON text under its name.
 
 use super::layout::WindowLayout;
 use super::recent::RecentPaths;
@@ -7,37 +6,33 @@ use super::training::TrainSettings;
 use super::viewer::settings::ViewSettings;
 use crate::render::gpu::adapters::AdapterChoice;
 
-/// Where settings are stored.
+/// Names of the parts.
 const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
 const RECENT: &str = "recent";
 const LAYOUT: &str = "layout";
-/// The caveat of an adapter that was told already.
+/// Part with the adapter caveat that was already shown.
 pub const CAVEAT: &str = "caveat";
-/// The adapter that was chosen for further windows.
+/// Part with the adapter chosen for further windows.
 pub const ADAPTER: &str = "adapter";
-/// What the file's parts are and mean; a part may have a version of its own.
+/// Part with the version of the file; a part may also have its own version.
 pub const VERSION: &str = "version";
-/// Of the files that this program writes. The first had no part of this name and lay in another folder.
+/// Version of files written by this program. Version 1 had no part of this name and was in another
+/// folder.
 pub const FILE_VERSION: u32 = 2;
 
-/// Everything that was stored.
 #[derive(Default)]
 pub struct StoredSettings {
-    /// Settings of the viewport.
     pub view: ViewSettings,
-    /// Settings of training.
     pub training: TrainSettings,
-    /// Paths that were opened.
     pub recent: RecentPaths,
-    /// What of the window is shown and where.
     pub layout: WindowLayout,
-    /// What the user should know of what could not be read.
+    /// Notices about parts that could not be read.
     pub problems: Vec<String>,
 }
 
 impl StoredSettings {
-    /// Reads what the session before has left; `text` finds a part by its name.
+    /// Reads the settings of the previous session; `text` returns a part by its name.
     pub fn read(text: impl Fn(&str) -> Option<String>) -> Self {
         let mut stored = Self::default();
         if let Some(text) = text(VIEWPORT) {
@@ -60,7 +55,7 @@ impl StoredSettings {
     }
 }
 
-/// Leaves settings for the next session; a chosen adapter too, else the one that was chosen before stays.
+/// Stores the settings; without `adapter`, the adapter stored before is retained.
 pub fn write(
     storage: &mut dyn eframe::Storage,
     view: &ViewSettings,
@@ -82,7 +77,7 @@ pub fn write(
     for (key, text) in texts {
         match text {
             Ok(text) => storage.set_string(key, text),
-            Err(error) => tracing::warn!("the settings of {key} are not stored: {error}"),
+            Err(error) => tracing::warn!("storing the settings of {key} failed: {error}"),
         }
     }
 }

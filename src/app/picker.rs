@@ -1,4 +1,4 @@
-//! Finding the splat under the pointer, on a thread of its own.
+//! Picking of the splat under the pointer, on a separate thread.
 
 use super::background_job::BackgroundJob;
 use super::panic_report::PanicReport;
@@ -10,13 +10,12 @@ use crate::render::pick::pick;
 use glam::DVec2;
 use std::sync::Arc;
 
-/// A question that may be open.
+/// Pick in progress, if any.
 #[derive(Default)]
 pub struct Picker(Option<BackgroundJob<Option<u32>>>);
 
 impl Picker {
-    /// Asks which splat is seen at a position of the viewport, pixels. A question still open is
-    /// forgotten.
+    /// Starts to pick the splat at a position of the viewport, pixels; replaces a pick in progress.
     pub fn ask(
         &mut self,
         splats: Arc<SplatSet>,
@@ -25,14 +24,14 @@ impl Picker {
         options: RenderOptions,
         waker: Waker,
     ) -> std::io::Result<()> {
-        // The splats go with the work, before the answer is there: whoever changes them next need not copy
-        // them then.
+        // The job owns its reference to the splats and drops it before the result arrives, so that
+        // their next change need not copy them.
         let find = move || pick(&splats, &camera, position, &options).map(|p| p.index as u32);
         self.0 = Some(BackgroundJob::start("picking", waker, find)?);
         Ok(())
     }
 
-    /// The answer, once: the splat, or `None` if there is none at that place.
+    /// Takes the result, once: the splat, or `None` if there is none at that position.
     pub fn take(&mut self) -> Option<Result<Option<u32>, PanicReport>> {
         let answer = self.0.as_ref()?.take()?;
         self.0 = None;

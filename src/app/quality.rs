@@ -1,9 +1,9 @@
-//! How well held-out views are reproduced, measured beside training.
+//! Quality of held-out views, measured during training.
 //!
-//! By one thread on a copy of the splats, as photographs are (`viewer/photo.rs`): while frames are
-//! trained a few views are measured again and again, with rests that are many times as long as the
-//! measuring, so that the trainer keeps its cores. At rest every view is measured once, then those
-//! from the side. The figures are those of `vbgs-studio eval`.
+//! One thread measures a copy of the splats, as for photographs (`viewer/photo.rs`). During training it
+//! measures a few views repeatedly, with rests of a multiple of the measuring time, to leave the cores
+//! to training. At rest every view is measured once, then the views from the side. The metrics are
+//! those of `vbgs-studio eval`.
 
 use super::quality_thread::{QualityAnswer, QualityPurpose, QualityQuery, start};
 use super::retention::{Retention, positions};
@@ -24,36 +24,35 @@ use eframe::egui::Context;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Views measured while frames are trained.
+/// Number of views measured during training.
 const SAMPLED: usize = 3;
-/// Views measured at rest, evenly chosen, as many as the paper's protocol takes.
+/// Maximum number of views measured at rest, evenly chosen, as in the paper's protocol.
 const MAX_VIEWS: usize = 100;
-/// Rest between two measurements while frames are trained, in times of the measuring: on two cores
-/// training slows down by half of one part in so many.
+/// Rest between two measurements during training, as a multiple of the measuring time: on two cores
+/// training slows down by half of 1/`REST`.
 const REST: u32 = 15;
-/// Shortest rest.
 const MIN_REST: Duration = Duration::from_millis(500);
 
-/// Means over the same few views after some frames.
+/// Mean metrics over the same few views after a number of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityPoint {
-    /// Frames trained.
+    /// Number of trained frames.
     pub frames: usize,
-    /// Seconds of training.
+    /// Training time, seconds.
     pub seconds: f64,
-    /// Components with statistics.
+    /// Number of components with statistics.
     pub components: usize,
     /// Mean PSNR, dB.
     pub psnr: f64,
-    /// The same where splats cover the view, and the share that they cover.
+    /// Mean PSNR of the pixels that splats cover, dB, and the mean share of these pixels.
     pub covered: Option<(f64, f64)>,
     /// Mean SSIM.
     pub ssim: f64,
-    /// Mean absolute depth error, world units, where the views have depth.
+    /// Mean absolute depth error, world units; `None` for views without depth.
     pub depth_error: Option<f64>,
 }
 
-/// What is known of the quality of what is open.
+/// Quality of the open subject.
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
@@ -61,17 +60,17 @@ pub struct QualityMonitor {
     evaluation: Option<Evaluation>,
     options: Option<EvalOptions>,
     history: Vec<QualityPoint>,
-    /// Whether what waits to be learnt is drawn in the newest scene.
+    /// True if pending photographs are part of the newest scene.
     settled: bool,
-    /// Of the scene after [`Self::measured_at`] frames; views of an older scene until they are
-    /// measured again.
+    /// Views of the scene after [`Self::measured_at`] frames; those of an older scene remain until they
+    /// are measured again.
     views: Vec<ViewReport>,
     measured_at: Option<usize>,
     n_measured: usize,
     /// Views from the side, of the scene after `side_at` frames.
     side: Vec<ViewReport>,
     side_at: Option<usize>,
-    /// Frames of the scene if it is at rest.
+    /// Number of frames of the scene, if it is at rest.
     at_rest: Option<usize>,
     problem: Option<String>,
     retention: Retention,
@@ -79,7 +78,7 @@ pub struct QualityMonitor {
 }
 
 impl QualityMonitor {
-    /// Measures nothing yet.
+    /// Creates a monitor without measurements.
     pub fn new(waker: Waker) -> Self {
         Self {
             waker,
@@ -101,7 +100,7 @@ impl QualityMonitor {
         }
     }
 
-    /// The views it is measured on; `None` for models.
+    /// Views that are measured; `None` for models.
     pub fn evaluation(&self) -> Option<&Evaluation> {
         self.evaluation.as_ref()
     }
@@ -111,17 +110,17 @@ impl QualityMonitor {
         &self.history
     }
 
-    /// Every view measured, worst first.
+    /// All measured views, worst first.
     pub fn views(&self) -> &[ViewReport] {
         &self.views
     }
 
-    /// How many views of the scene as it is were measured, and how many will be.
+    /// Number of measured views of the current scene, and of those to measure.
     pub fn progress(&self) -> (usize, usize) {
         (self.n_measured, self.chosen(MAX_VIEWS).len())
     }
 
-    /// Means over all views, once the scene at rest was measured on all of them.
+    /// Means over all views, once all were measured on the scene at rest.
     pub fn result(&self) -> Option<QualityPoint> {
         let (done, all) = self.progress();
         let is_new = |at: &&QualityPoint| {
@@ -132,14 +131,13 @@ impl QualityMonitor {
             .then(|| point(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
-    /// How many views from the side were measured of the scene after so many frames, and how many will
-    /// be.
+    /// Number of views from the side measured after `frames` frames, and of those to measure.
     pub fn side_progress(&self, frames: usize) -> (usize, usize) {
         let n_measured = if self.side_at == Some(frames) { self.side.len() } else { 0 };
         (n_measured, self.chosen_side().len())
     }
 
-    /// Means over the views from the side, once the scene at rest was measured on all of them.
+    /// Means over the views from the side, once all were measured on the scene at rest.
     pub fn side_result(&self) -> Option<QualityPoint> {
         let frames = self.at_rest?;
         let (done, all) = self.side_progress(frames);
@@ -148,24 +146,25 @@ impl QualityMonitor {
         (done == all).then(|| point(&self.side, at))?
     }
 
-    /// How well frames are kept that were trained.
+    /// Retention of frames that were trained on.
     pub fn retention(&self) -> &Retention {
         &self.retention
     }
 
-    /// Why nothing can be measured.
+    /// Reason why nothing can be measured, if so.
     pub fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
     }
 
-    /// Hands changed splats over.
+    /// Applies a change of the splats.
     pub fn change(&self, change: &SplatChange) {
         if let Some(thread) = &self.thread {
             thread.change(change.clone());
         }
     }
 
-    /// Measures what is due: while frames are trained, every so many of them; `splats` are all of them.
+    /// Starts a measurement that is due; during training one every `every` frames. `splats` are all
+    /// splats.
     pub fn update(
         &mut self,
         context: &Context,
@@ -176,7 +175,8 @@ impl QualityMonitor {
     ) {
         let Some(opened) = &snapshot.opened else { return };
         self.turn_to(opened, method);
-        // At rest, or by a frame that could not be placed: as many frames as before, and another scene.
+        // The scene differs after the same number of frames: pending photographs were included at rest,
+        // or a frame could not be placed.
         let is_other = snapshot.settled || self.measured_at == Some(snapshot.frames_done);
         if snapshot.settled != self.settled && is_other {
             (self.measured_at, self.side_at) = (None, None);
@@ -197,18 +197,18 @@ impl QualityMonitor {
         let render = RenderOptions::evaluation(method, black);
         let options = EvalOptions {
             color_camera: opened.color_camera(),
-            // As everywhere that photographs are compared: where no pose was corrected, the recorded one.
+            // As in all comparisons with photographs; a frame without a correction has its recorded pose.
             poses: ViewPoses::Corrected,
             ..EvalOptions::plain(GroundTruth::Composited, render)
         };
         if self.serial != opened.serial || self.options != Some(options) {
-            // The thread keeps its splats; an answer under way is of other settings.
+            // The thread retains its splats; an answer in progress belongs to other settings.
             let thread = self.thread.take().filter(|_| self.serial == opened.serial);
             *self = Self { thread, ..Self::new(self.waker.clone()) };
             (self.serial, self.options) = (opened.serial, Some(options));
         }
         let hold_out = opened.selection.as_ref().map_or_else(HoldOut::default, |s| s.hold_out);
-        // Anew in every pass, which is cheap: a recording that is followed gains views. A sector is fixed.
+        // In every pass, which is cheap, because a followed recording gains views. A sector is fixed.
         if hold_out == HoldOut::Every8th || self.evaluation.is_none() {
             let of = opened.dataset.as_ref().zip(opened.plan.as_ref());
             let found = of.map(|(dataset, plan)| dataset.evaluation_by(hold_out, plan.split));
@@ -256,7 +256,7 @@ impl QualityMonitor {
         }
     }
 
-    /// The views to measure now, and the least time until the next.
+    /// Views to measure now, and the minimum time until the next measurement.
     fn due(
         &self,
         context: &Context,
@@ -268,7 +268,7 @@ impl QualityMonitor {
             return None;
         }
         if self.thread.as_ref().is_some_and(ViewThread::is_busy) {
-            return None; // the answer wakes the window, which asks again
+            return None; // the answer wakes the window, which tries again
         }
         let is_new = self.history.is_empty() || Some(frames) != self.measured_at;
         let sample = self.chosen(SAMPLED);
@@ -277,7 +277,7 @@ impl QualityMonitor {
                 let since = self.measured_at.map_or(usize::MAX, |at| frames.saturating_sub(at));
                 let is_due = self.history.is_empty() || since >= every?;
                 let retained = || self.retained(snapshot).filter(|_| !self.history.is_empty());
-                // In turn: what is kept of earlier frames, then the quality again.
+                // Alternately: the retention of earlier frames, then the quality again.
                 let next = match is_due {
                     true => Some((QualityPurpose::HeldOut, sample)),
                     false => retained().map(|views| (QualityPurpose::Retention, views)),
@@ -307,7 +307,7 @@ impl QualityMonitor {
         due.filter(|(_, views, _)| !views.is_empty())
     }
 
-    /// The trained frames to measure again: at rest once, and while training after every measurement of
+    /// Trained frames to measure again: once at rest, and during training after every measurement of
     /// the quality.
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
         let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
@@ -319,12 +319,11 @@ impl QualityMonitor {
         is_due.then(|| positions(snapshot.frames_done).into_iter().map_while(frame).collect())
     }
 
-    /// At most so many of the new views.
+    /// At most `most` of the new views, evenly chosen.
     fn chosen(&self, most: usize) -> Vec<usize> {
         evenly(self.evaluation.as_ref().map(|evaluation| &evaluation.new_views), most)
     }
 
-    /// The views from the side.
     fn chosen_side(&self) -> Vec<usize> {
         evenly(self.side_group(), MAX_VIEWS)
     }
@@ -372,8 +371,7 @@ impl QualityMonitor {
                     self.thread = Some(thread);
                 }
                 Err(error) => {
-                    self.problem =
-                        Some(format!("no thread to measure on could be started: {error}"));
+                    self.problem = Some(format!("starting the measuring thread failed: {error}"));
                 }
             }
         }
@@ -383,15 +381,15 @@ impl QualityMonitor {
     }
 }
 
-/// At most so many views of a group, evenly chosen.
+/// At most `most` views of a group, evenly chosen.
 fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
     let all = group.map_or(&[][..], |group| &group.frames);
     let n = all.len().min(most);
-    // The middle of every n-th part: the ends of a recording are seldom typical.
+    // The middle of each part, because the ends of a recording are seldom typical.
     (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
 }
 
-/// Means over views; `None` for none.
+/// Means over views; `None` if there are none.
 fn point(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
     let mean = |value: &dyn Fn(&ViewReport) -> Option<f64>| {
         let values: Vec<f64> = views.iter().filter_map(value).collect();

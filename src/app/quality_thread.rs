@@ -1,4 +1,4 @@
-//! The thread that measures held-out views beside training, and what it is asked.
+//! Thread that measures held-out views during training.
 
 use super::panic_report::PanicReport;
 use super::view_thread::ViewThread;
@@ -14,36 +14,32 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What a measurement is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QualityPurpose {
-    /// The quality, on views that were held out.
     HeldOut,
-    /// The quality off the camera's way.
+    /// Quality on views from the side, away from the camera path.
     FromTheSide,
-    /// What is kept of frames that were trained.
     Retention,
 }
 
-/// What is measured: frames of a split of a dataset, with these settings.
 #[derive(Clone)]
 pub struct QualityQuery {
     pub purpose: QualityPurpose,
     pub dataset: Arc<Dataset>,
     pub split: usize,
     pub views: Vec<usize>,
-    /// All that will be measured: the near plane is one for them.
+    /// All views of the series of measurements, which share one near plane.
     pub all: Vec<usize>,
     pub options: EvalOptions,
     pub near_rule: NearRule,
-    /// When: frames, seconds and components.
+    /// Frames, seconds and components at the time of the query.
     pub at: (usize, f64, usize),
-    /// Whether what waits to be learnt is drawn.
+    /// True if pending photographs are part of the scene.
     pub settled: bool,
 }
 
 impl QualityQuery {
-    /// With the near plane that these views are measured with.
+    /// Render options with the near plane of this series.
     fn options_for(&self, splats: &SplatSet) -> EvalOptions {
         let frames = &self.dataset.splits[self.split].frames;
         let cameras: Vec<Camera> = self.all.iter().map(|&view| frames[view].camera).collect();
@@ -52,16 +48,14 @@ impl QualityQuery {
     }
 }
 
-/// What came of it.
 pub struct QualityAnswer {
     pub query: QualityQuery,
     pub scores: Result<Vec<ViewReport>, String>,
     pub took: Duration,
 }
 
-/// Starts the thread.
 pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
-    // In rayon's global pool measuring would take every core, those of the trainer included.
+    // In rayon's global pool measuring would use every core, including those of training.
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let alone = alone.map_err(std::io::Error::other)?;
     ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
@@ -77,8 +71,8 @@ pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAn
     })
 }
 
-/// What was measured, or why nothing can be: a figure is no reason to close the window, and nothing of the
-/// measuring outlives its panic.
+/// Returns the metrics, or the reason of a failure. A panic is caught: a metric is no reason to close
+/// the window, and no state of the measurement outlives it.
 fn measured(
     measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,
 ) -> Result<Vec<ViewReport>, String> {

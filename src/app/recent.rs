@@ -1,34 +1,30 @@
-//! Paths that were opened, the newest first, kept between sessions.
+//! Recently opened paths, newest first, stored between sessions.
 
 use super::stored_text;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Paths kept.
 const MAX_PATHS: usize = 8;
 
-/// Paths that were opened, the newest first.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecentPaths(Vec<PathBuf>);
 
 impl RecentPaths {
-    /// Reads what an earlier session wrote by [`Self::to_text`], nothing where that is damaged: it can be
-    /// opened again by hand.
+    /// Reads paths written by [`Self::to_text`]. Damaged text yields none, because paths can be opened
+    /// again by hand.
     pub fn from_text(text: &str) -> Self {
         stored_text::from_text("recent paths", text).0
     }
 
-    /// For the next session.
     pub fn to_text(&self) -> Result<String, ron::Error> {
         ron::to_string(self)
     }
 
-    /// The paths.
     pub fn paths(&self) -> &[PathBuf] {
         &self.0
     }
 
-    /// Puts a path that was opened in front.
+    /// Moves an opened path to the front.
     pub fn note(&mut self, path: &Path) {
         self.0.retain(|known| known != path);
         self.0.insert(0, path.to_owned());

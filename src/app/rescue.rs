@@ -1,55 +1,55 @@
-//! What is saved of a scene when the program is at fault.
+//! Rescue of the scene after a panic.
 //!
-//! A panic must not cost what was trained. The training thread outlives panics of the window and
-//! catches its own, so it is always the one that saves: beside the dataset, where people look first,
-//! else in the platform's folder for what programs remember, else among temporary files.
+//! A panic must not lose training. The training thread survives panics of the window and catches its
+//! own, so it always saves the scene: beside the dataset, where it is found first, else in the
+//! platform's state folder, else in the folder of temporary files.
 
 use super::panic_report::PanicReport;
 use super::user_folders;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// The thread whose panic it was.
+/// Thread that panicked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CrashedThread {
-    /// The window's.
+    /// The window's thread.
     Window,
-    /// The one that trains.
+    /// The training thread.
     Training,
 }
 
-/// A panic, and what became of the scene.
+/// Panic, with the outcome of the rescue.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{} crashed: {panic}; {rescue}", match thread {
     CrashedThread::Window => "the window",
     CrashedThread::Training => "training",
 })]
 pub struct Crash {
-    /// Whose.
+    /// Thread that panicked.
     pub thread: CrashedThread,
-    /// What happened.
+    /// Message and location of the panic.
     pub panic: PanicReport,
-    /// What became of the scene.
+    /// Outcome of the rescue.
     pub rescue: Rescue,
 }
 
-/// What became of a scene after a panic.
+/// Outcome of a rescue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rescue {
-    /// There was no training that is in no checkpoint yet.
+    /// There was no unsaved training.
     Nothing,
-    /// It is in a checkpoint.
+    /// The scene was saved to a checkpoint.
     Saved {
-        /// The file.
+        /// File of the checkpoint.
         path: PathBuf,
-        /// Frames trained since the checkpoint before, all of which are in it.
+        /// Number of frames trained since the previous checkpoint, all of them included.
         frames: usize,
     },
-    /// It is in no file.
+    /// The scene could not be saved.
     Lost {
-        /// Frames trained since the checkpoint before.
+        /// Number of frames trained since the previous checkpoint.
         frames: usize,
-        /// Why, one for each place that was tried.
+        /// Reasons, one for each folder that was tried.
         problems: Vec<String>,
     },
 }
@@ -76,16 +76,16 @@ impl fmt::Display for Rescue {
     }
 }
 
-/// The folders that are tried after the one beside the dataset.
+/// Folders to try after the one beside the dataset.
 pub fn fallback_folders() -> Vec<PathBuf> {
     user_folders::state().into_iter().chain([std::env::temp_dir()]).collect()
 }
 
-/// Writes `<stem>-rescued.vbgs`, or a numbered one where that is taken, into the first of the folders
-/// that takes it; the fallbacks are created where they are missing.
+/// Writes `<stem>-rescued.vbgs`, or a numbered name if that exists, to the first folder that accepts
+/// it. Missing fallback folders are created.
 ///
 /// # Errors
-/// What `write` said of each folder.
+/// The error of `write` for each folder.
 pub fn save(
     beside: Option<&Path>,
     fallbacks: &[PathBuf],
@@ -95,9 +95,9 @@ pub fn save(
     let mut problems = Vec::new();
     let fallbacks = fallbacks.iter().map(|folder| (folder.as_path(), true));
     for (folder, is_ours) in beside.map(|folder| (folder, false)).into_iter().chain(fallbacks) {
-        // A dataset's folder is never created: where it is missing, its disk may be unplugged.
+        // A dataset's folder is never created: if it is missing, its disk may be disconnected.
         if is_ours {
-            // Writing says more of a folder that cannot be created than this would.
+            // If this fails, `write` returns the more specific error.
             let _ = std::fs::create_dir_all(folder);
         }
         let path = free_path(folder, stem);
@@ -112,7 +112,7 @@ pub fn save(
 fn free_path(folder: &Path, stem: &str) -> PathBuf {
     let mut path = folder.join(format!("{stem}-rescued.vbgs"));
     let mut number = 2;
-    // Of the link itself: one that leads nowhere would be replaced all the same.
+    // Of the link itself, because a dangling link would also be replaced.
     while path.symlink_metadata().is_ok() {
         path = folder.join(format!("{stem}-rescued-{number}.vbgs"));
         number += 1;

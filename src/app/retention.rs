@@ -1,22 +1,21 @@
-//! How well frames that were trained long ago are still reproduced: their PSNR, again and again as training
-//! goes on.
+//! Retention: PSNR of frames that were trained on earlier, measured repeatedly during training.
 
-/// Distance of the first frames that are followed, in the order of training; it doubles from there on, so
-/// that a long run follows few.
+/// Position of the second tracked frame in training order. Positions double from there, so that a long
+/// run tracks few frames.
 const STEP: usize = 10;
-/// Frames that are followed at most.
+/// Maximum number of tracked frames.
 const MAX_FOLLOWED: usize = 8;
 
-/// One frame over the run.
+/// PSNR of one frame over the run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RetainedFrame {
-    /// Its position in the order of training.
+    /// Position in training order.
     pub position: usize,
-    /// Frames trained and PSNR then, dB.
+    /// Numbers of trained frames, and the PSNR after each of them, dB.
     pub psnr: Vec<[f64; 2]>,
 }
 
-/// What is known of frames that are followed.
+/// PSNR of the tracked frames.
 #[derive(Clone, Debug, Default)]
 pub struct Retention {
     frames: Vec<RetainedFrame>,
@@ -24,22 +23,22 @@ pub struct Retention {
 }
 
 impl Retention {
-    /// The frames that are followed, by their position.
+    /// Tracked frames.
     pub fn frames(&self) -> &[RetainedFrame] {
         &self.frames
     }
 
-    /// Whether it was not measured yet after so many frames.
+    /// True if the latest measurement was made before `frames_done` frames.
     pub fn is_older_than(&self, frames_done: usize) -> bool {
         self.measured_at.is_none_or(|at| at < frames_done)
     }
 
-    /// Whatever was measured, the scene is another one now.
+    /// Discards the time of the latest measurement, because the scene has changed.
     pub fn measure_again(&mut self) {
         self.measured_at = None;
     }
 
-    /// Notes the PSNR of frames, by their positions, after so many trained ones.
+    /// Adds the PSNR of frames, by position, after `frames_done` trained frames.
     pub fn note(&mut self, frames_done: usize, measured: impl IntoIterator<Item = (usize, f64)>) {
         self.measured_at = Some(frames_done);
         for (position, psnr) in measured {
@@ -55,7 +54,7 @@ impl Retention {
     }
 }
 
-/// Positions of the frames to follow once so many were trained: 0, 10, 20, 40, 80 and so on.
+/// Positions of the frames tracked after `frames_done` frames: 0, 10, 20, 40, 80 and so on.
 pub fn positions(frames_done: usize) -> Vec<usize> {
     let doubling = std::iter::successors(Some(STEP), |position| position.checked_mul(2));
     let all = std::iter::once(0).chain(doubling).take(MAX_FOLLOWED);

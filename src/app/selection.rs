@@ -1,4 +1,4 @@
-//! The selected splat in the viewport: choosing it by a click, and its outline.
+//! Selected splat in the viewport: picking by click, and outline.
 
 use super::panic_report::PanicReport;
 use super::picker::Picker;
@@ -14,36 +14,29 @@ use eframe::egui::{Color32, Pos2, Rect, Response, Stroke, Ui};
 use glam::DVec2;
 use std::sync::Arc;
 
-/// Rims drawn, standard deviations, and their widths, points.
+/// Radii of the outlines, standard deviations, and their line widths, points.
 const RIMS: [(f64, f32); 2] = [(1.0, 2.0), (2.0, 1.0)];
-/// Seen on every colour of the ramp.
+/// Visible on every colour of the ramp.
 const LIGHT: Color32 = Color32::from_rgb(255, 90, 220);
 
-/// What a click is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PickPurpose {
-    /// To know more of a splat.
     Select,
-    /// To turn about the place.
+    /// Move the orbit centre to the point.
     Pivot,
-    /// To measure from the place.
     Measure,
 }
 
-/// The answer to a click.
 #[derive(Clone, Copy, Debug)]
 pub struct PickedSplat {
-    /// What it was for.
     pub purpose: PickPurpose,
-    /// The camera that was looked through.
     pub camera: Camera,
-    /// Where it looked, pixels.
     pub pixel: DVec2,
-    /// The splat seen there, if there is one.
+    /// Visible splat at this pixel, if any.
     pub splat: Option<u32>,
 }
 
-/// The open question of a click.
+/// Picking of the splat under a click.
 #[derive(Default)]
 pub struct SplatSelection {
     picker: Picker,
@@ -51,11 +44,10 @@ pub struct SplatSelection {
 }
 
 impl SplatSelection {
-    /// Asks for the splat under a click, where clicks measure or select, and draws the outline of the one
-    /// that is selected.
+    /// Starts to pick the splat under a click, and draws the outline of the selected splat.
     #[expect(
         clippy::too_many_arguments,
-        reason = "what is drawn, what is clicked and what is known"
+        reason = "inputs of drawing, of the click and of the selection"
     )]
     pub fn ui(
         &mut self,
@@ -68,7 +60,7 @@ impl SplatSelection {
         measures: bool,
     ) -> std::io::Result<()> {
         if let Some(inspected) = &snapshot.inspected {
-            // One outline for both sides of a wipe: it is the same by either renderer.
+            // One outline for both sides of a wipe: it is the same with either renderer.
             draw(inspected, ui, response.rect, request);
         }
         match response.interact_pointer_pos().filter(|_| response.clicked()) {
@@ -88,7 +80,7 @@ impl SplatSelection {
         }
     }
 
-    /// What the user clicked at, once.
+    /// Takes the result of a click, once.
     pub fn take_picked(&mut self) -> Option<Result<PickedSplat, PanicReport>> {
         let found = self.picker.take()?;
         let (purpose, camera, pixel) = self.asked.take()?;
@@ -96,7 +88,7 @@ impl SplatSelection {
     }
 }
 
-/// How the picture is drawn at a place: a wipe has two sides.
+/// Render options at a pixel: a wipe has two sides.
 fn options_at(request: &PictureRequest, pixel: DVec2) -> RenderOptions {
     let width = f64::from(request.camera.intrinsics.width);
     match &request.second {

@@ -1,4 +1,4 @@
-//! What is said of a session in the scene panel.
+//! Properties of a session in the scene panel.
 
 use super::panels::legend::number;
 use crate::dataset::Dataset;
@@ -46,7 +46,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     info
 }
 
-/// What positions of a far world are relative to.
+/// Line with the local origin, for a world far from its own origin.
 pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
     let [x, y, z] = origin.to_array();
     (origin != DVec3::ZERO).then(|| ("Local origin".to_owned(), format!("{x}  {y}  {z}")))
@@ -56,7 +56,7 @@ fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
     let h = number(engine.h);
     let scale = match scale {
-        StructuralScale::Pixels(n) => format!("{h} world units (asked for: {n} pixels)"),
+        StructuralScale::Pixels(n) => format!("{h} world units (requested: {n} pixels)"),
         StructuralScale::World(_) => format!("{h} world units"),
     };
     let stages = [
@@ -79,8 +79,8 @@ fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
 fn birth_rule(rule: BirthRule) -> &'static str {
     match rule {
         BirthRule::Seeds => "seeds, where a point has none within the structural scale",
-        BirthRule::Lattice => "cubic lattice: the order of frames does not matter",
-        BirthRule::BodyCentred => "body-centred lattice: the order of frames does not matter",
+        BirthRule::Lattice => "cubic lattice: independent of the order of frames",
+        BirthRule::BodyCentred => "body-centred lattice: independent of the order of frames",
     }
 }
 
@@ -96,8 +96,8 @@ fn sensor(sensor: Sensor) -> String {
 
 fn calibration(calibration: Option<&Calibration>, is_assumed: bool) -> &'static str {
     match calibration {
-        None => "none: colour and depth are taken as registered",
-        Some(_) if is_assumed => "the published Kinect's colour camera",
+        None => "none: colour and depth are assumed to be registered",
+        Some(_) if is_assumed => "colour camera of the published Kinect calibration",
         Some(_) => "given",
     }
 }

@@ -1,10 +1,11 @@
-//! The file of settings in the user's configuration folder: RON, with a version, and what is done where it
-//! cannot be read.
+//! Settings file in the user's configuration folder: RON with a version, and recovery if it cannot be
+//! read.
 //!
-//! eframe reads and writes it as parts by name ([`persistence`](super::persistence)). It empties the file and then
-//! writes it, so that a full disk or a power cut leaves half of it; what it cannot read it passes over without
-//! a word, and writes over. So what no window of this version can read is set aside under another name before
-//! the first window opens, a copy of the last good file takes its place, and the user is told.
+//! eframe reads and writes it as parts by name ([`persistence`](super::persistence)). It empties the
+//! file before writing, so that a full disk or a power cut leaves a partial file. It ignores an
+//! unreadable file without a message and overwrites it. Therefore a file that this version cannot read
+//! is renamed before the first window opens, a copy of the last good file replaces it, and the user is
+//! warned.
 
 use super::persistence::{ADAPTER, FILE_VERSION, StoredSettings, VERSION};
 use super::user_folders;
@@ -16,53 +17,52 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const FILE: &str = "settings.ron";
-/// Files of version 1, in the folder of data: settings, and the chosen adapter in one of its own.
+/// Files of version 1, in the data folder: settings, and the chosen adapter.
 const FORMER_FILE: &str = "app.ron";
 const FORMER_ADAPTER_FILE: &str = "adapter.ron";
-/// Largest file that is read: it holds some kilobytes.
+/// Maximum size of the file, which usually holds some kilobytes.
 const MAX_BYTES: u64 = 1 << 26;
 
-/// What a file holds: texts by the names of what they set.
+/// Content of a file: texts by the names of the parts.
 type Parts = BTreeMap<String, String>;
 
-/// The file of settings, and where older versions had it.
+/// Settings file, and the folder of older versions.
 pub struct SettingsFile {
     file: PathBuf,
     former: Option<PathBuf>,
 }
 
-/// What is known of the settings before there is a window.
+/// Settings that are known before there is a window.
 #[derive(Debug, Default, PartialEq)]
 pub struct FoundSettings {
-    /// The adapter that was chosen in an earlier window.
+    /// Adapter chosen in an earlier window.
     pub adapter: Option<AdapterChoice>,
-    /// What the user is to know of what could not be read.
+    /// Notices about settings that could not be read.
     pub problems: Vec<String>,
 }
 
-/// Why a file is not used.
+/// Reason why a file is not used.
 enum Unusable {
     Missing,
-    /// The system does not give it.
+    /// The system cannot read it.
     Unread(io::Error),
-    /// With what was found.
+    /// Its content is invalid, as described.
     Broken(String),
-    /// Written by a program of a later version.
+    /// Written by a later version of the program.
     Newer(u32),
 }
 
 impl SettingsFile {
-    /// The user's file, where the platform has a folder for it.
+    /// The user's file, if the platform has a configuration folder.
     pub fn of_user() -> Option<Self> {
         Some(Self { file: user_folders::config()?.join(FILE), former: user_folders::data() })
     }
 
-    /// Where it lies.
     pub fn path(&self) -> &Path {
         &self.file
     }
 
-    /// Makes the file one that a window of this version reads as a whole; before the first opens.
+    /// Makes the file readable as a whole by this version; call it before the first window opens.
     pub fn open(&self) -> FoundSettings {
         let (parts, problem) = match read(&self.file) {
             Ok(parts) => (Some(parts), None),
@@ -77,8 +77,8 @@ impl SettingsFile {
         FoundSettings { adapter, problems }
     }
 
-    /// Keeps a copy of the file where it is whole; after the last window, since a start waits for no disk.
-    /// What the user is to know of one that the last window could not write.
+    /// Copies the file if it is valid; call it after the last window, so that the start does not wait
+    /// for a disk. Returns a notice if the last window could not write the file.
     pub fn close(&self) -> Option<String> {
         match read(&self.file) {
             Ok(parts) => {
@@ -96,14 +96,14 @@ impl SettingsFile {
         self.file.with_added_extension("good")
     }
 
-    /// Sets a file aside that is not used and puts the last good one in its place.
+    /// Renames a file that cannot be used, and replaces it by the last good one.
     fn replace(&self, unusable: &Unusable) -> (Option<Parts>, Option<String>) {
         let place = self.file.display();
         let (expected, found, aside, advice) = match unusable {
             Unusable::Missing => return (None, None),
             Unusable::Unread(error) => {
                 let text = format!(
-                    "{place}: expected a file of settings, found that it cannot be read: {error}; the defaults are used, delete it or make it readable"
+                    "{place}: expected a settings file, found that it cannot be read: {error}; the defaults are used; delete it or make it readable"
                 );
                 return (None, Some(text));
             }
@@ -111,37 +111,37 @@ impl SettingsFile {
                 "the settings that the last window wrote".to_owned(),
                 found.clone(),
                 "broken".to_owned(),
-                "the disk may have been full: make room, and settings are kept again",
+                "the disk may have been full: make room, and settings are saved again",
             ),
             Unusable::Newer(version) => (
                 format!("settings of version {FILE_VERSION} or older"),
                 format!("version {version}"),
                 format!("version-{version}"),
-                "for the program that wrote it give it back its name",
+                "rename it back before you start the newer program",
             ),
         };
         let aside = self.file.with_added_extension(aside);
         if let Err(error) = std::fs::rename(&self.file, &aside) {
             let text = format!(
-                "{place}: expected {expected}, found {found}, and it cannot be set aside: {error}; the defaults are used and this window writes over it, keep a copy or delete it"
+                "{place}: expected {expected}, found {found}, and it cannot be renamed: {error}; the defaults are used and this window overwrites it: copy it or delete it"
             );
             return (None, Some(text));
         }
         let good = self.good();
-        // A new name for the copy, and no other copy: the disk may still be full.
+        // Renamed, not copied: the disk may still be full.
         let parts = read(&good).ok().filter(|_| std::fs::rename(&good, &self.file).is_ok());
         let used = match &parts {
-            Some(_) => "those of the start before are used",
+            Some(_) => "those of the previous start are used",
             None => "the defaults are used",
         };
         let aside = aside.display();
         let text = format!(
-            "{place}: expected {expected}, found {found}; {used}, the file is set aside as {aside}; {advice}"
+            "{place}: expected {expected}, found {found}; {used}, the file was renamed to {aside}; {advice}"
         );
         (parts, Some(text))
     }
 
-    /// Copies what an older version has left, which stays there for it.
+    /// Copies the settings of an older version, whose files remain.
     fn take_over_former(&self) -> (Option<Parts>, Option<String>) {
         let Some(former) = &self.former else { return (None, None) };
         let adapter = std::fs::read_to_string(former.join(FORMER_ADAPTER_FILE)).ok();
@@ -151,7 +151,7 @@ impl SettingsFile {
             Ok(parts) => (parts, None),
             Err(Unusable::Broken(found)) => {
                 let text = format!(
-                    "{}: expected the settings of an older version, found {found}; the defaults are used, the file stays as it is",
+                    "{}: expected the settings of an older version, found {found}; the defaults are used, the file is left unchanged",
                     file.display()
                 );
                 (Parts::new(), Some(text))
@@ -167,7 +167,7 @@ impl SettingsFile {
             Ok(()) => (Some(parts), problem),
             Err(error) => {
                 let text = format!(
-                    "the settings of {} could not be taken over: {error}; the defaults are used until the program is started again",
+                    "copying the settings from {} failed: {error}; the defaults are used until the next start",
                     file.display()
                 );
                 (Some(parts), Some(text))
@@ -175,8 +175,8 @@ impl SettingsFile {
         }
     }
 
-    /// Copies the whole file where a part cannot be read: windows use that part's default, say so, and write
-    /// it over.
+    /// Copies the whole file if a part cannot be read, because windows use the default of that part,
+    /// report it and overwrite it.
     fn keep_unread_parts(&self, parts: &Parts) -> Option<String> {
         let stored = StoredSettings::read(|part| parts.get(part).cloned());
         if stored.problems.is_empty() {
@@ -186,10 +186,10 @@ impl SettingsFile {
         let (place, shown) = (self.file.display(), aside.display());
         Some(match std::fs::copy(&self.file, &aside) {
             Ok(_) => {
-                format!("{place}: a part cannot be read; the file as it was is kept as {shown}")
+                format!("{place}: a part cannot be read; the original file was copied to {shown}")
             }
             Err(error) => format!(
-                "{place}: a part cannot be read, and the file as it was could not be kept as {shown}: {error}"
+                "{place}: a part cannot be read, and copying the original file to {shown} failed: {error}"
             ),
         })
     }
@@ -201,17 +201,17 @@ fn read(file: &Path) -> Result<Parts, Unusable> {
         _ => Unusable::Unread(error),
     })?;
     if !metadata.is_file() {
-        return Err(Unusable::Unread(io::Error::other("it is no file")));
+        return Err(Unusable::Unread(io::Error::other("it is not a file")));
     }
     if metadata.len() > MAX_BYTES {
         return Err(Unusable::Broken(format!("{} bytes", metadata.len())));
     }
-    // Bytes that are no text break the file as well as a missing end does.
+    // Invalid UTF-8 makes the file unusable, like a missing end.
     let bytes = std::fs::read(file).map_err(Unusable::Unread)?;
     parse(&String::from_utf8_lossy(&bytes))
 }
 
-/// As eframe reads it.
+/// Parses the text like eframe.
 fn parse(text: &str) -> Result<Parts, Unusable> {
     if text.trim().is_empty() {
         return Err(Unusable::Broken("an empty file".to_owned()));
@@ -221,13 +221,13 @@ fn parse(text: &str) -> Result<Parts, Unusable> {
     match version {
         Ok(version) if version > FILE_VERSION => Err(Unusable::Newer(version)),
         Ok(_) => Ok(parts),
-        Err(error) => Err(Unusable::Broken(format!("a version that is none: {error}"))),
+        Err(error) => Err(Unusable::Broken(format!("an invalid version: {error}"))),
     }
 }
 
 fn write(file: &Path, parts: &Parts) -> Result<(), ExportError> {
     let text = ron::ser::to_string_pretty(parts, ron::ser::PrettyConfig::default());
-    // An existing folder is no error, a missing one is said below.
+    // A missing folder is reported by the write below.
     let _ = file.parent().map(std::fs::create_dir_all);
     write_atomic(file, |out| out.write_all(text.map_err(io::Error::other)?.as_bytes())).map(drop)
 }
@@ -240,7 +240,7 @@ mod tests {
 
     const GOOD: &str = r#"{"version": "2", "adapter": "RTX \"9\""}"#;
 
-    /// A home whose folder of settings does not exist yet, and that of older versions does.
+    /// A home without a settings folder, but with that of older versions.
     fn home() -> (TempDir, SettingsFile) {
         let home = tempfile::tempdir().unwrap();
         let former = home.path().join("data");
@@ -258,7 +258,7 @@ mod tests {
         std::fs::read_to_string(settings.file.with_added_extension(extension)).ok()
     }
 
-    /// What opening finds, which tells one problem that holds these words.
+    /// Opens the settings and expects one notice that contains these words.
     fn problem(settings: &SettingsFile, words: &[&str]) -> Option<AdapterChoice> {
         let FoundSettings { adapter, problems } = settings.open();
         let [problem] = &problems[..] else { panic!("{problems:?}") };
@@ -284,14 +284,14 @@ mod tests {
             assert_eq!(settings.open(), good);
             assert_eq!(settings.close(), None);
             put(&settings, broken);
-            let words = ["start before", "settings.ron.broken", "make room"];
+            let words = ["previous start", "settings.ron.broken", "make room"];
             assert_eq!(problem(&settings, &words), named());
             assert_eq!(beside(&settings, "broken").as_deref(), Some(broken));
-            assert_eq!(settings.open(), good, "told once");
-            // As where the last window met a full disk: nobody but the log learns of it.
+            assert_eq!(settings.open(), good, "reported once");
+            // Like a last window that met a full disk, which only the log reports.
             assert_eq!(settings.close(), None);
             put(&settings, broken);
-            assert!(settings.close().unwrap().contains("start before"));
+            assert!(settings.close().unwrap().contains("previous start"));
             assert_eq!(settings.open(), good);
         }
     }

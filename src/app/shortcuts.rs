@@ -1,10 +1,10 @@
-//! The keys of commands, and how they are named.
+//! Keyboard shortcuts of commands, and their names.
 
 use super::command::UiCommand;
 use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 
 impl UiCommand {
-    /// Keys that ask for it.
+    /// Keys of the command.
     pub fn shortcuts(self) -> &'static [KeyboardShortcut] {
         const fn plain(key: Key) -> KeyboardShortcut {
             KeyboardShortcut::new(Modifiers::NONE, key)
@@ -24,7 +24,7 @@ impl UiCommand {
             | UiCommand::CopyCommandLine
             | UiCommand::SavePicture
             | UiCommand::Quit => &[],
-            // One key toggles the two, of which one is legal at a time.
+            // One key for both, of which only one is available at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
             UiCommand::Step => const { &[plain(Key::Period)] },
             UiCommand::Reset => const { &[control(Key::R)] },
@@ -60,10 +60,10 @@ impl UiCommand {
         }
     }
 
-    /// Its keys as menus show them, empty if it has none.
+    /// Keys as shown in menus; empty if it has none.
     pub fn keys(self, ctx: &Context) -> String {
         let name = |shortcut: &KeyboardShortcut| {
-            // `[` says more than its name; other symbols, as of arrows, are in none of the fonts.
+            // `[` is clearer than its name; other symbols, such as arrows, are missing from the fonts.
             let symbol = shortcut.logical_key.symbol_or_name();
             match shortcut.modifiers {
                 Modifiers::NONE if symbol.is_ascii() => symbol.to_owned(),
@@ -73,14 +73,14 @@ impl UiCommand {
         self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
     }
 
-    /// Whether one of its keys means something to a control that has the focus: pressing it, changing
-    /// its value, or going on to the next.
+    /// True if a focused control uses one of its keys: to be pressed, to change its value, or to move
+    /// the focus.
     pub fn is_of_controls(self) -> bool {
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];
         self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
     }
 
-    /// What it does and its keys.
+    /// Tooltip with the keys.
     pub fn hint(self, ctx: &Context) -> String {
         match self.shortcuts() {
             [] => self.tooltip().to_owned(),

@@ -15,14 +15,14 @@ use crate::render::cpu::CpuRenderer;
 use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
 use std::time::{Duration, Instant};
 
-/// How much of the machine a picture may take.
+/// CPU effort of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Effort {
-    /// While training, whether or not the camera moves: one thread.
+    /// During training: one thread, whether or not the camera moves.
     Shared {
-        /// Size, of the viewport's in each direction.
+        /// Size relative to the viewport, per side.
         scale: f64,
-        /// Least time between two pictures that follow training.
+        /// Minimum time between two pictures that follow training.
         apart: Duration,
     },
     /// While the camera moves: half resolution.
@@ -32,7 +32,7 @@ pub enum Effort {
 }
 
 impl Effort {
-    /// Size of the picture, of the viewport's in each direction.
+    /// Size of the picture relative to the viewport, per side.
     fn scale(self) -> f64 {
         match self {
             Self::Shared { scale, .. } => scale,
@@ -45,29 +45,27 @@ impl Effort {
         matches!(self, Self::Shared { .. })
     }
 
-    /// Whether a picture made by the other looks the same.
+    /// True if pictures of both efforts have the same resolution.
     fn looks_like(self, other: Self) -> bool {
         self.scale() == other.scale()
     }
 }
 
-/// What a new picture took.
 #[derive(Clone, Copy, Debug)]
 pub struct SoftwareSample {
-    /// For the history of pictures.
     pub sample: DrawSample,
-    /// Milliseconds of one core and the scale, of a picture made beside training.
+    /// CPU milliseconds and scale of a picture made during training.
     pub beside_training: Option<(f64, f64)>,
 }
 
 struct Picture {
     image: ColorImage,
-    /// Splats there were at the time, empty slots not counted.
+    /// Number of splats at that time, without empty slots.
     n_drawn: usize,
-    /// What it took to make.
+    /// Time to render it, milliseconds.
     ms: f64,
-    /// What the thread that began it worked for it: all, where it is alone. Less than it took where
-    /// training has the cores.
+    /// CPU time of the thread that rendered it, milliseconds: all of the work if that thread works
+    /// alone. Less than `ms` if training uses the cores.
     worked_ms: f64,
     effort: Effort,
 }
@@ -83,13 +81,12 @@ pub struct SoftwarePainter {
 }
 
 impl SoftwarePainter {
-    /// Starts the drawing thread.
     pub fn new(waker: Waker) -> std::io::Result<Self> {
         let mut renderer = CpuRenderer::new();
-        // In rayon's global pool a picture would take every core, those of the trainer included.
+        // In rayon's global pool a picture would use every core, including those of training.
         let alone = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
-            // By this name its work is counted (`thread_times.rs`).
+            // Its CPU time is counted by this name (`thread_times.rs`).
             .thread_name(|_| "drawing".to_owned())
             .build()
             .map_err(std::io::Error::other)?;
@@ -121,14 +118,13 @@ impl SoftwarePainter {
         })
     }
 
-    /// Hands changed splats over.
     pub fn change(&mut self, change: SplatChange) {
         self.thread.change(change);
         self.is_stale = true;
     }
 
-    /// Paints the newest picture over the viewport and asks for the next if one is needed. The last
-    /// picture stays until then. Returns what a new picture took.
+    /// Paints the newest picture over the viewport and requests the next one if needed; until then the
+    /// last picture remains. Returns the timing of a new picture.
     pub fn paint(
         &mut self,
         ui: &Ui,
@@ -141,7 +137,7 @@ impl SoftwarePainter {
             self.n_drawn = picture.n_drawn;
             let mut sample = DrawSample::new(0);
             sample.add(DrawStage::Picture, Some(picture.ms));
-            // Counted by the test of what orbiting costs (`tests/app/window.rs`).
+            // Counted by the performance test of orbiting (`tests/app/window.rs`).
             let (worked, scale) = (picture.worked_ms, picture.effort.scale());
             tracing::debug!(
                 "picture: {:.1} ms, {worked:.1} of a core, scale {scale:.2}",
@@ -150,7 +146,7 @@ impl SoftwarePainter {
             let beside_training =
                 picture.effort.is_shared().then_some((picture.worked_ms, picture.effort.scale()));
             drawn = Some(SoftwareSample { sample, beside_training });
-            // Linear, since pictures made beside training or in haste are smaller.
+            // Linear, because pictures made during training or motion are smaller.
             match &mut self.texture {
                 Some(texture) => texture.set(picture.image, TextureOptions::LINEAR),
                 None => {
@@ -163,8 +159,8 @@ impl SoftwarePainter {
             }
         }
         self.ask(ui, request, effort);
-        // A picture without splats is left out, as it would only fill the cleared window again,
-        // which is dear on a software adapter; a comparison may still show a photograph.
+        // A picture without splats is not painted: it would only fill the cleared window again, which
+        // is expensive on a software adapter. A comparison may still show a photograph.
         if let Some(texture) = &self.texture
             && (self.n_drawn > 0 || request.second.is_some())
         {
@@ -174,7 +170,6 @@ impl SoftwarePainter {
         drawn
     }
 
-    /// Splats in the newest picture.
     pub fn n_drawn(&self) -> usize {
         self.n_drawn
     }
@@ -183,9 +178,9 @@ impl SoftwarePainter {
         let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
         let refine = self.asked.as_ref().is_none_or(|(_, asked)| !asked.looks_like(effort));
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
-            return; // a finished picture wakes the window, which asks again
+            return; // a finished picture wakes the window, which tries again
         }
-        // Only pictures that follow the training wait: not those of a moved camera, nor the first.
+        // Only pictures that follow training are delayed, not those of a moved camera or the first one.
         let has_picture = self.n_drawn > 0;
         if let Effort::Shared { apart, .. } = effort
             && !moved
@@ -197,8 +192,8 @@ impl SoftwarePainter {
                 return;
             }
         }
-        // While training, the next snapshot shows the picture: painting the window through a software
-        // adapter costs more than the picture, so it happens once per snapshot and not twice.
+        // During training the next snapshot shows the picture: painting the window with a software
+        // adapter costs more than the picture, so it happens once per snapshot.
         let announce = match effort {
             Effort::Shared { .. } if !moved && has_picture => Announce::Quietly,
             _ => Announce::Wake,
@@ -210,7 +205,7 @@ impl SoftwarePainter {
     }
 }
 
-/// One picture, or two combined.
+/// Renders one picture, or two combined.
 fn picture(
     renderer: &mut CpuRenderer,
     splats: &SplatSet,

@@ -1,45 +1,45 @@
-//! Changed splats on their way from the trainer to the viewport. Nobody waits: the trainer adds to
-//! the updates only when the last update was taken, and the viewport takes what is there.
+//! Mailbox of changed splats from the trainer to the viewport. Neither waits: the trainer adds updates
+//! only after the last one was taken, and the viewport takes what is available.
 
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// One update. Many threads of the window are handed the same one, which its own thread copies for none of them.
+/// Change of splats. Threads of the window share it without copying it.
 #[derive(Clone, Debug)]
 pub enum SplatChange {
-    /// Everything is replaced.
+    /// Replaces all splats.
     All(Arc<SplatSet>),
-    /// The listed slots changed, or are new.
+    /// Replaces the listed slots, which may be new.
     Some {
-        /// Slots.
+        /// Slots of the splats.
         ids: Arc<[u32]>,
-        /// Their new values.
+        /// New splats of these slots.
         splats: Arc<SplatSet>,
     },
 }
 
 impl SplatChange {
-    /// Everything is replaced by these.
+    /// Change that replaces all splats.
     pub fn all(splats: impl Into<SplatSet>) -> Self {
         Self::All(Arc::new(splats.into()))
     }
 
-    /// These are in the listed slots now.
+    /// Change that replaces the listed slots.
     pub fn some(ids: Vec<u32>, splats: impl Into<SplatSet>) -> Self {
         Self::Some { ids: ids.into(), splats: Arc::new(splats.into()) }
     }
 }
 
-/// A change and what is known of its components, one each in the same order; nothing where nobody
-/// asked (see [`super::worker::WorkerOrder::Watch`]).
+/// Change with the attributes of its components, one each in the same order; empty if not requested
+/// (see [`super::worker::WorkerOrder::Watch`]).
 #[derive(Clone, Debug)]
 pub struct SplatUpdate {
-    /// The change.
+    /// Changed splats.
     pub change: SplatChange,
-    /// What is known of its components.
+    /// Attributes of the changed components.
     pub attributes: Vec<ComponentAttributes>,
-    /// Frames that the scene has seen with it, skipped ones among them.
+    /// Number of frames that the scene has seen, including skipped ones.
     pub n_frames: usize,
 }
 
@@ -49,22 +49,22 @@ impl From<SplatChange> for SplatUpdate {
     }
 }
 
-/// The mailbox between the two.
+/// Mailbox of updates.
 #[derive(Debug, Default)]
 pub struct SplatUpdates(Mutex<Vec<SplatUpdate>>);
 
 impl SplatUpdates {
     fn lock(&self) -> MutexGuard<'_, Vec<SplatUpdate>> {
-        // A panic while a list is pushed or taken leaves the list valid.
+        // A panic during a push or take leaves the list valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether everything delivered was taken.
+    /// True if all updates were taken.
     pub fn is_empty(&self) -> bool {
         self.lock().is_empty()
     }
 
-    /// Adds a update; a replacement makes those before it pointless.
+    /// Adds an update; a replacement of all splats drops the updates before it.
     pub fn push(&self, update: SplatUpdate) {
         let mut waiting = self.lock();
         if matches!(update.change, SplatChange::All(_)) {
@@ -73,14 +73,13 @@ impl SplatUpdates {
         waiting.push(update);
     }
 
-    /// Takes all deliveries, oldest first.
+    /// Takes all updates, oldest first.
     pub fn take(&self) -> Vec<SplatUpdate> {
         std::mem::take(&mut *self.lock())
     }
 }
 
-/// Applies a change to splats, which may grow by it, and returns the slots that changed, or `None`
-/// for all.
+/// Applies a change to splats, whose number may grow. Returns the changed slots, or `None` for all.
 pub fn apply(splats: &mut Arc<SplatSet>, change: SplatChange) -> Option<Arc<[u32]>> {
     match change {
         SplatChange::All(all) => {
@@ -88,7 +87,7 @@ pub fn apply(splats: &mut Arc<SplatSet>, change: SplatChange) -> Option<Arc<[u32
             None
         }
         SplatChange::Some { ids, splats: new } => {
-            // Copies them only while another thread holds a share.
+            // Copies the splats only while another thread shares them.
             Arc::make_mut(splats).replace(&ids, &new);
             Some(ids)
         }

@@ -1,4 +1,4 @@
-//! The states of a run and the picture of it that panels draw from.
+//! State of a run, and the snapshot of it that panels draw.
 
 use super::abandoned::AbandonedRun;
 use super::color_mode::ColorMode;
@@ -19,7 +19,7 @@ use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Where a run stands.
+/// State of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RunState {
     /// Nothing is open.
@@ -27,17 +27,17 @@ pub enum RunState {
     Empty,
     /// A dataset or model is being opened.
     Loading,
-    /// A recording is followed that holds no whole frame yet.
+    /// A recording is followed that has no complete frame yet.
     Waiting,
     /// Opened, nothing trained yet.
     Ready,
     /// Frames are being trained.
     Training,
-    /// Between two frames, waiting for the user.
+    /// Stopped between two frames by the user.
     Paused,
-    /// Every frame is trained; also a model that was opened to be viewed.
+    /// Every frame is trained, or a model was opened for viewing.
     Finished,
-    /// Something went wrong; what was trained is still there.
+    /// Training has failed; the scene trained so far remains.
     Failed,
 }
 
@@ -54,7 +54,7 @@ impl RunState {
         RunState::Failed,
     ];
 
-    /// As the status line shows it.
+    /// Label in the status line.
     pub fn label(self) -> &'static str {
         match self {
             RunState::Empty => "Empty",
@@ -69,10 +69,10 @@ impl RunState {
     }
 }
 
-/// What is open.
+/// Kind of the open subject.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Source {
-    /// Nothing.
+    /// Nothing is open.
     #[default]
     Nothing,
     /// A dataset that can be trained on.
@@ -81,7 +81,7 @@ pub enum Source {
     Model,
 }
 
-/// What a user opens.
+/// Subject to open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subject {
     /// The built-in demo.
@@ -90,91 +90,91 @@ pub enum Subject {
     Path(PathBuf),
 }
 
-/// Where to look at first, and at what scale.
+/// Initial view of a subject.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomeView {
-    /// The camera to start from.
+    /// Initial camera.
     pub camera: Camera,
-    /// Direction that points up.
+    /// Up direction.
     pub up: DVec3,
-    /// Point to turn about.
+    /// Orbit centre.
     pub target: DVec3,
-    /// Size of the scene, world units.
+    /// Radius of the scene, world units.
     pub radius: f64,
 }
 
-/// What is open, as far as panels need to know; replaced when something else is opened.
+/// Properties of the open subject for panels; replaced when another subject is opened.
 #[derive(Clone, Debug)]
 pub struct Opened {
-    /// Name shown in the title.
+    /// Name in the window's title.
     pub name: String,
-    /// Where it lies; `None` for the demo.
+    /// Path; `None` for the demo.
     pub path: Option<PathBuf>,
     /// Lines for the scene panel: label and value.
     pub info: Vec<(String, String)>,
-    /// Where to look at first.
+    /// Initial view.
     pub home: HomeView,
-    /// Where its files are proposed to go, and under which name.
+    /// Proposed folder and name of its files.
     pub files: FileProposal,
-    /// Increases with everything opened, so that the viewport notices.
+    /// Serial, which increases with every opened subject.
     pub serial: u64,
-    /// Whether it is the built-in demo, which can be made again at any time.
+    /// True for the built-in demo, which can be recomputed.
     pub is_demo: bool,
-    /// Its frames, for comparing with photographs; `None` for a model.
+    /// Dataset, for comparisons with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
-    /// What its positions are relative to in the world of its files, world units.
+    /// Origin of the positions, in the world coordinates of its files.
     pub local_origin: DVec3,
-    /// Which frames are trained, in their order; `None` for a model.
+    /// Frames to train, in training order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
-    /// What was asked for of its frames; `None` for a model.
+    /// Requested selection of frames; `None` for a model.
     pub selection: Option<Selection>,
-    /// Colour modes whose values come with its splats, beyond those that every splat has.
+    /// Colour modes that are available in addition to those of every splat.
     pub available_modes: &'static [ColorMode],
-    /// How it is trained; `None` for a model.
+    /// Training method; `None` for a model.
     pub method: Option<Method>,
-    /// Whether its splats are more than other programs draw, so that they are mapped on export.
+    /// True if its splats are native ones, which an export may have to map to plain ones.
     pub is_native: bool,
 }
 
 impl Opened {
-    /// Its settings, where it is trained by the scene preset.
+    /// Settings of the scene preset, if it is used.
     pub fn scene(&self) -> Option<&SceneRun> {
         self.method.as_ref()?.scene()
     }
 
-    /// The camera that took the photographs, where it is not the one that measured depth.
+    /// Camera that took the photographs, if it is not the depth camera.
     pub fn color_camera(&self) -> Option<ColorCamera> {
         self.method.as_ref()?.any().color_camera()
     }
 }
 
-/// Corrections of the cameras that a user gave.
+/// Calibration given by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GivenCalibration {
-    /// The corrections.
+    /// Corrections of the cameras.
     pub calibration: Calibration,
-    /// The file they were read from; `None` where a run that was gone on with brought them.
+    /// File of the corrections; `None` if a resumed run contained them.
     pub file: Option<PathBuf>,
 }
 
-/// What is known of the splat that the user selected.
+/// Details of the selected splat.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Inspected {
     /// A component of the model in training.
     Component(Box<Inspection>),
     /// A splat of a file.
     Splat {
-        /// Its place in the file.
+        /// Index in the file.
         id: u32,
-        /// What the file says of it.
+        /// Splat in the file.
         splat: Splat,
-        /// How its colour varies.
+        /// Variation of its colour.
         appearance: Appearance,
     },
 }
 
 impl Inspected {
-    /// Number of the component or splat.
+    /// Index of the component or splat.
     pub fn id(&self) -> u32 {
         match self {
             Self::Component(inspection) => inspection.id,
@@ -182,7 +182,7 @@ impl Inspected {
         }
     }
 
-    /// As it is drawn.
+    /// Splat as drawn.
     pub fn splat(&self) -> &Splat {
         match self {
             Self::Component(inspection) => &inspection.splat,
@@ -190,7 +190,7 @@ impl Inspected {
         }
     }
 
-    /// How its colour varies.
+    /// Variation of its colour.
     pub fn appearance(&self) -> &Appearance {
         match self {
             Self::Component(inspection) => &inspection.appearance,
@@ -199,132 +199,131 @@ impl Inspected {
     }
 }
 
-/// The newest picture of the run: small numbers only, shared without copying.
+/// Snapshot of the run: small values only, shared without copying.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// Where the run stands.
+    /// State of the run.
     pub state: RunState,
-    /// What kind of thing is open.
+    /// Kind of the open subject.
     pub source: Source,
-    /// What is open.
+    /// Open subject.
     pub opened: Option<Arc<Opened>>,
-    /// The latest frames, oldest first, at most [`HISTORY`].
+    /// Reports of the latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
-    /// Older frames whose photographs, which had waited, were compared meanwhile: the latest of them.
+    /// Reports of older frames whose pending photographs were compared since; the latest of them.
     pub late: Arc<Vec<FrameReport>>,
-    /// Frames trained.
+    /// Number of trained frames.
     pub frames_done: usize,
-    /// Frames of the run.
+    /// Number of frames in the run.
     pub n_frames: usize,
-    /// Whether the scene is drawn with what waits to be learnt from photographs.
+    /// True if pending photographs are part of the drawn scene.
     pub settled: bool,
-    /// Components, used or not.
+    /// Number of components, used or not.
     pub components: usize,
-    /// Components with statistics.
+    /// Number of components with statistics.
     pub used: usize,
-    /// Frames that could not be used.
+    /// Skipped frames.
     pub skipped: Arc<Vec<SkippedFrame>>,
-    /// What is to be said of frames whose photographs contradict the scene.
+    /// Reports of outlier frames, whose photographs do not fit the scene.
     pub doubts: Arc<Vec<String>>,
-    /// Trained frames per second of wall time, over the last second or so.
+    /// Trained frames per second of wall time, over the latest frames.
     pub frames_per_s: f64,
-    /// Seconds that its training took, waiting for frames included.
+    /// Training time, seconds, including waits for frames.
     pub trained_s: f64,
-    /// Bytes of the model.
+    /// Size of the model, bytes.
     pub model_bytes: usize,
-    /// Frames trained since the run was last saved or exported.
+    /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
-    /// Whether the program was ended from outside and training was kept: windows close.
+    /// True if the program was terminated and training was stored; windows then close.
     pub is_left_behind: bool,
-    /// What became of the file that was to be written last.
+    /// Outcome of the latest file.
     pub latest_write: Option<WriteOutcome>,
-    /// What is known of the selected splat, if one is selected.
+    /// Details of the selected splat, if any.
     pub inspected: Option<Arc<Inspected>>,
-    /// How well the dataset's poses agree with its depth, once that is known.
+    /// Agreement of the poses with depth, once it is known.
     pub poses: Option<Arc<PoseCheck>>,
-    /// How wide pixels are and how far depth is to be trusted, once that is known of a dataset that the
-    /// scene preset trains.
+    /// Pixel width and depth noise, once known; only for a dataset that the scene preset trains.
     pub sample: Option<FrameSample>,
-    /// What corrects the cameras of what is open, if something was given.
+    /// Calibration of the open subject, if one was given.
     pub calibration: Option<Arc<GivenCalibration>>,
-    /// A run that an earlier window left behind, to be gone on with.
+    /// Run that an earlier window left behind, offered for resuming.
     pub abandoned: Option<Arc<AbandonedRun>>,
-    /// What the user should read, newest last.
+    /// Notices, newest last.
     pub notices: Arc<Vec<Notice>>,
-    /// Whether recordings are followed: the one that is open and what is opened next.
+    /// True if recordings are followed, the open one and those opened next.
     pub follows: bool,
-    /// The recording that is followed now, if one is.
+    /// Recording that is followed, if any.
     pub followed: Option<Followed>,
 }
 
 impl Snapshot {
-    /// Frames that the scene has seen, skipped ones among them.
+    /// Number of frames that the scene has seen, including skipped ones.
     pub fn n_seen(&self) -> usize {
         self.frames_done + self.skipped.len()
     }
 }
 
-/// How a recording is followed.
+/// State of a followed recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Followed {
-    /// Its folder.
+    /// Folder of the recording.
     pub path: PathBuf,
-    /// Whether all frames that are whole were trained.
+    /// True if all complete frames were trained.
     pub is_waiting: bool,
-    /// Why nothing comes, where that is not for lack of new files.
+    /// Reason why no frames arrive, other than a lack of new files.
     pub problem: Option<String>,
 }
 
 impl Snapshot {
-    /// Whether closing or opening something else would forget training. The demo can be made again
-    /// at any time, so it never counts.
+    /// True if training would be lost by closing or by opening another subject. Never for the demo,
+    /// which can be recomputed.
     pub fn has_training_to_lose(&self) -> bool {
         self.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
     }
 }
 
-/// What became of a file.
+/// Outcome of writing a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteOutcome {
-    /// The number given with the order to write it.
+    /// Number given with the order.
     pub number: u64,
-    /// Whether it is there now, whole.
+    /// True if the file is complete.
     pub is_written: bool,
 }
 
-/// Frames whose reports the window is shown, for their timings above all.
+/// Maximum number of latest frames whose reports a snapshot holds.
 pub const HISTORY: usize = 300;
 
-/// Something the user should read.
+/// Notice for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// Increases with every notice, so that dismissed ones stay away.
+    /// Serial, which increases with every notice, so that dismissed ones do not reappear.
     pub serial: u64,
-    /// What it is about.
+    /// Topic of the notice.
     pub topic: NoticeTopic,
-    /// How bad it is.
+    /// Severity of the notice.
     pub kind: NoticeKind,
-    /// The text.
+    /// Text of the notice.
     pub text: String,
 }
 
-/// What a notice is about, and so how long it matters.
+/// Topic of a notice, which determines how long it is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeTopic {
-    /// What is open: until something else is.
+    /// The open subject; until another one is opened.
     Subject,
-    /// The window and its adapter: until another adapter draws.
+    /// The window and its adapter; until another adapter draws.
     Window,
-    /// Something that was done.
+    /// A single event.
     Event,
 }
 
-/// How bad a notice is.
+/// Severity of a notice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeKind {
-    /// Good to know.
+    /// Information only.
     Info,
-    /// Something was left out.
+    /// Something was left out or is doubtful.
     Warning,
     /// Something failed.
     Error,

@@ -1,4 +1,4 @@
-//! A picture of the view as a file, drawn beside the window.
+//! Rendering of the view to an image file, on a separate thread.
 
 use super::background_job::BackgroundJob;
 use super::state::NoticeKind;
@@ -12,26 +12,25 @@ use crate::render::cpu::CpuRenderer;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What is drawn.
 pub struct Still {
-    /// As they are shown.
+    /// Splats as displayed.
     pub splats: Arc<SplatSet>,
-    /// Of the view, in its pixels.
+    /// Camera of the view, in its pixels.
     pub camera: Camera,
-    /// As the view is drawn at rest.
+    /// Render options of the view at rest.
     pub options: RenderOptions,
 }
 
-/// A picture that is on its way.
+/// Picture in progress, if any.
 #[derive(Default)]
 pub struct StillJob(Option<(PathBuf, BackgroundJob<Result<PathBuf, String>>)>);
 
 impl StillJob {
-    /// Draws a picture and writes it to `path`, or beside a file that has this name. One that is still being
-    /// drawn is finished unheard.
+    /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
+    /// progress is finished without a notice.
     ///
     /// # Errors
-    /// No thread could be started.
+    /// If no thread can be started.
     pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let asked = path.clone();
         let draw = move || {
@@ -44,14 +43,14 @@ impl StillJob {
         Ok(())
     }
 
-    /// What is to be said of a picture that is there, once.
+    /// Takes the notice about a finished picture, once.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let (path, job) = self.0.as_ref()?;
         let said = match job.take()? {
             Ok(Ok(path)) => (NoticeKind::Info, format!("Wrote {}", path.display())),
             Ok(Err(error)) => (NoticeKind::Error, error),
             Err(panic) => {
-                let text = format!("{}: {}", path.display(), panic.ended("the picture"));
+                let text = format!("{}: {}", path.display(), panic.ended("rendering the picture"));
                 (NoticeKind::Error, text)
             }
         };

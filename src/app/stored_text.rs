@@ -1,15 +1,15 @@
-//! Settings as text: RON, and what happens where it cannot be read.
+//! Settings as RON text, with a fallback to the defaults.
 
 use serde::de::DeserializeOwned;
 
-/// Reads settings of `what`, as messages call them. What cannot be read falls back to the defaults,
-/// with a text that says so: settings of another version must not keep the window from opening.
+/// Reads settings, which messages call `what`. Unreadable text yields the defaults and a notice:
+/// settings of another version must not prevent the window from opening.
 pub fn from_text<T: DeserializeOwned + Default>(what: &str, text: &str) -> (T, Option<String>) {
     match ron::from_str(text) {
         Ok(read) => (read, None),
         Err(error) => {
             let notice = format!(
-                "the stored settings of {what}: expected what this version writes, found {error}; the defaults are used instead"
+                "the stored settings of {what}: expected the format of this version, found {error}; the defaults are used instead"
             );
             (T::default(), Some(notice))
         }

@@ -1,19 +1,18 @@
-//! The program is asked to end from outside: a session that is logged out of, a machine that is shut
-//! down, a terminal that is closed.
+//! Termination of the program from outside: logout, shutdown, or a closed terminal.
 
 use super::worker::Worker;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long the watcher outlives the worker at most.
+/// Longest time for which the watcher outlives the worker.
 const LOOK: Duration = Duration::from_secs(10);
 
-/// From the moment `is_asked`, which waits for that at most so long, says so: what is trained is kept where the
-/// next window offers it, training stops and the window closes without asking. Watches as long as the worker
-/// lives.
+/// Watches for a termination while the worker lives. `is_asked` waits for at most the given time and
+/// returns true once the program is to end. Training is then stopped and stored for the next window,
+/// and the window closes without a prompt.
 ///
 /// # Errors
-/// There is no thread to watch.
+/// If no thread can be started.
 pub fn watch(
     is_asked: impl Fn(Duration) -> bool + Send + 'static,
     worker: &Arc<Worker>,
@@ -21,11 +20,11 @@ pub fn watch(
     let worker = Arc::downgrade(worker);
     let watcher = std::thread::Builder::new().name("termination".into());
     watcher.spawn(move || {
-        // Not held while nothing is asked: whoever drops the worker waits for its thread.
+        // The worker is not held meanwhile, because dropping it joins its thread.
         while worker.strong_count() > 0 {
             if is_asked(LOOK) {
                 if let Some(worker) = worker.upgrade() {
-                    // What became of it is said by a notice, which is logged.
+                    // A notice, which is logged, states the outcome.
                     let _ = worker.leave_behind();
                 }
                 return;

@@ -1,19 +1,19 @@
-//! Processor time of the threads that draw, as the system counts it.
+//! CPU time of the drawing threads, as counted by the operating system.
 //!
-//! A window that a software adapter draws is drawn by threads of the driver, which no clock of ours sees.
-//! Linux counts the time of every thread, and drivers name theirs.
+//! A software adapter draws the window on threads of the driver, which the program cannot time itself.
+//! Linux counts the CPU time of every thread, and drivers name their threads.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-/// Names of threads that draw begin so: the driver's, the window's own and those of pictures.
+/// Name prefixes of the driver's threads, of those that render pictures, and of the window system's.
 const DRAWING: [&str; 3] = ["llvmpipe", "drawing", "WSI"];
 
-/// Tells how long threads that draw have worked.
+/// Sums the CPU time of drawing threads.
 #[derive(Debug)]
 pub struct ThreadTimes {
-    /// Whether a thread of this number draws.
+    /// Thread IDs, and whether each thread draws.
     known: BTreeMap<u32, bool>,
     process: u32,
 }
@@ -25,8 +25,7 @@ impl Default for ThreadTimes {
 }
 
 impl ThreadTimes {
-    /// The processor time of all threads that draw, since they began; `None` where the system does not
-    /// tell it.
+    /// CPU time of all drawing threads since their start; `None` if the system does not provide it.
     pub fn drawing(&mut self) -> Option<Duration> {
         let tasks = std::fs::read_dir("/proc/self/task").ok()?;
         let mut sum = Duration::ZERO;
@@ -38,7 +37,7 @@ impl ThreadTimes {
             let draws =
                 self.known.entry(number).or_insert_with(|| is_window || draws(&task.path()));
             if *draws {
-                // A thread may end between being listed and being read.
+                // A thread may end between listing and reading.
                 sum += worked(&task.path()).unwrap_or_default();
             }
         }
@@ -46,7 +45,7 @@ impl ThreadTimes {
     }
 }
 
-/// The processor time of the thread that asks, since it began; `None` where the system does not tell it.
+/// CPU time of the calling thread since its start; `None` if the system does not provide it.
 pub fn own() -> Option<Duration> {
     worked(Path::new("/proc/thread-self"))
 }
@@ -56,7 +55,7 @@ fn draws(task: &Path) -> bool {
     DRAWING.iter().any(|start| name.starts_with(start))
 }
 
-/// Time on a core, the first number of `schedstat`, ns.
+/// CPU time: the first number of `schedstat`, ns.
 fn worked(task: &Path) -> Option<Duration> {
     let text = std::fs::read_to_string(task.join("schedstat")).ok()?;
     text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
@@ -86,7 +85,7 @@ mod tests {
             work();
             let _ = ended.recv();
         });
-        // The thread is counted while it lives.
+        // A thread is counted only while it lives.
         let begun = Instant::now();
         let least = Duration::from_millis(5);
         let spent = |times: &mut ThreadTimes| {

@@ -1,5 +1,5 @@
-//! What the user chose about training; kept between sessions. How a scene is trained applies to what
-//! is opened or reset next, how often a run is saved at once.
+//! Training settings chosen by the user, stored between sessions. They apply to subjects opened or
+//! reset next; the autosave interval applies at once.
 
 use super::stored_text;
 use crate::pipeline::settings::GivenSettings;
@@ -9,22 +9,22 @@ use crate::train::paper::config::PaperOverrides;
 use crate::train::setting::{ConfigError, Preset};
 use serde::{Deserialize, Serialize};
 
-/// How what is opened next is trained.
+/// Training settings of subjects opened next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrainSettings {
-    /// The scene's preset or the paper's.
+    /// Preset: scene or paper.
     pub preset: Preset,
     /// Settings of the scene preset.
     pub scene: SceneOverrides,
     /// Settings of the paper preset.
     pub paper: PaperOverrides,
-    /// Seconds from one save on the way to the next; `None` saves on request only.
+    /// Autosave interval, seconds; `None` disables autosave.
     pub autosave_s: Option<u32>,
 }
 
-/// Seconds from one save on the way to the next, unless the user chose others: what a crash may cost,
-/// while a save of a large scene takes a second or two of the disk.
+/// Default autosave interval, seconds. It bounds the training lost by a crash; saving a large scene
+/// takes a second or two of disk time.
 pub const AUTOSAVE_S: u32 = 30;
 
 impl Default for TrainSettings {
@@ -39,29 +39,28 @@ impl Default for TrainSettings {
 }
 
 impl TrainSettings {
-    /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
-    /// the defaults, with a text that says so.
+    /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         stored_text::from_text("training", text)
     }
 
-    /// For the next session.
+    /// Serializes the settings for the next session.
     pub fn to_text(&self) -> Result<String, ron::Error> {
         ron::to_string(self)
     }
 
-    /// What a session is asked for.
+    /// Returns the training method for a session.
     ///
     /// # Errors
-    /// [`RefusedSetting`]: the panel takes nothing out of range, but stored settings may be written by
-    /// hand.
+    /// [`RefusedSetting`] if a value is out of range: the panel prevents that, but stored settings may
+    /// be edited by hand.
     pub fn request(&self) -> Result<MethodRequest, RefusedSetting> {
         let Self { scene, paper, .. } = self.clone();
         GivenSettings { paper, scene }.request(self.preset).map_err(RefusedSetting)
     }
 }
 
-/// A setting that nothing can be trained with.
+/// Setting that cannot be used for training.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}; change it in Settings, under Training")]
 pub struct RefusedSetting(ConfigError);

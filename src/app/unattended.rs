@@ -1,4 +1,4 @@
-//! A run whose window is gone for good: it goes on to its end and is written to files.
+//! Run without a window: it continues to its end and is written to files.
 
 use super::edit::left_out::LeftOut;
 use super::state::{NoticeKind, RunState};
@@ -9,10 +9,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How often the run is looked at.
+/// Poll interval.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// A run without a window.
+/// Run without a window.
 pub struct Unattended(Arc<Worker>);
 
 impl fmt::Debug for Unattended {
@@ -26,24 +26,25 @@ impl Unattended {
         Self(worker)
     }
 
-    /// Waits until training ends and writes the checkpoint and the scene to a folder that exists.
-    /// Returns what the user should read of it, errors of the training meanwhile included.
+    /// Waits for the end of training and writes checkpoint and scene to an existing folder. Returns the
+    /// notices since the call, including errors of training.
     pub fn finish(self, folder: &Path) -> Vec<(NoticeKind, String)> {
         let before = self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
-        // Nobody is left to end a recording that has no end.
+        // Otherwise a recording without an end would never finish.
         self.0.send(WorkerOrder::Follow(false));
-        // Polled, since the waker belongs to windows and there is none.
+        // Polled, because the waker belongs to windows and there is none.
         while self.0.is_alive() && self.0.snapshot().state == RunState::Training {
             std::thread::sleep(LOOK);
         }
-        // Nobody waits for these by number: windows count from 1.
+        // Number 0 is free: windows count from 1.
         self.0.send(WorkerOrder::Save(0, folder.join("checkpoint.vbgs")));
-        // What a window had taken out went with it: everything is written.
+        // The edits were lost with the window, so all splats are written.
         for name in ["scene.ply", "scene.glb"] {
             let (all, mapping) = (LeftOut::default(), Mapping::default());
             self.0.send(WorkerOrder::Export(0, folder.join(name), mapping, all));
         }
-        // Orders are followed in turn: once this one is seen, the files are written or have failed.
+        // Orders are executed in sequence: once this notice appears, the files were written or have
+        // failed.
         let done = WorkerOrder::Report(NoticeKind::Info, DONE.to_owned());
         self.0.send(done);
         while self.0.is_alive() && self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {
@@ -52,7 +53,7 @@ impl Unattended {
         let snapshot = self.0.snapshot();
         let fresh = snapshot.notices.iter().filter(|n| n.serial > before && n.text != DONE);
         let mut notices: Vec<_> = fresh.map(|n| (n.kind, n.text.clone())).collect();
-        // A crash that the thread has outlived is among its notices; one that ended it is not.
+        // A crash that the thread survived is among its notices; one that ended it is not.
         if let Some(crash) = self.0.crash().filter(|_| !self.0.is_alive()) {
             notices.push((NoticeKind::Error, crash.to_string()));
         }

@@ -1,8 +1,8 @@
-//! Names for files that nobody was asked for: never that of a file that is there.
+//! Names of files that are written without a prompt: never that of an existing file.
 
 use std::path::{Path, PathBuf};
 
-/// The path, or the first with a number before its ending that no file has.
+/// Returns the path, or the first unused one with a number before its extension.
 pub fn unused(path: &Path) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();

@@ -1,8 +1,8 @@
-//! A thread beside the window that works on its own copy of the splats: it takes changes in order
-//! and always the latest request, so that the window waits for nothing.
+//! Background thread with its own copy of the splats. It applies changes in order and answers only the
+//! latest request, so that the window never waits.
 //!
-//! A panic of the thread is handed on to the window when it takes the answer. Kept here it would only
-//! be a picture that never changes again.
+//! A panic of the thread is passed on to the window when it takes the answer. Otherwise the picture
+//! would silently stop changing.
 
 use super::splat_updates::{SplatChange, apply};
 use super::worker::Waker;
@@ -23,12 +23,12 @@ struct Requests<Q, A> {
     wake: Condvar,
 }
 
-/// Whether a finished answer wakes the window.
+/// Notification about a finished answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Announce {
-    /// At once.
+    /// Wake the window at once.
     Wake,
-    /// Not: the window will look for itself.
+    /// Do not wake the window, which polls.
     Quietly,
 }
 
@@ -54,7 +54,7 @@ impl<Q, A> Requests<Q, A> {
 }
 
 impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
-    /// Starts the thread; `work` answers a request with the splats of that moment.
+    /// Starts the thread; `work` answers a request with the splats at that time.
     pub fn start(
         name: &str,
         waker: Waker,
@@ -71,12 +71,12 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let (own, failed) = (requests.clone(), requests.clone());
         let wake_after_panic = waker.clone();
         let work = move || {
-            // A copy of its own, so that no lock is held while an answer is made.
+            // Its own copy, so that no lock is held during the work.
             let mut splats = Arc::default();
             while let Some((changes, request)) = next(&own) {
                 for change in changes {
                     apply(&mut splats, change);
-                    // Copied here where it is shared, and not where the window changes its own next.
+                    // Copied here if it is shared, rather than by the window's next change.
                     Arc::make_mut(&mut splats);
                 }
                 let Some((request, announce)) = request else { continue };
@@ -89,52 +89,51 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
                 failed.answer(Err(panic));
-                // Even if the answer was to be quiet: the window has to come and take the panic.
+                // Even for a quiet answer, because the window must take the panic.
                 wake_after_panic();
             }
         })?;
         Ok(Self { requests, thread: Some(thread) })
     }
 
-    /// Hands changed splats over.
     pub fn change(&self, change: SplatChange) {
         let mut inbox = self.requests.lock();
         if matches!(change, SplatChange::All(_)) {
             inbox.changes.clear();
         }
         inbox.changes.push(change);
-        // Released first: the thread would wake up only to wait for the lock.
+        // Released first, or the thread would wake only to wait for the lock.
         drop(inbox);
         self.requests.wake.notify_one();
     }
 
-    /// Asks for an answer; a request that still waits is replaced.
+    /// Submits a request; replaces one that still waits.
     pub fn ask(&self, request: Q, announce: Announce) {
         self.requests.lock().request = Some((request, announce));
         self.requests.wake.notify_one();
     }
 
-    /// Whether a request waits or is worked on.
+    /// True while a request waits or is in progress.
     pub fn is_busy(&self) -> bool {
         let inbox = self.requests.lock();
         inbox.is_working || inbox.request.is_some()
     }
 
-    /// The newest answer, once.
+    /// Takes the newest answer, once.
     ///
     /// # Panics
-    /// Where the thread has panicked, by the same panic.
+    /// With the panic of the thread, if it has panicked.
     pub fn take(&self) -> Option<A> {
         let answer = self.requests.lock().answer.take();
         answer.map(|answer| answer.unwrap_or_else(|panic| resume_unwind(panic)))
     }
 }
 
-/// Changes in their order, then the request to answer, if there is one.
+/// Changes in order, then the request to answer, if any.
 type Work<Q> = (Vec<SplatChange>, Option<(Q, Announce)>);
 
-/// Waits for changes or a request: changes are taken even while nobody asks, so that they do not
-/// pile up. `None` when the handle was dropped.
+/// Waits for changes or a request. Changes are taken even without a request, so that they do not
+/// accumulate. `None` once the handle is dropped.
 fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
     let mut inbox = requests.lock();
     loop {
@@ -143,8 +142,7 @@ fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
         }
         let request = inbox.request.take();
         if request.is_some() || !inbox.changes.is_empty() {
-            // Under the same lock that takes the request: between the two the
-            // thread would look idle.
+            // Under the lock that takes the request, or the thread would appear idle in between.
             inbox.is_working = request.is_some();
             return Some((std::mem::take(&mut inbox.changes), request));
         }
@@ -157,7 +155,7 @@ impl<Q, A> Drop for ViewThread<Q, A> {
         self.requests.lock().is_closed = true;
         self.requests.wake.notify_one();
         if let Some(thread) = self.thread.take() {
-            // A panic of the work was caught and is an answer by now.
+            // A panic of the work was caught and stored as an answer.
             let _ = thread.join();
         }
     }

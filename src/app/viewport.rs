@@ -1,5 +1,5 @@
-//! Painting with a real GPU: hands eframe's device to `render::gpu` and draws its result inside the
-//! window's own pass. The only file of the window that knows wgpu.
+//! Painting with a real GPU: passes eframe's device to `render::gpu` and draws the result in the
+//! window's render pass. The only file of the window that uses wgpu.
 
 use super::drawing::{DrawSample, DrawStage, Drawer};
 use super::splat_updates::SplatChange;
@@ -27,18 +27,17 @@ use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState, Scr
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// The adapter eframe chose, and what it can do.
+/// Capabilities of the adapter that eframe chose.
 pub fn capabilities(state: &RenderState) -> GpuCaps {
     GpuCaps::new(&state.adapter, &state.device)
 }
 
-/// Asks for all the adapter offers, since the default limits bind 128 MiB only.
+/// Requests the adapter's full limits, because the default ones limit bindings to 128 MiB.
 pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguration {
     let mut configuration = egui_wgpu::WgpuConfiguration::default();
     if let egui_wgpu::WgpuSetup::CreateNew(setup) = &mut configuration.wgpu_setup {
         setup.device_descriptor = Arc::new(crate::render::gpu::context::device_descriptor);
-        // Without a selector wgpu ranks the adapters itself, by what this
-        // surface can be drawn with.
+        // Without a selector wgpu ranks the adapters itself, by their support for this surface.
         if *choice != AdapterChoice::Auto {
             setup.native_adapter_selector = Some(selector(choice.clone()));
         }
@@ -46,11 +45,11 @@ pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguratio
     configuration
 }
 
-/// Takes the chosen adapter, if the window can be drawn with it.
+/// Selects the chosen adapter, if it can draw the window.
 fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     Arc::new(move |adapters, surface| {
         let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
-        // `None` is the answer to `Auto` alone, which sets no selector.
+        // `choose` returns `None` only for `Auto`, which sets no selector.
         let chosen = adapters::choose(&choice, &facts).map_err(|e| e.to_string())?.unwrap_or(0);
         let adapter = adapters.get(chosen).ok_or("no adapter found")?;
         match surface {
@@ -62,45 +61,41 @@ fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     })
 }
 
-/// Why the user should know what draws the window, if so.
+/// Caveat about the adapter that draws the window, if any.
 pub fn caveat(state: &RenderState) -> Option<String> {
     AdapterFacts::new(&state.adapter).caveat()
 }
 
-/// What could draw the window, and what does.
+/// Available adapters, and the one that draws.
 pub fn adapters(state: &RenderState) -> (Vec<AdapterFacts>, AdapterFacts) {
     let there = state.available_adapters.iter().map(AdapterFacts::new).collect();
     (there, AdapterFacts::new(&state.adapter))
 }
 
-/// What the device says after the fact, from the start: without a listener wgpu panics.
+/// Collects errors of the device from the start; without a handler wgpu panics.
 pub fn watch(state: &RenderState) -> GpuFaults {
     let faults = GpuFaults::default();
     faults.watch(&state.device);
     faults
 }
 
-/// Lets the device say what has happened to it, without waiting.
+/// Lets the device run its callbacks, without waiting.
 pub fn poll(state: &RenderState) {
-    // A failure to poll is the loss of the device, which the callback tells.
+    // A failed poll means a lost device, which the callback reports.
     let _ = state.device.poll(wgpu::PollType::Poll);
 }
 
-/// Why the GPU cannot draw the scene.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewPaintError {
-    /// A call of ours failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// The device failed by itself.
     #[error("{0}")]
     Fault(String),
-    /// The sorting thread did not start.
     #[error("starting the sorting thread failed: {0}")]
     Thread(#[from] std::io::Error),
 }
 
-/// Room for so many times the splats of another scene is given back.
+/// Buffers are released if their capacity exceeds the new scene by this factor.
 const IDLE_ROOM: usize = 4;
 
 /// Painter of the viewport on a real GPU.
@@ -111,29 +106,29 @@ pub struct GpuViewPainter {
     drawer: Drawer,
     scene: GpuScene,
     renderer: SplatRenderer,
-    /// For the other picture of a comparison; made when first needed.
+    /// For the second picture of a comparison; created when first needed.
     second: Option<SplatRenderer>,
     photo: Option<(Arc<RgbImage>, PhotoTexture)>,
     model: Option<GpuModel>,
     compositor: Arc<Mutex<Compositor>>,
-    /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
+    /// Slots to upload; `None` if everything must be uploaded.
     pending: Option<Vec<u32>>,
     sorter: ViewThread<SortRequest, Sorted>,
-    /// What the newest order took to find.
+    /// Sorting time of the newest order, milliseconds.
     sort_ms: Option<f64>,
     sorted_for: Option<SortRequest>,
     is_stale: bool,
     n_drawn: usize,
 }
 
-/// A second model, which has a scene and a renderer of its own.
+/// Second model, with its own scene and renderer.
 struct GpuModel {
     model: Arc<ComparedModel>,
     scene: GpuScene,
     renderer: SplatRenderer,
 }
 
-/// A view, and how it is drawn: once, or twice for a comparison with other splats.
+/// Camera, render options, and a partner if two sets of splats are compared.
 type SortRequest = (Camera, RenderOptions, Option<Partner>);
 
 struct Sorted {
@@ -143,7 +138,7 @@ struct Sorted {
 }
 
 impl GpuViewPainter {
-    /// Builds all GPU state on eframe's device.
+    /// Creates all GPU state on eframe's device.
     pub fn new(
         state: &RenderState,
         faults: GpuFaults,
@@ -155,7 +150,7 @@ impl GpuViewPainter {
         let mut scratch = SortScratch::default();
         let sort = move |splats: &SplatSet, (camera, first, second): SortRequest| {
             let started = Instant::now();
-            // Copied out of the scratch, since the order leaves this thread and the memory stays.
+            // Copied, because the order leaves this thread and the scratch memory stays.
             let mut order = |splats: &SplatSet, options: &RenderOptions| {
                 back_to_front(splats, &camera, options, &mut scratch).to_vec()
             };
@@ -191,27 +186,26 @@ impl GpuViewPainter {
         })
     }
 
-    /// Whether its passes can be timed.
     pub fn drawer(&self) -> Drawer {
         self.drawer
     }
 
-    /// Splats there are.
+    /// Number of splats, without empty slots.
     pub fn n_drawn(&self) -> usize {
         self.n_drawn
     }
 
-    /// Hands changed splats over; `splats` are all of them, the change applied.
+    /// Applies a change; `splats` are all splats after it.
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match (&change, &mut self.pending) {
-            // While nothing is painted, changes come again and again: from some number on everything
-            // is uploaded instead.
+            // Changes accumulate while nothing is painted; beyond a limit everything is uploaded
+            // instead.
             (SplatChange::Some { ids, .. }, Some(pending))
                 if pending.len() + ids.len() <= 2 * splats.len() =>
             {
                 pending.extend(ids.iter());
             }
-            // All of it is still to be uploaded, these splats among it.
+            // Everything is to be uploaded anyway.
             (SplatChange::Some { .. }, None) => {}
             (_, pending) => *pending = None,
         }
@@ -220,8 +214,8 @@ impl GpuViewPainter {
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
-    /// Draws the scene, twice where renderers are compared, and queues it for painting over `rect`.
-    /// Returns what it takes; an error means that this painter is of no more use.
+    /// Renders the scene, twice to compare renderers, and queues the picture for painting over `rect`.
+    /// Returns its timings; after an error this painter is unusable.
     pub fn paint(
         &mut self,
         ui: &Ui,
@@ -230,20 +224,20 @@ impl GpuViewPainter {
         splats: &SplatSet,
     ) -> Result<DrawSample, ViewPaintError> {
         // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault
-        // does not say whose it is.
+        // does not state its source.
         if let Some(fault) = self.faults.take().into_iter().next() {
             return Err(ViewPaintError::Fault(fault.message));
         }
-        // Uploaded before an order is set, which is refused if it names splats
-        // that are not there yet.
+        // Uploaded before the order is set, which is rejected if it refers to splats that do not exist
+        // yet.
         let mut sample = DrawSample::new(self.upload(splats)?);
         self.turn_to_model(request)?;
         self.sort(request);
         sample.add(DrawStage::Order, self.sort_ms);
         self.draw(request, &mut sample)?;
         self.compose(request)?;
-        // egui keeps the callback until the window's pass, where `self` is out of its reach: hence
-        // the shared compositor.
+        // egui runs the callback in the window's pass, where `self` is out of reach: hence the shared
+        // compositor.
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         Ok(sample)
@@ -261,8 +255,7 @@ impl GpuViewPainter {
             Ok(())
         };
         draw(&mut self.renderer, scene, &request.options)?;
-        // A second renderer and not the first again: a renderer holds one camera and one
-        // image for each submission.
+        // A second renderer, because a renderer holds one camera and one image per submission.
         match request.second.as_ref().map(|second| &second.partner) {
             Some(Partner::Splats(options)) => {
                 if self.second.is_none() {
@@ -279,7 +272,7 @@ impl GpuViewPainter {
             }
             Some(Partner::Photo(_)) | None => {}
         }
-        // Before egui submits the window's pass, which reads these images from the same queue.
+        // Before egui submits the window's pass, which reads these images on the same queue.
         queue.submit([encoder.finish()]);
         Ok(())
     }
@@ -312,12 +305,12 @@ impl GpuViewPainter {
         Ok(())
     }
 
-    /// Brings the scene up to date; the bytes sent.
+    /// Uploads pending changes; returns the number of bytes.
     fn upload(&mut self, splats: &SplatSet) -> Result<u64, GpuError> {
         let bytes = match self.pending.take() {
             None => {
-                // Buffers are kept over replacements, since scenes grow again; only those of a far
-                // larger scene are given back.
+                // Buffers are reused for another scene, because scenes grow again; only those of a far
+                // larger scene are released.
                 if self.scene.capacity() > IDLE_ROOM * splats.len() {
                     self.scene = GpuScene::new(&self.device, &self.queue, &[])?;
                 }
@@ -331,7 +324,7 @@ impl GpuViewPainter {
         Ok(bytes)
     }
 
-    /// Uploads the second model that is asked for, and lets go of one that is not.
+    /// Uploads the requested second model, or releases one that is not requested.
     fn turn_to_model(&mut self, request: &PictureRequest) -> Result<(), GpuError> {
         let asked = match &request.second {
             Some(ComparedPicture { partner: Partner::Model(model, _), .. }) => model,
@@ -347,23 +340,23 @@ impl GpuViewPainter {
                 scene: GpuScene::new(device, queue, &asked.splats)?,
                 renderer: SplatRenderer::new(device, queue, OrderOf::First)?,
             });
-            // An order found for it before went with its scene.
+            // An order computed for it before was released with its scene.
             self.is_stale = true;
         }
         Ok(())
     }
 
-    /// Takes a finished order and asks for the next one if the view or the splats changed.
+    /// Applies a finished order, and requests the next one if the view or the splats have changed.
     fn sort(&mut self, request: &PictureRequest) {
         let second = request.second.as_ref().map(|second| second.partner.clone());
         let second = second.filter(|partner| !matches!(partner, Partner::Photo(_)));
         let asked = (request.camera, request.options, second);
-        // It may be of an older view, which nobody sees for a frame or two
+        // The order may be of an older view, which is not noticeable for a frame or two
         // (`rendering.md`, Uploads).
         if let Some(sorted) = self.sorter.take() {
             self.sort_ms = Some(sorted.ms);
             let set = self.scene.set_order(&self.queue, OrderOf::First, &sorted.first);
-            // After the scene shrank meanwhile, a new order is needed.
+            // Fails if the scene has shrunk meanwhile: a new order is needed.
             self.is_stale |= set.is_err();
             let set = match (&sorted.second, &mut self.model) {
                 (Some((Partner::Splats(_), order)), _) => {
@@ -378,8 +371,8 @@ impl GpuViewPainter {
             };
             self.is_stale |= set.is_err();
         }
-        // Not while one is being sought: that wakes the window, which then
-        // asks for the newest view.
+        // Not while the sorter is busy: its answer wakes the window, which then requests the newest
+        // view.
         if (self.is_stale || self.sorted_for.as_ref() != Some(&asked)) && !self.sorter.is_busy() {
             self.sorter.ask(asked.clone(), Announce::Wake);
             self.sorted_for = Some(asked);
@@ -388,7 +381,7 @@ impl GpuViewPainter {
     }
 }
 
-/// Draws the finished picture inside the window's pass.
+/// Draws the finished picture in the window's pass.
 struct PaintScene(Arc<Mutex<Compositor>>);
 
 impl CallbackTrait for PaintScene {
@@ -402,7 +395,7 @@ impl CallbackTrait for PaintScene {
     }
 }
 
-/// Draws a pass of the window over what is kept of it, and shows that in all of the window.
+/// Returns a callback that updates the stored image of the window by a pass and draws that image.
 pub fn window_callback(
     rect: Rect,
     window: Arc<Mutex<KeptWindow>>,

@@ -1,5 +1,5 @@
-//! Windows come and go, the trainer stays: a lost device or another adapter ends a window, and the
-//! next one shows the same run.
+//! Windows around one trainer: a lost device or another adapter ends a window, and the next one shows
+//! the same run.
 
 use super::exit::{Exit, Leave};
 use super::guard::run_window;
@@ -19,13 +19,13 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Losses in a row after which another adapter is tried.
+/// Number of consecutive losses after which another adapter is tried.
 const MAX_LOSSES: usize = 3;
-/// A window that lived this long was well.
+/// Lifetime from which a window counts as stable.
 const WELL_AFTER: Duration = Duration::from_secs(60);
 
-/// Opens windows until the user closes one. Adapters that fail are given up for wgpu's choice, that
-/// for the software adapter once there has been a window; a crash is final. Otherwise the last error,
+/// Opens windows until the user closes one. A failing adapter is replaced by wgpu's choice, and that by
+/// the software adapter if there has been a window; a crash is final. Otherwise returns the last error,
 /// and whether there ever was a window.
 fn keep_open(
     mut adapter: AdapterChoice,
@@ -43,11 +43,11 @@ fn keep_open(
             }
             Ok((Leave::DeviceLost, lived)) => {
                 ever_open = true;
-                // Counted anew after a good while: a run of many hours may lose its device now and
-                // then, but one that is lost at every start will be lost again.
+                // Counted from 1 after a stable window: a long run may lose its device occasionally,
+                // but one that is lost at every start will be lost again.
                 losses = if lived >= WELL_AFTER { 1 } else { losses + 1 };
                 if losses <= MAX_LOSSES {
-                    tell(NoticeKind::Error, "the graphics device was lost and the window with it; this is a new window, training went on meanwhile".to_owned());
+                    tell(NoticeKind::Error, "the graphics device was lost, so a new window was opened; training continued meanwhile".to_owned());
                     continue;
                 }
                 WindowError::DeviceLost(losses)
@@ -55,9 +55,8 @@ fn keep_open(
             Err(error @ WindowError::Crashed(_)) => return Err((error, ever_open)),
             Err(error) => error,
         };
-        // A first window that wgpu's own choice cannot open is left to the caller, who
-        // has something to do without one. The software adapter is for a run that
-        // would lose its window.
+        // If wgpu's own choice cannot open the first window, the caller has alternatives without a
+        // window. The software adapter is for a run that would lose its window.
         let next = match (&adapter, ever_open) {
             (AdapterChoice::Software, true) | (AdapterChoice::Auto, false) => {
                 return Err((failure, ever_open));
@@ -68,17 +67,17 @@ fn keep_open(
         tell(
             NoticeKind::Error,
             format!(
-                "adapter `{adapter}`: {failure}; the window is drawn by adapter `{next}`, choose another one in Settings"
+                "adapter `{adapter}`: {failure}; the window now uses adapter `{next}`; choose another one in Settings"
             ),
         );
         (adapter, losses) = (next, 0);
     }
 }
 
-/// Opens the window on `subject` and runs until it is closed. Without an `adapter` the one that was
-/// chosen in an earlier window draws. A dataset's cameras are corrected by a `calibration` file.
-/// `started` is when the process began. Once `is_ended`, which waits for that at most so long, says so, training
-/// is kept for the next window to go on with, and this one closes.
+/// Opens the window on `subject` and runs until it is closed. The file `calibration` corrects a
+/// dataset's cameras. Without `adapter`, the one chosen in an earlier window is used. `is_ended` waits
+/// for at most the given time and returns true once the program is to end; training is then stored for
+/// the next window and this one closes. `started` is the start of the process.
 pub fn run(
     subject: Subject,
     calibration: Option<PathBuf>,
@@ -86,7 +85,7 @@ pub fn run(
     is_ended: impl Fn(Duration) -> bool + Send + 'static,
     started: Instant,
 ) -> Result<(), WindowError> {
-    // Asked first: without a display nothing has to be started, and the message is its own.
+    // Checked first: without a display nothing needs to be started, and this error is specific.
     if !has_display() {
         return Err(WindowError::NoDisplay);
     }
@@ -108,18 +107,18 @@ pub fn run(
     };
     let tell = |kind, text| host.worker.send(WorkerOrder::Report(kind, text));
     let ended = keep_open(adapter, open, tell);
-    // The last window has written them; nobody else would say that they are lost.
+    // After the last window, which has written the settings: nothing else would report their loss.
     if let Some(text) = settings.as_ref().and_then(SettingsFile::close) {
         tracing::error!("{text}");
     }
     match ended {
-        // Training that crashed left its window open; the user has closed it by now.
+        // After a crash of training the window stayed open, and the user has closed it by now.
         Ok(()) => match host.worker.crash() {
             None => Ok(()),
             Some(crash) => Err(WindowError::Crashed(Box::new(crash))),
         },
         Err((error @ WindowError::Crashed(_), _)) => Err(error),
-        // The worker goes along with the error: dropping it would end the training.
+        // The error owns the worker, because dropping it would end training.
         Err((error, ever_open)) if ever_open && host.is_at_work() => {
             Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
         }
@@ -127,14 +126,13 @@ pub fn run(
     }
 }
 
-/// What outlives a window.
+/// State that outlives a window.
 struct Host {
     worker: Arc<Worker>,
-    /// What wakes the window: the trainer's thread outlives each of them.
+    /// Waker of the current window, because the training thread outlives windows.
     waker: Arc<WindowWaker>,
-    /// The latest caveat of an adapter that was shown.
+    /// Adapter caveat that was shown last.
     shown: Arc<Mutex<Option<String>>>,
-    /// Of the latest window.
     exit: RefCell<Exit>,
     started: Instant,
 }
@@ -153,7 +151,7 @@ impl Host {
         )
     }
 
-    /// Runs one window to its end; the `first` one takes the orders that the run begins with.
+    /// Runs one window to its end; `first` are the orders with which the run starts.
     fn open_window(
         &self,
         first: &mut Vec<WorkerOrder>,
@@ -164,7 +162,7 @@ impl Host {
         self.exit.replace(exit.clone());
         let (word, worker, waker) = (exit.clone(), self.worker.clone(), self.waker.clone());
         let (started, shown) = (self.started, self.shown.clone());
-        // Cloned and not taken: a window that fails to open has given none of them.
+        // Cloned, not taken, because a window that fails to open has sent none of them.
         let orders = first.clone();
         let create = move |creation: &eframe::CreationContext<'_>| {
             waker.open(creation.egui_ctx.clone());
@@ -172,36 +170,35 @@ impl Host {
             let studio = Studio::attach(creation, worker, orders, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
-        // All windows run on this thread: winit allows one event loop in a process, which eframe
-        // keeps by thread to run it again.
+        // All windows run on this thread: winit allows one event loop per process, which eframe stores
+        // per thread and reuses.
         let ended = run_window(&self.worker, &exit, || native_options(adapter, settings), create);
-        // After an error too: the waker must not hold the context of a window that is gone.
+        // After an error too, because the waker must not hold the context of a closed window.
         self.waker.close();
         ended?;
-        // The next window finds everything opened and lacks the splats only.
+        // For the next window everything is open; it lacks only the splats.
         *first = vec![WorkerOrder::Deliver];
         Ok(exit.why())
     }
 }
 
-/// Tells, once, that an adapter draws which is not what a user expects.
+/// Reports a caveat of the adapter, once.
 fn tell_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
     shown: &Mutex<Option<String>>,
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
-    // An earlier session has told it.
+    // An earlier session has shown it.
     let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
     let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
-    // A lost device brings the same adapter back, of which the user knows already.
+    // After a lost device the same adapter is used, whose caveat was shown.
     if let Some(text) = caveat.clone().filter(|_| *shown != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
     *shown = caveat;
 }
 
-/// Picture of the window in task bars, PNG.
 const ICON: &[u8] = include_bytes!("../../assets/icon.png");
 
 fn native_options(
@@ -222,7 +219,7 @@ fn native_options(
     }
 }
 
-/// Whether a display server is announced; elsewhere than on X11 and Wayland there always is one.
+/// True if a display server is announced; there always is one on platforms other than X11 and Wayland.
 fn has_display() -> bool {
     let named = |variable: &str| std::env::var_os(variable).is_some_and(|v| !v.is_empty());
     !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
@@ -234,7 +231,8 @@ mod tests {
     use crate::app::panic_report::PanicReport;
     use crate::app::rescue::{Crash, CrashedThread, Rescue};
 
-    /// Runs windows that end as listed; returns the adapters asked for and how it ended.
+    /// Runs windows that end as listed; returns the adapters that were opened, the result and the
+    /// number of notices.
     fn windows(
         first: &str,
         ends: Vec<Result<(Leave, Duration), WindowError>>,

@@ -1,29 +1,27 @@
-//! Where a pass of the window looks otherwise than the one before.
+//! Regions in which a pass of the window differs from the previous one.
 
 use eframe::egui::epaint::{ClippedPrimitive, Mesh, Primitive, Vertex};
 use eframe::egui::{Rect, TextureId};
 use std::ops::Range;
 
-/// Places kept apart; more are put together.
+/// Maximum number of separate regions; further ones are merged.
 const MAX_PLACES: usize = 12;
-/// Two places are drawn as one if that adds no more than this, points².
+/// Two regions are merged if that adds at most this area, points².
 const SLACK: f32 = 4000.0;
 
-/// A texture with new texels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureChange {
-    /// Which.
     pub id: TextureId,
-    /// Where, in texture coordinates.
+    /// Changed area, texture coordinates.
     pub area: Rect,
 }
 
-/// Places that have to be drawn again, points; they may overlap.
+/// Regions to draw again, points; they may overlap.
 #[derive(Debug, Default)]
 pub struct WindowDamage(Vec<Rect>);
 
 impl WindowDamage {
-    /// Between two passes, of whose textures some have changed meanwhile.
+    /// Regions that differ between two passes, given the textures that changed meanwhile.
     pub fn between(
         before: &[ClippedPrimitive],
         now: &[ClippedPrimitive],
@@ -49,7 +47,6 @@ impl WindowDamage {
         damage
     }
 
-    /// The places, points.
     pub fn places(&self) -> &[Rect] {
         &self.0
     }
@@ -64,7 +61,7 @@ impl WindowDamage {
         match nearest {
             Some(i) if self.0[i].contains_rect(place) => {}
             Some(i) if self.0.len() == MAX_PLACES || grows(&self.0[i]) <= SLACK => {
-                // What has grown may reach others.
+                // The merged region may reach others.
                 let joined = self.0.swap_remove(i).union(place);
                 self.add(joined);
             }
@@ -86,7 +83,8 @@ impl WindowDamage {
             {
                 let [gone, new] = differing(a, b);
                 if gone.len() == new.len() {
-                    // One by one: a panel of which two numbers change is not drawn in between.
+                    // One by one: if two numbers of a panel change, the area between them is not drawn
+                    // again.
                     for (gone, new) in gone.zip(new) {
                         let (gone, new) = (triangle(a, gone), triangle(b, new));
                         if gone != new {
@@ -124,7 +122,7 @@ fn is_same(a: &ClippedPrimitive, b: &ClippedPrimitive) -> bool {
             a.clip_rect == b.clip_rect
                 && mesh.texture_id == other.texture_id
                 && mesh.indices == other.indices
-                // As bytes, which is many times faster than number by number.
+                // As bytes, which is many times faster than comparing numbers.
                 && bytes(&mesh.vertices) == bytes(&other.vertices)
         }
         _ => false,
@@ -135,8 +133,7 @@ fn bytes(vertices: &[Vertex]) -> &[u8] {
     bytemuck::cast_slice(vertices)
 }
 
-/// The triangles of two meshes that are left when those are taken away which are the same at the
-/// beginning and at the end of both.
+/// Triangles of two meshes without those that are the same at the beginning and at the end of both.
 fn differing(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
     let (a, b) = (&before.vertices, &now.vertices);
     let shorter = a.len().min(b.len());
@@ -182,7 +179,7 @@ mod tests {
         Rect::from_min_size(pos2(x, y), Vec2::splat(10.0))
     }
 
-    /// A mesh of squares of these places and brightnesses.
+    /// Creates a mesh of squares with these positions and brightnesses.
     fn squares(squares: &[(f32, f32, u8)]) -> ClippedPrimitive {
         let mut mesh = Mesh::default();
         for &(x, y, gray) in squares {

@@ -1,27 +1,27 @@
-//! Why there is no window, or none any more.
+//! Errors of opening the window and of keeping it open.
 
 use super::rescue::Crash;
 use super::unattended::Unattended;
 
-/// Why there is no window.
+/// Reason why there is no window.
 #[derive(Debug, thiserror::Error)]
 pub enum WindowError {
-    /// No display server to open a window on.
+    /// There is no display server.
     #[error("no display found")]
     NoDisplay,
-    /// A display server is announced but does not answer.
-    #[error("the display server does not answer")]
+    /// A display server is announced but does not respond.
+    #[error("the display server does not respond")]
     DisplaySilent,
     /// No adapter can draw the window.
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
-    /// One window after the other lost its device.
+    /// Several windows in a row have lost their device.
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
-    /// There was a window, and there is none any more, but there is a run that goes on.
+    /// The window was lost and cannot be reopened, but its run continues.
     #[error("the window is gone for good: {0}")]
     Gone(Box<WindowError>, Unattended),
-    /// The program is at fault: a panic of the window's thread or of the training thread.
+    /// A panic of the window's thread or of the training thread.
     #[error(transparent)]
     Crashed(Box<Crash>),
     /// The window failed for another reason.

@@ -1,5 +1,5 @@
-//! Meshes of the window as lists of triangles to draw over what is kept of it (`rendering.md`, The window
-//! on the cores).
+//! Conversion of the window's meshes to lists of triangles that update the stored image of the window
+//! (`rendering.md`, The window on the cores).
 
 use super::window_damage::{TextureChange, WindowDamage};
 use crate::render::gpu::meshes::{
@@ -9,49 +9,46 @@ use eframe::egui::epaint::{ClippedPrimitive, Mesh, Primitive, Vertex, WHITE_UV};
 use eframe::egui::{Color32, Pos2, Rect, TextureId, Vec2};
 use std::sync::Arc;
 
-/// Batches that a triangle may join, the latest.
+/// Number of latest batches that a triangle may join.
 const MAX_OPEN: usize = 8;
 
-/// What egui wants to be seen after a pass.
+/// Output of egui after a pass.
 #[derive(Debug)]
 pub struct WindowPass {
-    /// Meshes, back to front; no callbacks, and textures that egui manages only.
+    /// Meshes, back to front, without callbacks and with textures that egui manages only.
     pub primitives: Vec<ClippedPrimitive>,
-    /// Pixels a point.
     pub pixels_per_point: f32,
-    /// What is behind everything.
+    /// Colour behind all meshes.
     pub background: Color32,
 }
 
-/// The window as it was drawn last.
+/// Window as drawn last.
 #[derive(Debug)]
 pub struct KeptWindow {
-    /// Has it as a picture.
+    /// Painter that holds the image.
     pub painter: MeshPainter,
-    /// What the picture shows.
+    /// Pass that the image shows.
     shown: Option<Arc<WindowPass>>,
-    /// Textures that have changed since.
+    /// Textures that have changed since then.
     changes: Vec<TextureChange>,
 }
 
 impl KeptWindow {
-    /// Nothing is drawn yet.
     pub fn new(painter: MeshPainter) -> Self {
         Self { painter, shown: None, changes: Vec::new() }
     }
 
-    /// Notes new texels.
     pub fn change(&mut self, change: TextureChange) {
         self.changes.push(change);
     }
 
-    /// Forgets what it looks like: the next pass draws all of it.
+    /// Discards the image: the next pass draws all of it.
     pub fn forget(&mut self) {
         self.shown = None;
         self.changes.clear();
     }
 
-    /// What has to be drawn for a window of `size`, columns and rows, to look as after `pass`.
+    /// Returns what to draw so that a window of `size` (columns, rows) shows `pass`.
     pub fn turn_to(&mut self, pass: &Arc<WindowPass>, size: [u32; 2]) -> MeshList {
         let before = self.shown.replace(pass.clone());
         let changes = std::mem::take(&mut self.changes);
@@ -73,9 +70,9 @@ impl KeptWindow {
     }
 }
 
-/// Every pixel that a place touches.
+/// Returns every pixel that a region touches.
 fn pixels(place: Rect, pixels_per_point: f32, size: [u32; 2]) -> PixelRect {
-    // Casts saturate: what is left of the window or above begins at 0.
+    // Casts saturate: positions left of the window or above it become 0.
     let (min, max) = (place.min * pixels_per_point, place.max * pixels_per_point);
     PixelRect {
         min: [(min.x.floor() as u32).min(size[0]), (min.y.floor() as u32).min(size[1])],
@@ -83,7 +80,7 @@ fn pixels(place: Rect, pixels_per_point: f32, size: [u32; 2]) -> PixelRect {
     }
 }
 
-/// Where egui's clip lets pixels through, within a place; rounded as egui's own painter does.
+/// Scissor of egui's clip within a region, rounded like egui's own painter.
 fn scissor(clip: Rect, pixels_per_point: f32, place: PixelRect) -> Option<PixelRect> {
     let (min, max) = (clip.min * pixels_per_point, clip.max * pixels_per_point);
     let inside = PixelRect {
@@ -93,7 +90,7 @@ fn scissor(clip: Rect, pixels_per_point: f32, place: PixelRect) -> Option<PixelR
     (inside.min[0] < inside.max[0] && inside.min[1] < inside.max[1]).then_some(inside)
 }
 
-/// All triangles of a pass that reach into the places, in batches, over its background.
+/// Batches all triangles of a pass that reach into the regions, over its background.
 fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshList {
     let mut list = MeshList::default();
     for &place in places {
@@ -109,9 +106,8 @@ fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshLis
     list
 }
 
-/// Triangles of one place that are drawn at once. A triangle joins an earlier batch of its kind where it
-/// overlaps nothing that was drawn since: labels and buttons alternate, and every change of the pipeline
-/// costs.
+/// Batches of triangles in one region. A triangle joins an earlier batch of its kind if it overlaps
+/// nothing drawn since: labels and buttons alternate, and every change of the pipeline is expensive.
 struct Batches<'a> {
     list: &'a mut MeshList,
     pass: &'a WindowPass,
@@ -123,13 +119,13 @@ struct Batches<'a> {
 struct OpenBatch {
     kind: MeshKind,
     scissor: PixelRect,
-    /// Of its triangles, points.
+    /// Bounds of its triangles, points.
     bounds: Rect,
     indices: Vec<u32>,
 }
 
 impl Batches<'_> {
-    /// The background of the place.
+    /// Adds the background of the region.
     fn fill(&mut self) {
         let points = self.points(self.place);
         let mut mesh = Mesh::default();
@@ -137,12 +133,12 @@ impl Batches<'_> {
         self.add(&mesh, points);
     }
 
-    /// The triangles of a mesh that reach into the place.
+    /// Adds the triangles of a mesh that reach into the region.
     fn add(&mut self, mesh: &Mesh, clip: Rect) {
         let scale = self.pass.pixels_per_point;
         let Some(scissor) = scissor(clip, scale, self.place) else { return };
         let inside = self.points(scissor);
-        // Places of the mesh's vertices in the list, once they are there.
+        // Indices of the mesh's vertices in the list, once they are added.
         let mut places = Vec::new();
         for corners in mesh.indices.chunks_exact(3) {
             let corners = [corners[0], corners[1], corners[2]].map(|corner| corner as usize);
@@ -160,7 +156,7 @@ impl Batches<'_> {
                 }
                 *place
             });
-            // Most triangles end before their clip does: they need none and go with others.
+            // Most triangles end inside their clip: they need no scissor and share a batch with others.
             let is_whole = inside.contains_rect(bounds);
             let scissor = if is_whole { self.place } else { scissor };
             self.join(kind(mesh.texture_id, &vertices), scissor, bounds.intersect(inside), indices);
@@ -198,10 +194,10 @@ impl Batches<'_> {
     }
 }
 
-/// The cheapest way to draw a triangle.
+/// Cheapest kind that draws a triangle.
 fn kind(texture: TextureId, corners: &[Vertex; 3]) -> MeshKind {
     match texture {
-        // The texel of shapes without a texture is white.
+        // Shapes without a texture use a white texel.
         TextureId::Managed(0) if corners.iter().all(|corner| corner.uv == WHITE_UV) => {
             let is_opaque = corners.iter().all(|corner| corner.color.is_opaque());
             if is_opaque { MeshKind::Opaque } else { MeshKind::Blended }

@@ -1,8 +1,9 @@
-//! Draws the window where the adapter computes on the cores, in egui's stead (`rendering.md`, The window on
-//! the cores).
+//! Drawing of the window in place of egui, if the adapter computes on the CPU cores (`rendering.md`,
+//! The window on the cores).
 //!
-//! egui hands its shapes and textures over after every pass, and gets one callback back that draws them
-//! all. Textures stay with egui's painter, so that whatever this one cannot draw is left to it.
+//! egui passes its shapes and textures after every pass, and receives one callback that draws them all.
+//! Textures stay with egui's painter, so that everything this painter does not support can be left to
+//! egui.
 
 use super::viewport;
 use super::window_damage::TextureChange;
@@ -15,14 +16,15 @@ use eframe::egui_wgpu::RenderState;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A plugin of egui's that takes the drawing of the window over.
+/// Plugin of egui that draws the window.
 pub struct WindowPainter {
     state: RenderState,
     window: Arc<Mutex<KeptWindow>>,
 }
 
 impl WindowPainter {
-    /// Draws a context's window from here on. Windows that encode colours by themselves are left to egui.
+    /// Draws a context's window from now on. Windows with an sRGB format, which encode colours
+    /// themselves, are left to egui.
     pub fn install(context: &Context, state: &RenderState) {
         if !state.target_format.is_srgb() {
             let painter = MeshPainter::new(&state.device, state.target_format);
@@ -31,7 +33,8 @@ impl WindowPainter {
         }
     }
 
-    /// Gives egui's painter a texture's new texels, which it would take after the pass otherwise.
+    /// Passes changed texels of a texture to egui's painter, which would otherwise read them after the
+    /// pass.
     fn update_texture(&self, window: &mut KeptWindow, id: TextureId, delta: &ImageDelta) {
         let RenderState { device, queue, renderer, .. } = &self.state;
         let mut renderer = renderer.write();
@@ -47,7 +50,7 @@ impl WindowPainter {
         window.change(TextureChange { id, area });
     }
 
-    /// Lets the window's painter read the textures of a pass; whether it can draw the pass.
+    /// Binds the textures of a pass; false if this painter cannot draw it.
     fn bind_textures(&self, window: &mut KeptWindow, primitives: &[ClippedPrimitive]) -> bool {
         let mut ids = BTreeSet::new();
         for ClippedPrimitive { primitive, .. } in primitives {
@@ -102,7 +105,7 @@ impl Plugin for WindowPainter {
     }
 }
 
-/// What egui's painter makes the same primitive of.
+/// Converts a primitive back to a shape for egui's painter.
 fn shape(ClippedPrimitive { clip_rect, primitive }: ClippedPrimitive) -> ClippedShape {
     let shape = match primitive {
         Primitive::Mesh(mesh) => Shape::mesh(mesh),
@@ -111,7 +114,7 @@ fn shape(ClippedPrimitive { clip_rect, primitive }: ClippedPrimitive) -> Clipped
     ClippedShape::new(clip_rect, shape)
 }
 
-/// How the texture is read; `None` of one that repeats, which the window has none of.
+/// Sampling of a texture; `None` if it repeats, which the window does not use.
 fn sampling(options: TextureOptions) -> Option<MeshSampling> {
     let is_smooth = |filter| filter == TextureFilter::Linear;
     (options.wrap_mode == TextureWrapMode::ClampToEdge).then_some(MeshSampling {

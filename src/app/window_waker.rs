@@ -1,21 +1,20 @@
 //! Wakes a window from threads that may outlive it.
 //!
-//! With egui's context go the last shapes, with them what draws, the device and the graphics driver. A thread
-//! that held the context might be the last to let go of it: the driver would be unloaded beside a process
-//! that ends, which is a crash. So threads hold a place where the context is looked up.
+//! Dropping egui's context drops the last shapes, and with them the painter, the device and the
+//! graphics driver. A thread that dropped the context last would unload the driver while the process
+//! exits, which crashes. Threads therefore hold a slot from which the context is read.
 
 use super::worker::Waker;
 use eframe::egui::Context;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The window to wake, while there is one; none any more once this is dropped.
+/// Slot of the window to wake, which is emptied when this is dropped.
 pub struct WindowWaker {
     place: Arc<Mutex<Option<Context>>>,
     waker: Waker,
 }
 
 impl Default for WindowWaker {
-    /// No window yet.
     fn default() -> Self {
         let place: Arc<Mutex<Option<Context>>> = Arc::default();
         let looked_up = place.clone();
@@ -29,7 +28,6 @@ impl Default for WindowWaker {
 }
 
 impl WindowWaker {
-    /// Of a window.
     pub fn of(context: &Context) -> Self {
         let waker = Self::default();
         waker.open(context.clone());
@@ -41,7 +39,7 @@ impl WindowWaker {
         self.put(Some(context));
     }
 
-    /// Wakes none from now on.
+    /// Wakes no window from now on.
     pub fn close(&self) {
         self.put(None);
     }
@@ -49,12 +47,12 @@ impl WindowWaker {
     fn put(&self, context: Option<Context>) {
         let mut place = self.place.lock().unwrap_or_else(PoisonError::into_inner);
         let before = std::mem::replace(&mut *place, context);
-        // Dropped without the lock: much may go with it.
+        // Dropped without the lock, because much may be dropped with the context.
         drop(place);
         drop(before);
     }
 
-    /// For threads, which may keep it: wakes whichever window is open then.
+    /// Waker for threads: wakes the window that is open at that time.
     pub fn waker(&self) -> &Waker {
         &self.waker
     }

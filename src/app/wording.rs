@@ -1,53 +1,54 @@
-//! What the window says of values of the library: by the names that its panels give the settings.
+//! Messages about values of the library, with the names that panels give the settings.
 
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::pipeline::plan::{Order, Plan, Selection};
 use crate::train::warnings::TrainingWarning;
 
-/// A warning of the model being trained.
+/// Message for a warning of training.
 pub fn warning(warning: &TrainingWarning) -> String {
     match warning {
         TrainingWarning::OverBudget { points } => format!(
             "{points} points found no component within the budget and were left out; raise the Budget in Settings, or widen the Structural scale if depth is noisy"
         ),
         TrainingWarning::Coarsened { asked, scale } => format!(
-            "the budget is far too small for a structural scale of {asked}, which grew to {scale}; raise the Budget in Settings, or begin with that Structural scale, which is faster"
+            "the budget is far too small for a structural scale of {asked}, which was raised to {scale}; raise the Budget in Settings, or start with that Structural scale, which is faster"
         ),
         TrainingWarning::OutOfReach { points } => format!(
-            "{points} points lie more than a million structural scales from the scene's origin and were left out: a wild pose puts them there, or depth of another unit; correct it, or widen the Structural scale in Settings"
+            "{points} points lie more than a million structural scales from the scene's origin and were left out: a pose is wrong, or depth is in another unit; correct it, or widen the Structural scale in Settings"
         ),
         TrainingWarning::Repaired { splats } => format!(
-            "what photographs had taught of {splats} splats was numerically unsound and was forgotten; these are what points say again. Photometric in Settings turns learning from photographs off"
+            "photometric updates of {splats} splats were numerically unstable and were discarded; these splats are estimated from points only. Photometric in Settings turns these updates off"
         ),
     }
 }
 
-/// How well the poses of a recording agree with its depth.
+/// Agreement of a recording's poses with its depth.
 pub fn poses(check: &PoseCheck) -> String {
     let PoseTrial { agreement, poses, .. } = check.opened;
     let percent = 100.0 * agreement;
     format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
 }
 
-/// What to do if poses or depth mean something else than the recording's layout says.
+/// Warning and advice if poses or depth do not follow the recording's layout.
 pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     let PoseCheck { opened, best, .. } = check;
     if !check.is_doubtful() {
         return None;
     }
     let axes = (best.poses != opened.poses)
-        .then(|| format!("its poses look {}, not {}", best.poses.name(), opened.poses.name()));
-    let unit = (best.unit != 1.0).then(|| format!("its depth looks {} times as long", best.unit));
+        .then(|| format!("its poses seem {}, not {}", best.poses.name(), opened.poses.name()));
+    let unit = (best.unit != 1.0)
+        .then(|| format!("the true depth appears to be {} times as long", best.unit));
     let looks: Vec<String> = axes.into_iter().chain(unit).collect();
     Some(format!(
-        "{}: read so, {:.0} % of depth agrees with neighbouring frames, {:.0} % as it was opened. Correct the recording, or train it from the command line with pose axes and depth scale stated, and open its checkpoint here",
+        "{}: with this reading {:.0} % of depth agrees with neighbouring frames, as opened {:.0} %. Correct the recording, or train it from the command line with the right pose axes and depth scale, and open its checkpoint here",
         looks.join(" and "),
         100.0 * best.agreement,
         100.0 * opened.agreement
     ))
 }
 
-/// Which frames a run takes and in which order.
+/// Selection and order of a run's frames.
 pub fn run_order(selection: &Selection, plan: &Plan) -> String {
     let order = match selection.order {
         Order::Sequential => "In the dataset's order",
@@ -57,7 +58,7 @@ pub fn run_order(selection: &Selection, plan: &Plan) -> String {
         0 | 1 => "every frame".to_owned(),
         n => format!("one frame of {n}"),
     };
-    let held_out = plan.held_out.as_ref().map(|_| "but those held out".to_owned());
+    let held_out = plan.held_out.as_ref().map(|_| "except those held out".to_owned());
     let shard = selection.shard.map(|shard| format!("shard {}", String::from(shard)));
     let most = selection.max_frames.map(|most| format!("at most {most}"));
     let passes = (selection.passes > 1).then(|| format!("{} passes", selection.passes));
@@ -99,7 +100,7 @@ mod tests {
         };
         assert_eq!(
             run_order(&selection, &Plan { held_out, ..plan }),
-            "Shuffled, one frame of 3, but those held out, shard 2/3, at most 40, 2 passes"
+            "Shuffled, one frame of 3, except those held out, shard 2/3, at most 40, 2 passes"
         );
     }
 

@@ -1,28 +1,27 @@
-//! A colour camera as numbers to be found: offset across the optical axis, roll, focal length and
-//! principal point.
+//! Colour camera as a parameter vector: offset across the optical axis, roll, focal length and principal
+//! point.
 //!
-//! Focal lengths share one factor and enter by its logarithm, so that they stay positive under
-//! any step.
+//! Both focal lengths share one factor, parameterised by its logarithm so that it stays positive for any
+//! step.
 
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Intrinsics;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Number of unknowns.
 pub(super) const N: usize = 6;
-/// Place of the logarithm of the focal lengths' common factor among the unknowns.
+/// Index of the logarithm of the common focal length factor.
 pub(super) const FOCAL: usize = 3;
-/// Place of the roll, radians, among the unknowns.
+/// Index of the roll, radians.
 pub(super) const ROLL: usize = 2;
 
-/// A colour camera and the numbers by which it may differ from where the search began: the offset
-/// across the optical axis, the roll, the logarithm of the focal lengths' common factor and the
-/// principal point. Offset along the axis, pitch and yaw stay as they are: a scene's depths hardly
-/// tell them from focal length and principal point.
+/// A colour camera and its parameters relative to the start of the search. Offset along the axis, pitch and
+/// yaw are fixed: with a scene's depth range they are hardly distinguishable from focal length and
+/// principal point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraUnknowns {
     start: ColorCamera,
-    /// Offset x and y, roll from the start's, log of the factor, principal point.
+    /// Offset x and y (world units), roll relative to the start (radians), logarithm of the focal length
+    /// factor, principal point (pixels).
     pub values: [f64; N],
 }
 
@@ -32,7 +31,7 @@ impl CameraUnknowns {
         Self { start, values: [x, y, 0.0, 0.0, cx, cy] }
     }
 
-    /// Another camera's values, as unknowns that begin where these do.
+    /// Parameters of another camera relative to the same start.
     pub fn of_same_start(&self, other: &ColorCamera) -> [f64; N] {
         let ([x, y, _], [cx, cy]) = (other.offset, other.principal);
         let roll = other.rotation[2] - self.start.rotation[2];
@@ -42,13 +41,13 @@ impl CameraUnknowns {
     pub fn camera(&self) -> ColorCamera {
         let [x, y, roll, growth, cx, cy] = self.values;
         let turned = DQuat::from_scaled_axis(DVec3::from_array(self.start.rotation));
-        // Without a turn the start's numbers come back as they were.
+        // Without roll the start's rotation is returned exactly, without rounding.
         let rotation = match roll == 0.0 {
             true => self.start.rotation,
             false => (turned * DQuat::from_rotation_z(roll)).to_scaled_axis().to_array(),
         };
         ColorCamera {
-            // One factor for both axes: pixels keep their shape.
+            // One factor for both axes preserves the pixel aspect ratio.
             focal: self.start.focal.map(|f| f * growth.exp()),
             principal: [cx, cy],
             offset: [x, y, self.start.offset[2]],
@@ -58,7 +57,7 @@ impl CameraUnknowns {
     }
 }
 
-/// The depth camera as a colour camera.
+/// The depth camera as a colour camera: colour registered to depth.
 pub(super) fn registered(depth: &Intrinsics) -> ColorCamera {
     ColorCamera {
         focal: [depth.fx, depth.fy],
@@ -69,7 +68,7 @@ pub(super) fn registered(depth: &Intrinsics) -> ColorCamera {
     }
 }
 
-/// The camera, ready to project.
+/// Projection with precomputed rotation.
 pub(super) struct Projector {
     turn: DMat3,
     offset: DVec3,
@@ -77,11 +76,11 @@ pub(super) struct Projector {
     principal: [f64; 2],
 }
 
-/// Where a point appears, and how that changes with every unknown.
+/// Projection of a point with its Jacobians.
 pub(super) struct ProjectedPoint {
     pub at: [f64; 2],
     pub slope: [[f64; N]; 2],
-    /// With its place in the frame of the depth camera.
+    /// Derivative of pixel x and y by the point's position in the depth camera's frame.
     pub by_place: [DVec3; 2],
 }
 
@@ -92,7 +91,7 @@ impl Projector {
         Self { turn: DMat3::from_quat(turn), offset: DVec3::from_array(offset), focal, principal }
     }
 
-    /// A point of the depth camera's frame; `None` behind the colour camera.
+    /// Projects a point of the depth camera's frame; `None` behind the colour camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<ProjectedPoint> {
         let p = self.turn * (point - self.offset);
@@ -109,7 +108,7 @@ impl Projector {
             by_place[i] = self.focal[i] / p.z;
             by_place.z = -from_centre / p.z;
             let by_point = self.turn.transpose() * by_place;
-            // Turning the camera turns the points the other way: dp = p × ẑ.
+            // Rotating the camera rotates points the other way: dp = p × ẑ.
             let by_roll = by_place.dot(p.cross(DVec3::Z));
             projected.slope[i] = [-by_point.x, -by_point.y, by_roll, from_centre, 0.0, 0.0];
             projected.slope[i][4 + i] = 1.0;

@@ -1,7 +1,7 @@
-//! How colours differ between views, and how that changes with the colour camera and depth.
+//! Colour residuals between views, with their derivatives by colour camera and depth.
 //!
-//! A component's points are projected into the colour image of their own view and of another that sees the
-//! component: how both colours differ is what a wrong camera causes.
+//! A component's points are projected into the colour image of their own view and into that of another view
+//! that sees the component. An inaccurate camera causes a colour difference.
 
 use super::camera::Projector;
 use super::exposure::Patch;
@@ -11,35 +11,34 @@ use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, parts};
 use glam::DVec3;
 
-/// The photographs of views at one size.
 #[derive(Clone, Copy)]
 pub(super) struct Photos<'a> {
     pub images: &'a [Pyramid],
-    /// Factors of red, green and blue, by view.
+    /// Gains of red, green and blue per view.
     pub gains: &'a [[f64; 3]],
-    /// Size of the images, 0 the whole.
+    /// Pyramid level; 0 is full resolution.
     pub level: usize,
 }
 
-/// By how much the photograph of a point's own view shows it in another colour than another view's does.
+/// Colour residual of a point: its colour in its own view minus that in another view.
 #[derive(Clone, Copy)]
 pub(super) struct ColorOffset {
-    /// Place of the point in its component.
+    /// Index of the point in its component.
     pub index: usize,
     pub view: usize,
     pub color: [f64; 3],
-    /// With its own view's pose against the other's.
+    /// Jacobian by the unknowns and the pose of the own view (the other view's pose is fixed).
     slope: [[f64; WITH_POSE]; 3],
 }
 
-/// A colour that a photograph shows, and how it changes with the unknowns and its view's pose.
+/// Sampled colour with its Jacobian by the unknowns and the view's pose.
 struct SeenColor {
     color: [f64; 3],
     slope: [[f64; WITH_POSE]; 3],
 }
 
-/// Where a matched point is as measured, in the frame of its depth camera, and how that changes with offset
-/// and scale.
+/// Returns the measured position of a matched point in its depth camera's frame under the current depth
+/// calibration, and its derivatives by depth offset and scale.
 fn measured(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, [DVec3; 2]) {
     let depth = &matches.depth;
     let [offset, scale] = depth.values;
@@ -51,14 +50,15 @@ fn measured(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, 
     (local + by_offset * (nearer - offset) + by_scale * (larger - scale), [by_offset, by_scale])
 }
 
-/// Where the colour of a place is, in the frame of a depth camera that its view's pose moves: a place that
-/// moves has the colour of where the others see it, the other way.
+/// Transforms a position by the pose correction of its view. Moving the camera moves points the opposite
+/// way in its frame.
 fn placed(place: DVec3, view: usize, at: &Estimate) -> DVec3 {
     let [shift, turn] = parts(&at.poses[view]);
     place - shift - turn.cross(place)
 }
 
-/// What a view's photograph shows at a place in the frame of its depth camera.
+/// Samples a view's photograph at a position in the frame of its depth camera; `by_depth` holds the
+/// position's derivatives by depth offset and scale.
 fn seen(
     photos: &Photos,
     at: (&Projector, &Estimate),
@@ -70,11 +70,11 @@ fn seen(
     let by_depth = by_depth.map(|by| by - turn.cross(by));
     let projected = projector.project(placed(place, view, estimate))?;
     let texel = photos.images[view].sample(photos.level, projected.at)?;
-    // A gain scales slopes as it scales colours.
+    // A gain scales derivatives like colours.
     let gain = photos.gains[view];
     let (mut color, mut slope) = ([0.0; 3], [[0.0; WITH_POSE]; 3]);
     let [across, down] = [0, 1].map(|axis| {
-        // How the pixel moves, by all unknowns.
+        // Derivative of the pixel by all unknowns.
         let by_place = projected.by_place[axis];
         let mut slope = [0.0; WITH_POSE];
         slope[..CAMERA].copy_from_slice(&by_depth.map(|by| by_place.dot(by)));
@@ -93,9 +93,9 @@ fn seen(
     Some(SeenColor { color, slope })
 }
 
-/// Compares the colours of a component's points with what another view shows in the same places: the next of
-/// those that see it. Against the component's mean a point's own texture would count, which is least where
-/// photographs are smoothest and not where they belong.
+/// Computes the colour residuals of a component's points, each against the next view that sees the
+/// component. Against the component's mean, texture itself would be a residual; it is smallest where
+/// photographs are smoothest, which biases the camera.
 pub(super) fn color_offsets(
     matches: &Matches,
     photos: &Photos,
@@ -106,7 +106,7 @@ pub(super) fn color_offsets(
     out.clear();
     for (index, sample) in run.iter().enumerate() {
         let view = sample.view as usize;
-        // Sorted by view; after the last comes the first.
+        // Sorted by view; the last view is compared with the first.
         let other = run[index..].iter().find(|s| s.view != sample.view).unwrap_or(&run[0]).view;
         let (place, by_depth) = measured(matches, sample, at.1);
         let [own, its] = [view, other as usize].map(|view| matches.poses[view]);
@@ -125,19 +125,17 @@ pub(super) fn color_offsets(
 }
 
 impl ColorOffset {
-    /// Square of the distance between both.
     pub fn square(&self) -> f64 {
         self.color.iter().map(|c| c * c).sum()
     }
 
-    /// Adds it to its view's equations.
     pub fn add(&self, weight: f64, equations: &mut NormalEquations<WITH_POSE>) {
         equations.n += weight;
         equations.add_residuals(self.color, self.slope.each_ref().map(|slope| &slope[..]), weight);
     }
 }
 
-/// Mean colours of components by view, before gains; sorted by component.
+/// Mean colours per component and view before gains, sorted by component.
 pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<Patch> {
     let projector = Projector::new(&at.unknowns.camera);
     let mut patches = Vec::new();
@@ -158,7 +156,7 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
     patches
 }
 
-/// Root mean square of the shift in the image, pixels, that a unit of every unknown of the camera makes.
+/// Root mean square image shift, pixels, per unit change of each camera unknown.
 pub(super) fn shifts(matches: &Matches, at: &Unknowns) -> [f64; N] {
     let projector = Projector::new(&at.camera);
     let (mut sum, mut n) = ([0.0; N], 0.0);
@@ -172,7 +170,7 @@ pub(super) fn shifts(matches: &Matches, at: &Unknowns) -> [f64; N] {
     sum.map(|sum: f64| (sum / n).sqrt())
 }
 
-/// Root mean square of the distance, pixels, between where two cameras see the points.
+/// Root mean square distance, pixels, between the projections of the points by two cameras.
 pub(super) fn distance(matches: &Matches, a: &Unknowns, b: &Unknowns) -> f64 {
     let (a, b) = (Projector::new(&a.camera), Projector::new(&b.camera));
     let (mut sum, mut n) = (0.0, 0.0);

@@ -1,38 +1,37 @@
-//! How uncertain unknowns are together.
+//! Joint covariance of the estimated unknowns.
 
 use crate::math::cholesky::Cholesky;
 
-/// A covariance of several numbers, in their order.
 #[derive(Clone, Debug)]
 pub(super) struct Covariance {
     n: usize,
-    /// Row by row.
+    /// Row-major.
     values: Vec<f64>,
-    /// Variances that come on top and have nothing to do with one another.
+    /// Additional variances without correlation.
     own: Vec<f64>,
 }
 
 impl Covariance {
-    /// Of numbers that are known.
+    /// Returns the covariance of exactly known values.
     pub fn zero(n: usize) -> Self {
         Self { n, values: vec![0.0; n * n], own: vec![0.0; n] }
     }
 
-    /// Of numbers that may be anything.
+    /// Returns the covariance of undetermined values (infinite variances).
     pub fn open(n: usize) -> Self {
         let mut open = Self::zero(n);
         (0..n).for_each(|i| open.values[i * n + i] = f64::INFINITY);
         open
     }
 
-    /// Adds a move of all numbers together that may go either way.
+    /// Adds `weight · step · stepᵀ`.
     pub fn add(&mut self, step: &[f64], weight: f64) {
         for (row, by) in self.values.chunks_exact_mut(self.n.max(1)).zip(step) {
             row.iter_mut().zip(step).for_each(|(value, other)| *value += weight * by * other);
         }
     }
 
-    /// Raises a number's variance to a least one; correlations stay.
+    /// Raises a variance to at least `least` and preserves correlations.
     pub fn widen(&mut self, place: usize, least: f64) {
         let factor = (least / self.variance(place)).max(1.0).sqrt();
         for other in 0..self.n {
@@ -41,7 +40,7 @@ impl Covariance {
         }
     }
 
-    /// Adds to a number's variance by itself.
+    /// Adds an uncorrelated variance to one unknown.
     pub fn blur(&mut self, place: usize, variance: f64) {
         self.own[place] += variance;
     }
@@ -50,12 +49,12 @@ impl Covariance {
         self.values[place * self.n + place]
     }
 
-    /// Standard error of a number.
     pub fn error(&self, place: usize) -> f64 {
         (self.variance(place) + self.own[place]).sqrt()
     }
 
-    /// Standard errors that the number moves by which leans most on another, where that one moves by so much.
+    /// Largest shift of another unknown, in its standard errors, that follows when the unknown `place`
+    /// shifts by `apart` (linear regression).
     pub fn leaning(&self, place: usize, apart: f64) -> f64 {
         (0..self.n)
             .filter(|&other| other != place)
@@ -66,7 +65,8 @@ impl Covariance {
             .fold(0.0, f64::max)
     }
 
-    /// Length of a difference of the first numbers, in standard errors (Mahalanobis' distance).
+    /// Mahalanobis distance of a difference of the first `apart.len()` unknowns; 0 if their covariance is
+    /// not positive definite.
     pub fn distance(&self, apart: &[f64]) -> f64 {
         let m = apart.len();
         let mut block: Vec<f64> =
@@ -90,7 +90,7 @@ mod tests {
         covariance.add(&[1.0, 1.0], 0.01);
         assert!((covariance.error(0) - 4.01_f64.sqrt()).abs() < 1e-12);
         assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 0.01);
-        // Alone half a standard error away, together seven.
+        // Half a standard error away individually, seven jointly.
         assert!((covariance.distance(&[0.7, 0.7]) - 7.0).abs() < 1e-9);
         assert!(covariance.distance(&[0.7, -0.7]) < 0.4);
     }
@@ -100,13 +100,13 @@ mod tests {
         let mut covariance = Covariance::zero(2);
         covariance.add(&[1.0, 1.0], 1.0);
         covariance.widen(0, 0.5);
-        assert_eq!(covariance.error(0), 1.0, "no less than it was");
+        assert_eq!(covariance.error(0), 1.0, "a variance never decreases");
         covariance.widen(0, 4.0);
         assert_eq!((covariance.error(0), covariance.error(1)), (2.0, 1.0));
         assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 1e-12);
         covariance.blur(0, 12.0);
         assert_eq!(covariance.error(0), 4.0);
-        assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 1e-12, "others follow as before");
+        assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 1e-12, "the regression is unchanged");
         assert_eq!(Covariance::open(2).distance(&[1.0, 1.0]), 0.0);
     }
 }

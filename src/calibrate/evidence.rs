@@ -1,11 +1,12 @@
-//! What matched views say of all unknowns together: surfaces must be thin and look alike.
+//! Residuals of matched views as evidence about all unknowns: surfaces must be thin and have equal colours
+//! in all views.
 //!
-//! Residuals are weighed down the farther they lie off what is usual (Cauchy's weights), once before every
-//! fit: silhouettes, mirrors and things that moved belong to no calibration. So that both kinds can be added
-//! to one another and to what is known of sensors, they count what they are worth. Of colours, points of a
-//! component in one view are one witness, whose noise is that of the residuals, and every view's pose takes
-//! what it can of them, within what poses are known by: that tells nothing of cameras. Thickness counts as
-//! many times less as its views' gradients scatter wider than independent points would make them.
+//! Residuals get Cauchy weights, recomputed before every fit, because silhouettes, mirrors and moving
+//! objects must not affect the calibration. Both kinds are scaled by their information so that they can be
+//! summed with each other and with the sensor prior. Colour: all points of a component in one view count as
+//! one observation with the residuals' variance. Each view's pose is also fitted within its prior, so that
+//! pose errors do not bias the camera. Thickness: the weight is divided by the overdispersion of the views'
+//! gradients relative to independent points.
 
 use super::camera::Projector;
 use super::color::{self, ColorOffset, Photos, color_offsets};
@@ -18,49 +19,45 @@ use super::thickness::{PlaneOffset, plane_offsets};
 use super::unknowns::{Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
 use rayon::prelude::*;
 
-/// Components of one partial sum: sums do not depend on the number of threads.
+/// Components per partial sum; the sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
-/// Every so-many-th component tells what residual is usual.
+/// Every `SAMPLED`-th component is used to estimate the median residual.
 const SAMPLED: usize = 5;
-/// Median residuals at which a point counts half.
+/// Residual, in medians, at which a point has weight ½.
 const OUTLYING: f64 = 4.0;
-/// Least variance of either kind's residuals: a tenth of the sensor's noise, and a step of a byte in three
-/// channels. Pictures of a program may have none.
+/// Minimum residual variance of each kind: a tenth of the sensor noise, and one 8-bit step in three
+/// channels. Rendered images may have no noise at all.
 const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
 
-/// Kinds of residuals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Off the plane.
+    /// Distance from the component's plane.
     Thickness,
-    /// Off the colour.
+    /// Colour difference between views.
     Color,
 }
 
-/// Equations of both kinds.
 type Both = [NormalEquations<WITH_POSE>; 2];
 const NOTHING: Both = [NormalEquations::ZERO; 2];
 
-/// Matched views with the weights of their points.
+/// Matched views and the robust weights of their points.
 pub(super) struct Evidence<'a> {
     pub matches: Matches,
     images: &'a [Pyramid],
     level: usize,
-    /// Factors of red, green and blue, by view.
     pub gains: Vec<[f64; 3]>,
-    /// By kind, of every point; 1 until they are weighed.
+    /// Per kind: weight of each point; 1 until weighted.
     weights: [Vec<f32>; 2],
-    /// By kind: what a point's square counts.
+    /// Per kind: information (inverse variance) of a squared residual.
     information: [f64; 2],
-    /// By kind: sum of the weights when they were weighed. Points leave images as cameras move.
+    /// Per kind: sum of weights at weighting time. Points leave the images as cameras move.
     points: [f64; 2],
-    /// By kind: square at which a point counts half.
+    /// Per kind: squared residual at which a point has weight ½.
     pub(super) knees: [f64; 2],
-    /// By how much views scatter more than their equations say, as far as halves of them told.
+    /// Overdispersion of the views relative to their equations, from the comparison of halves.
     scatter: f64,
 }
 
-/// Buffers of one thread.
 #[derive(Default)]
 struct Buffers {
     planes: Vec<PlaneOffset>,
@@ -68,7 +65,7 @@ struct Buffers {
 }
 
 impl<'a> Evidence<'a> {
-    /// Every point alike; `images` and `gains` are those of the matches' views.
+    /// Creates evidence with uniform weights; `images` and `gains` belong to the views of the matches.
     pub fn new(
         matches: Matches,
         images: &'a [Pyramid],
@@ -80,7 +77,7 @@ impl<'a> Evidence<'a> {
         Self { matches, images, level, gains, weights, information, points, knees, scatter: 1.0 }
     }
 
-    /// Weighs points by their residuals, and either kind by how large those are.
+    /// Recomputes the robust weights of the points and the information of both kinds.
     pub fn weigh(&mut self, at: &Estimate) {
         self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
         self.knees =
@@ -105,8 +102,8 @@ impl<'a> Evidence<'a> {
         .map(|information| information / self.scatter);
     }
 
-    /// How far points move in the images from one camera to another, in pixels of the images' size, or how
-    /// far their depths do in shares of what the sensor's noise hides.
+    /// Change between two estimates: the image shift in pixels of the pyramid level, or the depth change
+    /// relative to what sensor noise hides, whichever is larger.
     pub fn moved(&self, from: &Unknowns, to: &Unknowns) -> f64 {
         let shift = color::distance(&self.matches, from, to) / f64::from(1u32 << self.level);
         let [offset, scale] = self.hidden();
@@ -114,7 +111,6 @@ impl<'a> Evidence<'a> {
         shift.max(nearer / offset).max(larger / scale)
     }
 
-    /// Estimates every view's gains anew.
     pub fn expose(&mut self, at: &Estimate) {
         let patches = color::patches(&self.matches, &self.photos(), at);
         self.gains = exposure(&patches, self.images.len()).gains;
@@ -124,7 +120,7 @@ impl<'a> Evidence<'a> {
         Photos { images: self.images, gains: &self.gains, level: self.level }
     }
 
-    /// What is told of a component's points.
+    /// Computes the residuals of a component's points into `buffers`; returns the index of its first point.
     fn look(&self, at: (&Projector, &Estimate), component: usize, buffers: &mut Buffers) -> usize {
         let first = self.matches.start_of(component);
         let run = self.matches.of(component);
@@ -134,7 +130,7 @@ impl<'a> Evidence<'a> {
         first
     }
 
-    /// Median square of either kind's residuals, over some of the components.
+    /// Median squared residual of each kind over a sample of the components.
     fn usual(&self, at: &Estimate) -> [f64; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
@@ -152,7 +148,7 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Square of either kind's residual of every point, where it has one.
+    /// Squared residual of each kind for every point; `None` without a residual.
     pub(super) fn squares(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let parts: Vec<[Vec<Option<f64>>; 2]> = (0..self.matches.len())
@@ -183,7 +179,7 @@ impl<'a> Evidence<'a> {
         whole
     }
 
-    /// Equations of every view by itself, about the means over all of them.
+    /// Normal equations of each view and kind; residuals are relative to the means over all views.
     pub fn by_view(&self, at: &Estimate) -> Vec<Both> {
         let projector = Projector::new(&at.unknowns.camera);
         let n = self.matches.poses.len();
@@ -215,20 +211,20 @@ impl<'a> Evidence<'a> {
         views
     }
 
-    /// Mean weighted square of a kind's residuals.
+    /// Mean weighted squared residual of a kind.
     pub fn variance(&self, at: &Estimate, kind: Kind) -> f64 {
         let views = self.by_view(at);
         NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
     }
 
-    /// What every view counts, with its pose.
+    /// Weighted sum of both kinds and the pose prior, for each view.
     pub(super) fn counted(
         &self,
         prior: &SensorPrior,
         at: &Estimate,
     ) -> Vec<NormalEquations<WITH_POSE>> {
         let views = self.by_view(at);
-        // Of the mean, not of the sum: else a camera would gain by losing points.
+        // Normalised by the number of points: otherwise a camera would gain by losing points.
         let factors = [0, 1].map(|k| {
             let n: f64 = views.iter().map(|both| both[k].n).sum();
             self.information[k] * self.points[k] / n.max(f64::MIN_POSITIVE)
@@ -242,14 +238,14 @@ impl<'a> Evidence<'a> {
         views.iter().zip(&at.poses).map(of_view).collect()
     }
 
-    /// Counts everything so many times less from now on.
+    /// Divides the weight of all evidence by `times` from now on.
     pub fn doubt(&mut self, times: f64) {
         self.scatter *= times;
         self.information = self.information.map(|information| information / times);
     }
 
-    /// What quantisation hides of depth's offset and scale: it shifts all points of a surface alike, which
-    /// no view contradicts.
+    /// Shifts of depth offset and scale that quantisation hides: they move all points of a surface alike,
+    /// so views do not disagree.
     pub(super) fn hidden(&self) -> [f64; 2] {
         let samples = self.matches.samples();
         let n = samples.len().max(1) as f64;
@@ -270,7 +266,7 @@ mod tests {
         let images = ramps(2);
         let gains = vec![[1.0; 3], [1.1, 0.9, 1.0]];
         let evidence = Evidence::new(wall(0.3), &images, gains, 0);
-        // Off where points were matched.
+        // Away from the values under which points were matched.
         let mut at = Estimate::as_recorded(begin(), 2);
         at.unknowns.depth = [0.004, 1.003];
         at.poses[1] = [0.003, -0.002, 0.001, 0.002, 0.001, -0.003];
@@ -287,7 +283,7 @@ mod tests {
                         None => moved.unknowns.set(i, moved.unknowns.get(i) + sign * step),
                     }
                     let views = evidence.by_view(&moved);
-                    // A pose is fitted to its own view's residuals.
+                    // A pose is fitted only to the residuals of its own view.
                     match i < N {
                         true => NormalEquations::total(views.iter().map(|both| &both[k])).cost,
                         false => views[1][k].cost,

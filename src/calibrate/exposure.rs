@@ -1,23 +1,23 @@
-//! Exposure of every view: the gains that make components look alike in all of them.
+//! Exposure of each view: gains that equalise the colours of components across views.
 //!
-//! Ratios of exposure are differences of logarithms, so gains are a linear least-squares problem
-//! over all views that share components; the common factor, which nothing tells, is fixed by a
-//! mean of 0. Patches are weighed by what noise of a colour becomes in its logarithm, and very
-//! dark or clipped ones are left out: they say nothing of exposure.
+//! Exposure ratios are differences of logarithms, so the gains solve a linear least-squares problem over
+//! all views that share components. The undetermined common factor is fixed by a zero mean of the
+//! logarithms. Patches are weighted by their noise after the logarithm; very dark or clipped ones are left
+//! out.
 //!
-//! Gain with an offset beside it was tried for training on the Kinect and was worse than gain
-//! alone (`pipeline.md`, Exposure search).
+//! Gain with an additional offset was tried for training on the Kinect and was worse than gain alone
+//! (`pipeline.md`, Exposure search).
 
 use crate::math::cholesky::Cholesky;
 
-/// Least mean of a channel: darker patches say more of noise than of exposure.
+/// Minimum mean of a channel: darker patches are dominated by noise.
 const DARKEST: f64 = 0.04;
-/// Largest mean of a channel: brighter patches are clipped in part.
+/// Maximum mean of a channel: brighter patches are partly clipped.
 const BRIGHTEST: f64 = 0.92;
-/// Pull of every gain towards 1 against what the patches say of a view on average.
+/// Ridge that pulls gains towards 1, relative to the mean information of a view.
 const RIDGE: f64 = 1e-6;
 
-/// Colour of a component in a view.
+/// Summed colour of a component in a view.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     component: u32,
@@ -27,45 +27,43 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    /// No points yet.
     pub fn new(component: u32, view: u32) -> Self {
         Self { component, view, points: 0.0, sum: [0.0; 3] }
     }
 
-    /// Adds a point's colour.
     pub fn add(&mut self, color: [f64; 3]) {
         self.points += 1.0;
         self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
     }
 
-    /// Order of patches: by component, then by view.
+    /// Sort key: component, then view.
     pub fn key(&self) -> (u32, u32) {
         (self.component, self.view)
     }
 
-    /// View, weight and logarithm of a channel's mean; the weight is that of a colour's noise seen
-    /// through the logarithm.
+    /// View, weight and logarithm of a channel's mean; `None` if too dark or clipped. The weight is the
+    /// inverse variance of the logarithm.
     fn log(&self, channel: usize) -> Option<(usize, f64, f64)> {
-        // The mean first, then its logarithm: dark noise would drag a mean of logarithms down.
+        // Logarithm of the mean, since noise in dark points would bias a mean of logarithms downwards.
         let mean = self.sum[channel] / self.points;
         let is_usable = (DARKEST..BRIGHTEST).contains(&mean);
         is_usable.then(|| (self.view as usize, self.points * mean * mean, mean.ln()))
     }
 }
 
-/// Gains and how sure they are.
+/// Gains and their standard errors.
 #[derive(Clone, Debug)]
 pub(super) struct FittedExposure {
-    /// By view and channel; the product over the views is 1.
+    /// Per view and channel; the product over the views is 1.
     pub gains: Vec<[f64; 3]>,
-    /// Relative standard error of a view's gains, the largest of its channels; infinite where the
-    /// view shares no component.
+    /// Relative standard error of a view's gains, maximum over the channels; infinite if the view shares no
+    /// component.
     pub errors: Vec<f64>,
-    /// Share by which the gains lower the sum of squares that separates the views.
+    /// Relative reduction of the squared log-colour differences between views.
     pub fall: f64,
 }
 
-/// By least squares of logarithms over all pairs of views that share components. `patches` are
+/// Fits gains by least squares of log colours over all pairs of views that share components. `patches` are
 /// sorted by component.
 pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
     let mut found =
@@ -76,7 +74,7 @@ pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
         let (logs, errors) = equations.solve();
         before += equations.square;
         explained += equations.explained(&logs);
-        // A common factor of all views is no exposure but the brightness of the scene.
+        // A common factor of all views is scene brightness, not exposure.
         let mean = logs.iter().sum::<f64>() / views as f64;
         for view in 0..views {
             found.gains[view][channel] = (logs[view] - mean).exp();
@@ -87,14 +85,13 @@ pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
     found
 }
 
-/// Normal equations of the logarithms of one channel's gains.
 struct GainEquations {
     views: usize,
     matrix: Vec<f64>,
     right: Vec<f64>,
     /// `Σ w (ln c − mean)²`.
     square: f64,
-    /// Patches beyond one per component.
+    /// Degrees of freedom: patches beyond one per component.
     freedom: f64,
 }
 
@@ -116,7 +113,7 @@ impl GainEquations {
         equations
     }
 
-    /// The patches of a component, as view, weight and logarithm.
+    /// Adds a component's patches, each as (view, weight, logarithm).
     fn add(&mut self, logs: &[(usize, f64, f64)]) {
         let total: f64 = logs.iter().map(|log| log.1).sum();
         let mean = logs.iter().map(|log| log.1 * log.2).sum::<f64>() / total;
@@ -131,13 +128,13 @@ impl GainEquations {
         }
     }
 
-    /// Logarithms of the gains, 0 in the mean, and their standard errors given each other.
+    /// Returns the log gains with zero mean, and their conditional standard errors.
     fn solve(&self) -> (Vec<f64>, Vec<f64>) {
         let n = self.views;
         let own: Vec<f64> = (0..n).map(|i| self.matrix[i * n + i]).collect();
         let scale = own.iter().sum::<f64>() / n as f64;
         let mut matrix = self.matrix.clone();
-        // The common factor is free: a mean of 0 fixes it. A view without any match stays at 0.
+        // Fixes the undetermined common factor by a zero mean. A view without matches stays at 0.
         for i in 0..n {
             matrix[i * n + i] += RIDGE * scale + f64::MIN_POSITIVE;
             for j in 0..n {
@@ -148,14 +145,14 @@ impl GainEquations {
             Some(factor) => factor.solve(&self.right),
             None => vec![0.0; n],
         };
-        // What the gains leave is the noise that their errors are judged by.
+        // The residual after the fit is the noise behind the standard errors.
         let rest = (self.square - self.explained(&logs)).max(0.0);
         let noise = rest / (self.freedom - n as f64).max(1.0);
         let error = |own: &f64| if *own > 0.0 { (noise / own).sqrt() } else { f64::INFINITY };
         (logs, own.iter().map(error).collect())
     }
 
-    /// By how much the solution lowers the square.
+    /// Reduction of the squared differences by the solution.
     fn explained(&self, logs: &[f64]) -> f64 {
         logs.iter().zip(&self.right).map(|(x, r)| x * r).sum()
     }

@@ -1,4 +1,4 @@
-//! The search for every frame's exposure.
+//! Search for the exposure of every frame.
 
 use super::exposure::{FittedExposure, Patch, exposure};
 use super::matches::thinned;
@@ -11,18 +11,18 @@ use crate::pipeline::plan::Plan;
 use crate::train::scene::partition::Partition;
 use rayon::prelude::*;
 
-/// Structural scale times the scene's: exposure needs many points in common, not detail.
+/// Structural scale relative to the scene's: exposure needs many shared points, not detail.
 const GROWTH: f64 = 2.0;
-/// Frames decoded at once.
 const BATCH: usize = 8;
-/// Most frames; time grows with the cube of their number.
+/// Maximum number of frames; time grows with its cube.
 pub(super) const MAX_FRAMES: usize = 1000;
-/// Largest relative standard error of gains that are written.
+/// Maximum relative standard error of gains that are written.
 const MAX_ERROR: f64 = 0.02;
-/// Fall, relative, of what separates the views' colours that gains must bring.
+/// Minimum relative reduction of the colour differences between views.
 const MIN_FALL: f64 = 0.1;
 
-/// The gains of a plan's frames, at most [`MAX_FRAMES`], with the calibration in `settings`; nothing where they do not pay.
+/// Estimates the gains of a plan's frames (at most [`MAX_FRAMES`]) under the calibration in `settings`.
+/// Returns no gains if they are not significant.
 pub(super) fn search(
     dataset: &Dataset,
     plan: &Plan,
@@ -32,15 +32,15 @@ pub(super) fn search(
 ) -> (Vec<FrameGain>, CalibratedValue) {
     let found = plan.frames.len();
     let mut settings = settings.clone();
-    // Searched for in colours as they were taken: known gains are only compared with.
+    // The search needs uncorrected colours; known gains are only compared with.
     let before = settings.calibration.iter_mut().flat_map(|c| std::mem::take(&mut c.exposure));
     let before: Vec<[f64; 3]> = before.map(|e| e.gain).collect();
     let mut partition = Partition::new(GROWTH * h);
     let mut patches: Vec<Patch> = Vec::new();
-    // Frames are decoded side by side, but assigned in order: births depend on it.
+    // Decoded in parallel but assigned in order: births depend on the order.
     for (batch, indices) in plan.frames.chunks(BATCH).enumerate() {
         let prepare = |preparer: &mut Preparer, &index: &usize| {
-            // A frame that cannot be read gets no gain and stops nothing.
+            // An unreadable frame gets no gain and does not stop the search.
             let frame = dataset.load(plan.split, index).ok()?;
             thinned(preparer, &frame, &settings, step).ok()
         };
@@ -52,14 +52,13 @@ pub(super) fn search(
             tick();
         }
     }
-    // Frames came in order; equations need the views of a component side by side.
+    // Frames arrive in order; the equations need a component's views side by side.
     patches.sort_by_key(Patch::key);
     let exposure = exposure(&patches, found);
     let names = plan.frames.iter().map(|&i| dataset.splits[plan.split].frames[i].name.clone());
     judge(&exposure, names.collect(), &before)
 }
 
-/// The mean colours of a view's components.
 fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> Vec<Patch> {
     let owners = partition.assign(points);
     let mut owned: Vec<(u32, [f32; 3])> =
@@ -73,7 +72,7 @@ fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> 
     owned.chunk_by(|a, b| a.0 == b.0).map(patch).collect()
 }
 
-/// What is written, and what is said of it.
+/// Decides which gains are written; returns them with a summary value.
 fn judge(
     exposure: &FittedExposure,
     names: Vec<String>,
@@ -84,13 +83,13 @@ fn judge(
     let gains: Vec<[f64; 3]> = sure.iter().map(|&i| exposure.gains[i]).collect();
     let error = sure.iter().map(|&i| exposure.errors[i]).sum::<f64>() / sure.len().max(1) as f64;
     let name = "spread of exposures, relative";
-    // One number for all frames: a table of thousands of gains tells people nothing.
+    // One number for all frames: a table of thousands of gains is not readable.
     let mut value = CalibratedValue::determined(name, spread(before), spread(&gains), error);
     if sure.len() < 2 {
         value.keep("the frames share too few surfaces".to_owned());
     } else if exposure.fall < MIN_FALL {
         let fall = 100.0 * exposure.fall;
-        value.keep(format!("gains lower what separates the frames' colours by {fall:.1} % only"));
+        value.keep(format!("gains lower colour differences between frames by only {fall:.1} %"));
     }
     let gains = if value.determined { gains } else { Vec::new() };
     let named =
@@ -98,7 +97,7 @@ fn judge(
     (named.collect(), value)
 }
 
-/// Standard deviation of the logarithms of gains about 0.
+/// Root mean square of the log gains.
 fn spread(gains: &[[f64; 3]]) -> f64 {
     let squares: f64 = gains.as_flattened().iter().map(|g| g.ln().powi(2)).sum();
     (squares / (3 * gains.len()).max(1) as f64).sqrt()

@@ -1,4 +1,4 @@
-//! Where unknowns fit the evidence best, and what it leaves open about them.
+//! Minimisation of the evidence over the unknowns and poses, and the covariance of the minimum.
 
 use super::covariance::Covariance;
 use super::evidence::{Evidence, Kind};
@@ -7,21 +7,19 @@ use super::scatter::Scatter;
 use super::unknowns::{Estimate, N, SensorPrior, Unknowns, WITH_POSE};
 use crate::math::cholesky::Cholesky;
 
-/// Fits of gains and poses before a loss is taken.
+/// Alternating fits of gains and poses before a loss is evaluated.
 const LOSS_ROUNDS: usize = 2;
-/// Steps of a fit.
 const MAX_STEPS: usize = 12;
-/// Fall of the cost, relative, at which a fit ends.
+/// Relative decrease of the cost at which a fit has converged.
 const MIN_STEP: f64 = 1e-6;
-/// Damping that a fit begins with, and does not fall below.
+/// Initial and minimum damping.
 const MIN_DAMPING: f64 = 1e-3;
-/// Damping at which a fit gives up: the cost is rough where points leave images, and shorter steps fall
-/// into its dents.
+/// Damping at which a fit stops. The cost is rough where points leave images, and shorter steps would end
+/// in spurious local minima.
 const MAX_DAMPING: f64 = 10.0;
 
 impl Evidence<'_> {
-    /// Moves the `free` unknowns and all poses to the minimum, by Levenberg and Marquardt's steps; what is
-    /// found there.
+    /// Minimises over the `free` unknowns and all poses by Levenberg-Marquardt; updates `at`.
     pub fn fit(&self, prior: &SensorPrior, at: &mut Estimate, free: &[usize]) {
         let mut now = Linearised::new(self.counted(prior, at), prior, at);
         let mut damping = MIN_DAMPING;
@@ -35,14 +33,14 @@ impl Evidence<'_> {
             } else {
                 damping *= 10.0;
             }
-            // A step that raises the cost is not the end: the next is shorter.
+            // A step that raises the cost is retried with more damping.
             if (0.0..MIN_STEP).contains(&fall) || damping > MAX_DAMPING {
                 break;
             }
         }
     }
 
-    /// Where the `free` unknowns and the poses are best if others are held at some values.
+    /// Refits the `free` unknowns and the poses with the `held` unknowns fixed to `values`.
     pub fn fit_without(
         &self,
         prior: &SensorPrior,
@@ -53,15 +51,15 @@ impl Evidence<'_> {
         let here = Linearised::new(self.counted(prior, at), prior, at);
         let mut change = [0.0; N];
         held.iter().for_each(|&i| change[i] = values.get(i) - at.unknowns.get(i));
-        // As the curvature says, then fitted: from where they were they would not find back.
+        // Starts from the quadratic prediction: from the old minimum the fit would not converge.
         let mut next = here.with_change(at, free, change).unwrap_or_else(|| at.clone());
         held.iter().for_each(|&i| next.unknowns.set(i, values.get(i)));
         self.fit(prior, &mut next, free);
         next
     }
 
-    /// Mean loss of a kind's residuals (Cauchy's, which weighs no hypothesis's outliers beforehand), with gains
-    /// and poses that suit the unknowns.
+    /// Mean Cauchy loss of a kind of residuals, after fitting gains and poses to the given unknowns. The
+    /// loss, unlike the weights, does not favour the hypothesis they were computed for.
     pub fn loss(&mut self, prior: &SensorPrior, unknowns: &Unknowns, kind: Kind) -> f64 {
         let mut at = Estimate::as_recorded(*unknowns, self.matches.poses.len());
         for _ in 0..LOSS_ROUNDS {
@@ -79,8 +77,8 @@ impl Evidence<'_> {
         sum / n
     }
 
-    /// How far two estimates from halves of the views are apart, in what these views' equations allow the
-    /// mean of both to err.
+    /// Squared distance between the estimates of two halves of the views, relative to the variance that the
+    /// equations of all views predict.
     pub fn disagreement(
         &self,
         prior: &SensorPrior,
@@ -95,13 +93,12 @@ impl Evidence<'_> {
             .flat_map(|&i| free.iter().map(move |&j| (i, j)))
             .map(|(i, j)| apart(i) * total.curvature_at(i, j) * apart(j))
             .sum();
-        // Halves have twice the variance of the whole, their difference four times.
+        // Each half has twice the variance of the whole, so their difference has four times.
         square / (4.0 * free.len() as f64)
     }
 
-    /// Covariance of the `free` unknowns at the minimum, by what the views' own gradients and what is known of
-    /// sensors would move them by: `A⁻¹ B A⁻¹` with the curvature `A` and the gradients' scatter `B` (Huber
-    /// 1967; Godambe 1960).
+    /// Covariance of the `free` unknowns at the minimum, by the sandwich estimator `A⁻¹ B A⁻¹` (Huber 1967;
+    /// Godambe 1960). `A` is the curvature, `B` the scatter of the gradients of views and prior.
     pub fn covariance(&self, prior: &SensorPrior, at: &Estimate, free: &[usize]) -> Covariance {
         let posed = self.counted(prior, at);
         let views: Vec<NormalEquations<N>> = posed.iter().filter_map(|v| v.reduced()).collect();
@@ -122,7 +119,7 @@ impl Evidence<'_> {
             gradient[place] = known.curvature_at(i, i).sqrt();
             covariance.add(&factor.solve(&gradient), 1.0);
         }
-        // Few views scatter little by chance: no less than what residuals and beliefs leave open.
+        // A few views may scatter little by chance: the residuals and the prior set a lower bound.
         for place in 0..n {
             let mut unit = vec![0.0; n];
             unit[place] = 1.0;
@@ -136,10 +133,9 @@ impl Evidence<'_> {
     }
 }
 
-/// All views' equations around an estimate.
 struct Linearised {
     views: Vec<NormalEquations<WITH_POSE>>,
-    /// Of the unknowns alone, poses being as it suits the views.
+    /// Equations of the unknowns with the poses eliminated (Schur complement).
     total: NormalEquations<N>,
     cost: f64,
 }
@@ -152,7 +148,7 @@ impl Linearised {
         Self { views, total, cost }
     }
 
-    /// A step of the `free` unknowns, and of the poses after them.
+    /// Damped step of the `free` unknowns, followed by the poses.
     fn step(&self, at: &Estimate, free: &[usize], damping: f64) -> Option<Estimate> {
         let step = self.total.step(free, damping)?;
         let mut change = [0.0; N];
@@ -160,7 +156,7 @@ impl Linearised {
         self.moved(at, &change, 1.0 / (1.0 + damping))
     }
 
-    /// What follows where some unknowns are changed and the `free` ones may follow.
+    /// Prediction for a given change of some unknowns, with the `free` ones and the poses following.
     fn with_change(&self, at: &Estimate, free: &[usize], mut change: [f64; N]) -> Option<Estimate> {
         let factor = Cholesky::new(free.len(), &self.total.curvature_of(free))?;
         let pull = |i: usize| -> f64 {
@@ -190,8 +186,8 @@ mod tests {
     use crate::observation::surface::SurfacePoint;
     use glam::DVec3;
 
-    /// A wall and a floor seen from places at several distances, as a depth camera with this error
-    /// measures them; every view's place is known as well as `jitter` says.
+    /// A wall and a floor seen from several distances by a depth camera with this error. Recorded view
+    /// positions are off by about `jitter`.
     fn room(offset: f64, scale: f64, jitter: f64) -> Matches {
         let (mut views, mut poses) = (Vec::new(), Vec::new());
         for view in 0..8 {
@@ -205,7 +201,7 @@ mod tests {
                 for (place, normal) in [wall, floor] {
                     let true_range = (place - centre).length();
                     let direction = (place - centre) / true_range;
-                    // What a correction by `offset` and `scale` makes right.
+                    // The inverse of a correction by `offset` and `scale`.
                     let range = (true_range - offset) / scale;
                     points.push(SurfacePoint {
                         position: (centre + wrong + range * direction).as_vec3().to_array(),
@@ -251,7 +247,7 @@ mod tests {
 
     #[test]
     fn what_views_do_not_tell_stays_what_sensors_are() {
-        // Two views of one wall side by side: depth may be anything.
+        // Two views of one wall side by side do not determine depth.
         let (at, errors) = fitted(wall(0.0));
         assert!(at.depth[0].abs() < 0.01 && (at.depth[1] - 1.0).abs() < 0.02, "{:?}", at.depth);
         assert!(errors[0] > 0.005 && errors[1] > 0.01, "{errors:?}");

@@ -1,4 +1,4 @@
-//! What a calibration looks at: the frames, and what is known of their cameras so far.
+//! Input of a calibration: frames and the initial camera calibration.
 
 use super::matches::{MatchedDepth, Matches};
 use crate::dataset::calibration::{Calibration, ColorCamera};
@@ -6,24 +6,22 @@ use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::dataset::surface::{PixelSampling, SurfaceSettings};
 
-/// What is searched on.
 pub(super) struct CalibrationInput {
-    /// Every other one first, then those between: halves that see the same.
+    /// Even-numbered frames first, then odd-numbered: two halves that see the same places.
     pub frames: Vec<Frame>,
-    /// Whether the files measure depth along the optical axis.
+    /// True if depth is measured along the optical axis, false along the ray.
     pub along_z: bool,
-    /// How frames become points, but for the calibration.
+    /// Surface preparation, without the calibration.
     pub surface: SurfaceSettings,
-    /// The corrections that the search begins with.
     pub calibration: Calibration,
     /// Structural scale, world units.
     pub h: f64,
-    /// Every so-many-th pixel of every so-many-th row is looked at.
+    /// Pixel stride in columns and rows.
     pub step: usize,
 }
 
 impl CalibrationInput {
-    /// How frames become points with other depth and a colour camera.
+    /// Surface preparation with another depth calibration and colour camera.
     pub fn settings(
         &self,
         [depth_offset, depth_scale]: [f64; 2],
@@ -33,13 +31,13 @@ impl CalibrationInput {
             Calibration { color_camera, depth_offset, depth_scale, ..self.calibration.clone() };
         SurfaceSettings {
             calibration: Some(calibration),
-            // Steps of its own choose pixels.
+            // Pixels are subsampled by `step` instead.
             sampling: PixelSampling::Every,
             ..self.surface.clone()
         }
     }
 
-    /// Brings the points of frames together. `growth` times the structural scale is that of the components.
+    /// Matches the points of frames by components of `growth` times the structural scale.
     ///
     /// # Errors
     /// A frame without depth.

@@ -1,9 +1,8 @@
-//! Points of several views, brought together by the components that own them.
+//! Points of several views, matched by the components that own them.
 //!
-//! Components stand in for feature matching: points that one component owns lie on one patch of
-//! surface, in whatever view they were seen. The price is that they are brought together by the
-//! very depth that is in question, which is why searches begin with components several times as
-//! large.
+//! Components replace feature matching: points of one component lie on one surface patch in every view.
+//! Matching relies on the very depth that is to be calibrated, so searches begin with components several
+//! times as large.
 
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
@@ -13,20 +12,19 @@ use crate::train::scene::partition::Partition;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// A point of a view.
 #[derive(Clone, Copy)]
 pub(super) struct MatchedPoint {
     pub component: u32,
     pub view: u32,
     pub point: SurfacePoint,
-    /// A place near it on its surface, in the frame of the depth camera. Registered colours would be
-    /// looked up at texels otherwise, others between them, where interpolation makes them look more
-    /// alike.
+    /// Position near the point on its surface, in the depth camera's frame. At the point itself, registered
+    /// colours would be sampled at texel centres and others between them, where interpolation reduces the
+    /// difference.
     pub local: DVec3,
 }
 
-/// Pose of a view's depth camera, from the world to the camera and relative to the points' origin:
-/// as the search needs it, where a `Pose` holds the opposite in the world.
+/// Pose of a view's depth camera, world to camera and relative to the points' origin (a `Pose` stores
+/// camera to world).
 #[derive(Clone, Copy)]
 pub(super) struct CameraPose {
     /// World to camera.
@@ -41,12 +39,11 @@ impl CameraPose {
         Self { rotation: pose.rotation().transpose(), centre: pose.centre() - origin }
     }
 
-    /// A place on the surface around a point, up to half a pixel away, in the frame of the depth
-    /// camera.
+    /// Position on the surface up to half a pixel from a point, in the depth camera's frame.
     fn place_near(&self, point: &SurfacePoint) -> DVec3 {
         let local = self.rotation * (point.position_vector() - self.centre);
         let normal = self.rotation * point.normal_vector();
-        // Martin Roberts' sequence in two dimensions covers the pixel evenly.
+        // Martin Roberts' R2 sequence covers the pixel evenly.
         let across = [0.754_877_666_246_693, 0.569_840_290_998_053]
             .map(|ratio| (f64::from(point.pixel) * ratio).fract() - 0.5);
         let step = f64::from(point.footprint) * DVec3::new(across[0], across[1], 0.0);
@@ -54,29 +51,28 @@ impl CameraPose {
     }
 }
 
-/// The calibration of depth that points were matched under.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MatchedDepth {
-    /// Offset, world units, and scale.
+    /// Offset (world units) and scale.
     pub values: [f64; 2],
-    /// Whether the files measure along the optical axis.
+    /// True if depth is measured along the optical axis.
     pub along_z: bool,
 }
 
-/// Points by component, those of one component by view; components of a single view are left out.
+/// Matched points, sorted by component and view; components seen by a single view are left out.
 pub(super) struct Matches {
     pub depth: MatchedDepth,
     pub poses: Vec<CameraPose>,
     samples: Vec<MatchedPoint>,
-    /// Where the components begin, and the end.
+    /// Index of each component's first point, and the total.
     starts: Vec<usize>,
-    /// Components born, those of a single view among them.
+    /// Components created, including those seen by a single view.
     pub births: usize,
 }
 
 impl Matches {
-    /// Of frames prepared as `settings` say; takes every `step`-th pixel of every `step`-th row.
-    /// `h` is the structural scale, world units.
+    /// Prepares frames by `settings`, with a pixel stride of `step`, and matches their points. `h` is the
+    /// structural scale, world units.
     ///
     /// # Errors
     /// A frame without depth.
@@ -93,7 +89,6 @@ impl Matches {
         Ok(Self::together(&views, poses, depth, h))
     }
 
-    /// Of the points of every view.
     pub fn together(
         views: &[Vec<SurfacePoint>],
         poses: Vec<CameraPose>,
@@ -110,12 +105,12 @@ impl Matches {
                 Some(MatchedPoint { component: owner?, view: view as u32, point, local })
             }));
         }
-        // A stable sort: within a view points stay in the order of its tiles.
+        // Stable sort: within a view, points stay in tile order.
         samples.sort_by_key(|s| (s.component, s.view));
         let mut kept = Vec::with_capacity(samples.len());
         let mut starts = vec![0];
         for run in samples.chunk_by(|a, b| a.component == b.component) {
-            // Sorted by view: the ends differ if any two do.
+            // Sorted by view: first and last differ if any two do.
             if run[0].view != run[run.len() - 1].view {
                 kept.extend_from_slice(run);
                 starts.push(kept.len());
@@ -124,7 +119,7 @@ impl Matches {
         Self { depth, poses, samples: kept, starts, births: partition.components() }
     }
 
-    /// Components seen by several views.
+    /// Number of components seen by several views.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
@@ -134,12 +129,11 @@ impl Matches {
         self.samples.chunk_by(|a, b| (a.component, a.view) == (b.component, b.view)).count()
     }
 
-    /// Points of these.
     pub fn samples(&self) -> &[MatchedPoint] {
         &self.samples
     }
 
-    /// Moves every so-many-th point.
+    /// Displaces every `every`-th point.
     #[cfg(test)]
     pub fn spoil(&mut self, every: usize, place: impl Fn(DVec3) -> DVec3) {
         for sample in self.samples.iter_mut().step_by(every) {
@@ -147,18 +141,16 @@ impl Matches {
         }
     }
 
-    /// Place of a component's first point among all.
     pub fn start_of(&self, component: usize) -> usize {
         self.starts[component]
     }
 
-    /// Points of a component.
     pub fn of(&self, component: usize) -> &[MatchedPoint] {
         &self.samples[self.starts[component]..self.starts[component + 1]]
     }
 }
 
-/// The points of every `step`-th pixel of every `step`-th row.
+/// Prepares a frame and retains the points of every `step`-th pixel in columns and rows.
 pub(super) fn thinned(
     preparer: &mut Preparer,
     frame: &Frame,
@@ -170,7 +162,7 @@ pub(super) fn thinned(
     let width = observation.ranges.width;
     observation.points.retain(|point| {
         let (column, row) = (point.pixel as usize % width, point.pixel as usize / width);
-        // By the pixel, not by the list: which points are looked at does not hang on the filters.
+        // By pixel rather than list position, so that the choice does not depend on the filters.
         column.is_multiple_of(step) && row.is_multiple_of(step)
     });
     Ok(observation.points)

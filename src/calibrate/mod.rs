@@ -1,10 +1,9 @@
-//! What a recording says of its own cameras: where the colour camera stands, how depth is biased,
-//! how bright every frame was exposed. Surfaces that several views see must be thin and look
-//! alike (`pipeline.md`, Calibration).
+//! Self-calibration of a recording: colour camera, depth bias and exposure of each frame. Surfaces seen by
+//! several views must be thin and have equal colours (`pipeline.md`, Calibration).
 //!
-//! Depth and colour camera are one robust least-squares problem (`evidence`, `fit`) with what is known of such
-//! sensors (`unknowns`); what is found must hold in frames that it was not fitted to (`verdict`); what
-//! the data does not determine is given back ([`CalibratedValue`]). Then exposures.
+//! Depth and colour camera are one robust least-squares problem (`evidence`, `fit`) with a prior about such
+//! sensors (`unknowns`). Results must hold in frames they were not fitted to (`verdict`). Values that the
+//! data does not determine keep their initial value ([`CalibratedValue`]). Exposures are fitted afterwards.
 
 mod camera;
 mod color;
@@ -45,68 +44,71 @@ use search::{LEVELS, STEPS, Views, search};
 use unknowns::{DEPTH, Estimate, N, SensorPrior, Unknowns};
 use verdict::Judge;
 
-/// Frames where none are asked for: more say little more.
+/// Default number of frames: more add little information.
 pub const DEFAULT_FRAMES: usize = 24;
-/// Pixels looked at, of all frames together.
+/// Approximate number of pixels used, of all frames together.
 const PIXELS: f64 = 120_000.0;
-/// Fewest components that several views must see.
 const MIN_COMPONENTS: usize = 100;
-/// Structural scale times the scene's at which frames must have surfaces in common: views of wrong depth
-/// still share such.
+/// Structural scale, relative to the scene's, for the check that frames share surfaces: coarse enough for
+/// views with wrong depth.
 const COARSE: f64 = 4.0;
 
-/// What is searched for, and on what.
+/// Options of a calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibratePlan {
-    /// Split to look at; `None` takes the one that trains.
+    /// Split to use; `None` for the training split.
     pub split: Option<String>,
-    /// Frames at most, evenly spaced.
+    /// Maximum number of frames, evenly spaced.
     pub max_frames: usize,
-    /// Whether every frame's exposure is searched for.
+    /// True to estimate the exposure of every frame.
     pub exposure: bool,
-    /// Where the search begins, and what the data does not determine stays.
+    /// Initial calibration; undetermined values keep it.
     pub start: Calibration,
 }
 
-/// Why a dataset cannot be calibrated.
+/// Error of a calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
     /// The dataset has no such split, or none with depth.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The scene preset cannot work on its depth.
+    /// The scene preset cannot use its depth.
     #[error("{0}")]
     Scene(#[from] SceneError),
-    /// A frame that points cannot be made of.
+    /// A frame from which no points can be computed.
     #[error("{0}")]
     Frame(#[from] FrameError),
-    /// The result could not be read back.
+    /// The result is not a valid calibration.
     #[error("{0}")]
     Calibration(#[from] CalibrationError),
-    /// Nothing is seen twice.
+    /// Fewer than two frames see the same surface.
     #[error(
         "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, ask for more of its frames or name another split"
     )]
     NothingInCommon {
         /// Name of the dataset.
         dataset: String,
-        /// Frames and what they share.
+        /// Usable frames and shared surfaces.
         found: String,
     },
-    /// So many exposures would take too long.
+    /// Too many frames for the exposure search.
     #[error(
         "exposures: expected a split of at most {most} frames, found {found}; name a smaller one, or leave the exposures to training, which fits them as frames come"
     )]
     TooManyExposures {
-        /// Frames that a search for exposures takes at most.
+        /// Maximum number of frames of an exposure search.
         most: usize,
         /// Frames of the split.
         found: usize,
     },
 }
 
-/// Searches for depth and the colour camera, then for exposures; tells `progress` the steps done and those
-/// there are.
+/// Calibrates depth and the colour camera, then exposures. `progress` receives the steps done and the
+/// total.
+///
+/// # Errors
+/// [`CalibrateError`] if frames cannot be read or used, share too few surfaces, or are too many for
+/// exposures.
 pub fn run(
     dataset: &Dataset,
     plan: &CalibratePlan,
@@ -115,7 +117,7 @@ pub fn run(
     let selection = Selection { split: plan.split.clone(), ..Selection::everything() };
     let all = Plan::new(dataset, &selection, 0)?;
     let n_frames = plan.max_frames.min(all.frames.len());
-    // Exposures look at every frame, because every frame has its own.
+    // Every frame has its own exposure, so all are used.
     let n_exposures = if plan.exposure { all.frames.len() } else { 0 };
     let (mut done, steps) = (0, n_frames + 3 + 2 * STEPS + n_exposures);
     let mut tick = || {
@@ -164,15 +166,13 @@ pub fn run(
     })
 }
 
-/// What is found of depth and the colour camera.
 struct FoundCameras {
     calibration: Calibration,
     values: Vec<CalibratedValue>,
-    /// What there is to say of the colour camera as a whole.
     note: Option<String>,
 }
 
-/// Everything together; where no other colour camera is worth taking, depth alone again.
+/// Calibrates depth and colour camera jointly; if the camera change is not significant, depth alone.
 fn cameras(
     input: &CalibrationInput,
     images: &[Pyramid],
@@ -198,14 +198,14 @@ fn cameras(
     };
     if verdict.is_other {
         let values = judge.settle(&mut evidence, &mut best, &free);
-        // The second search is not needed.
+        // The second search is skipped.
         (0..STEPS).for_each(|_| tick());
         let calibration = of(&best.unknowns, Some(best.unknowns.camera.camera()));
         return Ok(FoundCameras { calibration, values, note: None });
     }
     let staying = if given.is_some() { judge.staying_camera(&evidence, &best) } else { Vec::new() };
-    // Poses and depths that are slightly wrong can always be traded for a slightly other camera: what depth
-    // is beside that is not what it is beside the one that stays.
+    // Small errors of poses and depth can be compensated by a slightly different camera. Depth found with
+    // that camera does not hold for the original one, so it is searched again.
     let free = DEPTH.to_vec();
     let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
     let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
@@ -221,8 +221,8 @@ fn cameras(
     Ok(FoundCameras { calibration: of(&best.unknowns, given), values, note })
 }
 
-/// Reads evenly spaced frames, which must have surfaces in common; with the reasons why some cannot be
-/// read.
+/// Reads evenly spaced frames and checks that they share surfaces. Also returns the reasons for frames that
+/// cannot be read.
 fn survey(
     dataset: &Dataset,
     all: &Plan,
@@ -234,7 +234,7 @@ fn survey(
     let total = all.frames.len();
     let n = plan.max_frames.min(total);
     let (mut frames, mut skipped) = (Vec::new(), Vec::new());
-    // Every other one first: halves that see the same places.
+    // Even-numbered frames first: two halves that see the same places.
     for i in (0..n).step_by(2).chain((1..n).step_by(2)) {
         match dataset.load(all.split, all.frames[i * total / n]) {
             Ok(frame) => frames.push(frame),
@@ -246,15 +246,15 @@ fn survey(
         return Err(nothing(format!("{} usable of {n} chosen", frames.len())));
     }
     let start = Some(plan.start.clone());
-    // As training would prepare them, so that what is found holds there.
+    // Prepared as for training, so that the result holds there.
     let overrides = SceneOverrides {
         calibration: start,
-        // Points are matched by where they are, so that their cells have to hold the noise.
+        // Points are matched by position, so cells must cover the depth noise.
         ray_search: Some(false),
         ..SceneOverrides::default()
     };
     let run = SceneRun::new(dataset, all, &overrides)?;
-    // Few large frames are thinned out, many small ones are not: time is what is held.
+    // Bounds the time: large frames are subsampled, small ones are not.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();
     let size = [frames[0].color.width, frames[0].color.height].map(|n| n as u32);
     let along_z = frames[0].depth.as_ref().is_some_and(|depth| depth.kind == DepthKind::Z);
@@ -281,7 +281,6 @@ fn survey(
     Ok((input, skipped))
 }
 
-/// How well the views agree under the calibration as it is.
 fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, FrameError> {
     let Calibration { depth_offset, depth_scale, color_camera: camera, .. } = input.calibration;
     let matches = input.matched(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;

@@ -1,17 +1,16 @@
-//! Normal equations of a sum of squares over `N` unknowns: what both searches minimise.
+//! Normal equations of a least-squares problem over `N` unknowns.
 
 use crate::math::cholesky::Cholesky;
 
-/// A sum of weighted squares of residuals around some values of the unknowns: its cost, half its
-/// gradient and Gauss-Newton's half of its curvature.
+/// Weighted sum of squared residuals, linearised: cost, half gradient and half Gauss-Newton curvature.
 ///
-/// Every view has its own, so that views can be left out or compared for standard errors; totals
-/// are sums over them.
+/// Each view has its own, so that views can be left out or compared for standard errors; totals are their
+/// sums.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NormalEquations<const N: usize> {
-    /// Sum of the weighted squares.
+    /// Weighted sum of squares.
     pub cost: f64,
-    /// Points that take part.
+    /// Number (weight) of contributing points.
     pub n: f64,
     /// Lower triangle of half the curvature.
     curvature: [[f64; N]; N],
@@ -20,16 +19,16 @@ pub(super) struct NormalEquations<const N: usize> {
 }
 
 impl<const N: usize> NormalEquations<N> {
-    /// Of no residual.
+    /// No residuals.
     pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
 
-    /// Adds a residual, how it changes with the first unknowns (with the others it does not), and its weight.
+    /// Adds a residual with its weight and its Jacobian by the leading unknowns (zero for the others).
     #[inline(always)]
     pub fn add_residual(&mut self, residual: f64, slope: &[f64], weight: f64) {
         self.add_residuals([residual], [slope], weight);
     }
 
-    /// Adds residuals of one weight. Each sum is read and written once for all of them.
+    /// Adds residuals of equal weight; each accumulator is read and written only once.
     #[inline(always)]
     pub fn add_residuals<const M: usize>(
         &mut self,
@@ -58,7 +57,7 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Adds `factor` times other equations; −1 takes a view back out of a total.
+    /// Adds `factor` times other equations; −1 removes a view from a total.
     pub fn add(&mut self, other: &Self, factor: f64) {
         self.cost += factor * other.cost;
         self.n += factor * other.n;
@@ -70,7 +69,6 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Over all views.
     pub fn total<'a>(views: impl IntoIterator<Item = &'a Self>) -> Self {
         views.into_iter().fold(Self::ZERO, |mut sum, view| {
             sum.add(view, 1.0);
@@ -78,23 +76,23 @@ impl<const N: usize> NormalEquations<N> {
         })
     }
 
-    /// Mean weighted square of a point.
+    /// Mean weighted squared residual per point.
     pub fn variance(&self) -> f64 {
         self.cost / self.n
     }
 
-    /// Curvature of the `free` unknowns, row by row.
+    /// Curvature of the `free` unknowns, row-major.
     pub fn curvature_of(&self, free: &[usize]) -> Vec<f64> {
         free.iter().flat_map(|&i| free.iter().map(move |&j| self.curvature_at(i, j))).collect()
     }
 
-    /// Curvature of a pair of unknowns.
+    /// Curvature entry of a pair of unknowns.
     pub fn curvature_at(&self, i: usize, j: usize) -> f64 {
         self.curvature[i.max(j)][i.min(j)]
     }
 
-    /// Of the first `M` unknowns, where the others are at their best for every value of these. `None` if the
-    /// data leaves one of the others open.
+    /// Eliminates all but the first `M` unknowns (Schur complement). `None` if the eliminated ones are not
+    /// determined.
     pub fn reduced<const M: usize>(&self) -> Option<NormalEquations<M>> {
         let rest: Vec<usize> = (M..N).collect();
         let factor = Cholesky::new(rest.len(), &self.curvature_of(&rest))?;
@@ -118,7 +116,7 @@ impl<const N: usize> NormalEquations<N> {
         Some(left)
     }
 
-    /// The change of the unknowns from the `M`-th on to their minimum, where the first change by `step`.
+    /// Minimising change of the unknowns after the first `step.len()`, if those change by `step`.
     pub fn followed(&self, step: &[f64]) -> Option<Vec<f64>> {
         let m = step.len();
         let rest: Vec<usize> = (m..N).collect();
@@ -132,8 +130,8 @@ impl<const N: usize> NormalEquations<N> {
         Some(Cholesky::new(rest.len(), &self.curvature_of(&rest))?.solve(&pull))
     }
 
-    /// The change of the `free` unknowns to the minimum, in their order, the others held. `damping`
-    /// is Marquardt's: a share added to the diagonal. `None` if the data leaves a direction open.
+    /// Damped Newton step of the `free` unknowns in their order, with the others held. `damping` is
+    /// Marquardt's relative addition to the diagonal. `None` if the data does not determine a direction.
     pub fn step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
         let n = free.len();
         let mut matrix = self.curvature_of(free);
@@ -147,7 +145,7 @@ impl<const N: usize> NormalEquations<N> {
 mod tests {
     use super::*;
 
-    /// Residuals `x + 2y − 3` and `x − y` of weights 1 and 4, around the origin.
+    /// Residuals `x + 2y − 3` and `x − y` with weights 1 and 4, linearised at the origin.
     fn two_lines() -> [NormalEquations<2>; 2] {
         let mut views = [NormalEquations::ZERO; 2];
         views[0].add_residual(-3.0, &[1.0, 2.0], 1.0);
@@ -162,7 +160,7 @@ mod tests {
         assert_eq!((total.cost, total.variance()), (9.0, 4.5));
         let step = total.step(&[0, 1], 0.0).unwrap();
         assert!(step.iter().all(|x| (x - 1.0).abs() < 1e-12), "{step:?}");
-        // With y held: (x − 3)² + 4x² is least at 3/5.
+        // With y held, (x − 3)² + 4x² is smallest at 3/5.
         let step = total.step(&[0], 0.0).unwrap();
         assert!((step[0] - 0.6).abs() < 1e-12, "{step:?}");
         assert!(total.step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
@@ -173,10 +171,10 @@ mod tests {
         let mut total = NormalEquations::total(&two_lines());
         let whole = total.reduced::<1>().unwrap();
         assert!((whole.step(&[0], 0.0).unwrap()[0] - 1.0).abs() < 1e-12, "{whole:?}");
-        assert!(whole.cost.abs() < 9.0, "y took what it could");
+        assert!(whole.cost.abs() < 9.0, "eliminating y lowers the cost");
         let y = total.followed(&[1.0]).unwrap();
         assert!((y[0] - 1.0).abs() < 1e-12, "{y:?}");
-        // Held towards 0, y follows less: (x − 3)² + 4x² in the limit.
+        // With a strong pull of y to 0 it follows less: (x − 3)² + 4x² in the limit.
         total.add_residual(0.0, &[0.0, 1.0], 1e9);
         let held = total.reduced::<1>().unwrap();
         assert!((held.step(&[0], 0.0).unwrap()[0] - 0.6).abs() < 1e-6, "{held:?}");
@@ -189,6 +187,6 @@ mod tests {
         rest.add(&views[1], -1.0);
         assert_eq!((rest.cost, rest.n, rest.gradient), (9.0, 1.0, [-3.0, -6.0]));
         assert_eq!(rest.curvature_of(&[0, 1]), [1.0, 2.0, 2.0, 4.0]);
-        assert!(rest.step(&[0, 1], 0.0).is_none(), "one line leaves a direction open");
+        assert!(rest.step(&[0, 1], 0.0).is_none(), "one residual leaves a direction undetermined");
     }
 }

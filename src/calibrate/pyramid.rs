@@ -1,21 +1,21 @@
-//! Images at halved sizes, so that cameras far from the truth still see which way it is.
+//! Image pyramids, so that gradients still point towards the solution from far away.
 
 use crate::math::image::Image;
 
-/// Alpha from which on a texel counts as surface alone.
+/// Minimum alpha of a texel that shows only the surface.
 const OPAQUE: u8 = 250;
 
-/// An image at every size from its own down, smoothed: slopes hold further than from texel to texel.
+/// Smoothed image pyramid; smoothing extends the range in which the gradient is valid.
 pub(super) struct Pyramid(Vec<Image<[u8; 4]>>);
 
-/// Colour, 0 to 1, and how it changes by column and row, per pixel of the whole image.
+/// Colour in `[0, 1]` and its derivatives by column and row, per pixel of the full-resolution image.
 pub(super) struct InterpolatedColor {
     pub color: [f64; 3],
     pub slope: [[f64; 2]; 3],
 }
 
 impl Pyramid {
-    /// `levels` sizes, at least one.
+    /// Builds a pyramid with `levels` levels, at least one.
     pub fn new(image: Image<[u8; 4]>, levels: usize) -> Self {
         let mut sizes = vec![image];
         while sizes.len() < levels {
@@ -25,8 +25,8 @@ impl Pyramid {
         Self(sizes.iter().map(smoothed).collect())
     }
 
-    /// Bilinear, at pixel coordinates of the whole image (centres at +½); `None` outside and where
-    /// the image is not opaque.
+    /// Interpolates bilinearly at pixel coordinates of the full-resolution image (pixel centres at +½).
+    /// `None` outside, and where the image is not opaque.
     #[inline]
     pub fn sample(&self, level: usize, [u, v]: [f64; 2]) -> Option<InterpolatedColor> {
         let Image { width, height, data } = &self.0[level];
@@ -39,7 +39,7 @@ impl Pyramid {
         let (s, t) = (x - column as f64, y - row as f64);
         let at = row * width + column;
         let texels = [data[at], data[at + 1], data[at + width], data[at + width + 1]];
-        // A texel at a silhouette mixes in what lies behind, which belongs to no component.
+        // A texel at a silhouette contains background, which belongs to no component.
         if texels.iter().any(|texel| texel[3] < OPAQUE) {
             return None;
         }
@@ -55,7 +55,7 @@ impl Pyramid {
     }
 }
 
-/// Means of two by two texels; an odd last row or column is left out.
+/// Averages 2 × 2 texels; an odd last row or column is dropped.
 fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     let (width, height) = ((image.width / 2).max(1), (image.height / 2).max(1));
     let mut data = Vec::with_capacity(width * height);
@@ -73,16 +73,16 @@ fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     Image::from_vec(width, height, data)
 }
 
-/// Weighted means of three by three texels; as opaque as the least of them.
+/// 3 × 3 binomial filter; alpha is the minimum over the window.
 fn smoothed(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     const TAPS: [(isize, u32); 3] = [(-1, 1), (0, 2), (1, 1)];
     let Image { width, height, .. } = *image;
-    // The rim repeats itself: an image keeps its size, and pixels their places.
+    // Borders are clamped, so size and pixel positions are preserved.
     let near = |at: usize, step: isize, end: usize| at.saturating_add_signed(step).min(end - 1);
     let mut out = image.clone();
     for row in 0..height {
         for column in 0..width {
-            // Weights add up to 16: 8 rounds the mean to nearest.
+            // The weights sum to 16: the initial 8 rounds to nearest.
             let (mut sum, mut alpha) = ([8; 3], u8::MAX);
             for (down, weight) in TAPS {
                 for (right, factor) in TAPS {
@@ -102,7 +102,7 @@ fn smoothed(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
 mod tests {
     use super::*;
 
-    /// Colour that grows by column and row alike at every size.
+    /// Colour increases linearly by column and row at every level.
     #[test]
     fn slopes_are_per_pixel_of_the_whole_image() {
         let ramp = |i: usize| [(2 * (i % 32)) as u8, (4 * (i / 32)) as u8, 7, 255];

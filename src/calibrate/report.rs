@@ -1,49 +1,49 @@
-//! The result, as data and for people.
+//! Result of a calibration as data and as text.
 
 use super::value::CalibratedValue;
 use crate::dataset::calibration::Calibration;
 use crate::eval::table;
 use serde::Serialize;
 
-/// How well the views agree under a calibration.
+/// Agreement of the views under a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// Mean square of how colours differ between two views of the same place, weighed, channels in `[0, 1]`
-    /// added up.
+    /// Mean weighted squared colour difference between two views of the same place; channels in `[0, 1]`,
+    /// summed.
     pub color_variance: f64,
-    /// Number of components born: surfaces that come apart bear more.
+    /// Number of components created: misaligned surfaces create more.
     pub births: usize,
-    /// Number of components that several views see.
+    /// Number of components seen by several views.
     pub components: usize,
 }
 
-/// The result of a calibration: values before and after, and the calibration to save.
+/// Result of a calibration: values before and after, and the calibration to save.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibrated {
     /// Name of the dataset.
     pub dataset: String,
     /// Name of the split.
     pub split: String,
-    /// Frames looked at.
+    /// Number of frames used.
     pub frames: usize,
-    /// Under the calibration that the search began with.
+    /// Agreement under the initial calibration.
     pub before: Agreement,
-    /// Under the one that is found.
+    /// Agreement under the final calibration.
     pub after: Agreement,
-    /// Every number that was searched for.
+    /// Every value that was estimated.
     pub values: Vec<CalibratedValue>,
-    /// What there is to say beside them.
+    /// Additional notes.
     pub notes: Vec<String>,
-    /// What is found; what the data does not determine is as it was.
+    /// Final calibration; undetermined values are unchanged.
     pub calibration: Calibration,
-    /// Whether it differs from the one before.
+    /// True if it differs from the initial calibration.
     pub changed: bool,
     /// Frames that could not be read, with the reason.
     pub skipped: Vec<String>,
 }
 
 impl Calibrated {
-    /// How well the views agree before and after, every value, and what else there is to say.
+    /// Formats agreement before and after, all values and the notes as text.
     pub fn text(&self) -> String {
         let Self { before, after, .. } = self;
         let (frames, split) = (self.frames, &self.split);
@@ -85,7 +85,7 @@ fn row(value: &CalibratedValue) -> [String; 6] {
     [value.name.to_owned(), before, after, best, error, format!("{verdict}{reason}")]
 }
 
-/// Four digits behind the point, or enough for two of a small number.
+/// Four decimals, or two significant digits for small numbers.
 fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

@@ -1,16 +1,15 @@
-//! By how much views differ in what they ask for.
+//! Scatter of the views' gradients.
 
 use super::normal_equations::NormalEquations;
 use super::unknowns::{DEPTH, WITH_POSE};
 use crate::math::cholesky::Cholesky;
 
-/// Views whose gradients tell by how much they scatter.
 const SCATTERED: usize = 5;
 
-/// Gradients of views about their mean.
+/// Gradients of the views, centred on their mean.
 pub(super) struct Scatter {
     pub gradients: Vec<Vec<f64>>,
-    /// Of a square, since the mean and the minimum take freedom away.
+    /// Factor on the squares that corrects for the lost degrees of freedom.
     pub weight: f64,
 }
 
@@ -28,8 +27,8 @@ impl Scatter {
     }
 }
 
-/// By how much the views' gradients by depth scatter more than independent points of variance 1 would make
-/// them: the mean over both directions. Of few views all points of a view count as one.
+/// Overdispersion: variance of the views' gradients by depth relative to independent points of variance 1,
+/// averaged over offset and scale. With few views, all points of a view count as one.
 pub(super) fn overdispersion(views: &[NormalEquations<WITH_POSE>]) -> f64 {
     let total = NormalEquations::total(views);
     let Some(factor) = Cholesky::new(DEPTH.len(), &total.curvature_of(&DEPTH)) else { return 1.0 };

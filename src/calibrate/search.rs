@@ -1,8 +1,8 @@
-//! The search for all unknowns together, from coarse images and components to fine ones.
+//! Coarse-to-fine search over all unknowns.
 //!
-//! Views of wrong depth part surfaces and slopes of colour hold only near the truth, so that components
-//! and pixels begin eight times as large. Gains are estimated in between, because exposure that differs
-//! between views looks like a wrong camera.
+//! Wrong depth separates the surfaces of different views, and colour gradients hold only near the solution,
+//! so components and pixels begin eight times as large. Gains are re-estimated in between, because exposure
+//! differences would bias the camera.
 
 use super::evidence::Evidence;
 use super::input::CalibrationInput;
@@ -11,19 +11,17 @@ use super::unknowns::{CAMERA, Estimate, SensorPrior, Unknowns};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 
-/// Sizes of the images; at the smallest a pixel is eight.
+/// Pyramid levels; a pixel of the coarsest covers 8 × 8.
 pub(super) const LEVELS: usize = 4;
-/// Levels after the coarsest, as they are gone through: at the last, surfaces that came together are matched
-/// again.
+/// Levels after the coarsest. The last repeats level 0, because aligned surfaces must be matched again.
 const ORDER: [usize; 4] = [2, 1, 0, 0];
-/// Steps that a search tells of.
+/// Progress steps of one search.
 pub(super) const STEPS: usize = 1 + ORDER.len();
-/// Fits at every level at most, with gains estimated and points weighed in between.
+/// Maximum number of fits per level, with gains and weights updated in between.
 const MAX_ROUNDS: usize = 12;
-/// Shift, pixels of the level's images, at which a level is done.
+/// Shift, pixels of the level's images, at which a level has converged.
 const SETTLED: f64 = 0.03;
 
-/// Some of the frames, with their photographs at all sizes.
 #[derive(Clone, Copy)]
 pub(super) struct Views<'a> {
     pub frames: &'a [Frame],
@@ -31,15 +29,14 @@ pub(super) struct Views<'a> {
 }
 
 impl<'a> Views<'a> {
-    /// Those before a place, and the others.
     pub fn split_at(self, middle: usize) -> [Self; 2] {
         let (frames, others) = self.frames.split_at(middle);
         let (images, their_images) = self.images.split_at(middle);
         [Self { frames, images }, Self { frames: others, images: their_images }]
     }
 
-    /// What they say around some values, at a size of the images; `free` are weighed by. A colour camera that
-    /// is not searched for is the one there is.
+    /// Matches the views at an estimate and pyramid level, and estimates gains. If no camera unknown is in
+    /// `free`, the input's colour camera is used.
     pub fn evidence(
         self,
         input: &CalibrationInput,
@@ -53,7 +50,7 @@ impl<'a> Views<'a> {
         } else {
             input.calibration.color_camera
         };
-        // Components as large against a pixel of the smaller image as they are at full size.
+        // Components keep their size relative to a pixel of the smaller image.
         let growth = f64::from(1u32 << level);
         let matches = input.matched(self.frames, at.unknowns.depth, camera, growth)?;
         let gains = vec![[1.0; 3]; self.frames.len()];
@@ -63,7 +60,7 @@ impl<'a> Views<'a> {
     }
 }
 
-/// The best values of the `free` unknowns, and what the views say around them.
+/// Returns the best values of the `free` unknowns, and the evidence around them.
 pub(super) fn search<'a>(
     input: &CalibrationInput,
     views: Views<'a>,
@@ -84,7 +81,7 @@ pub(super) fn search<'a>(
     Ok((best, evidence))
 }
 
-/// Fits unknowns and gains in turn: gains are linear in logarithms, the others are not.
+/// Alternates fits of unknowns and gains: gains are linear in logarithms, the unknowns are not.
 pub(super) fn refine(
     evidence: &mut Evidence,
     prior: &SensorPrior,

@@ -1,4 +1,4 @@
-//! Views that tests of calibration look at.
+//! Synthetic views for calibration tests.
 
 use super::matches::{CameraPose, MatchedDepth, Matches};
 use super::pyramid::Pyramid;
@@ -30,14 +30,13 @@ pub(super) fn stand(centre: DVec3) -> CameraPose {
 
 pub(super) const MEASURED: MatchedDepth = MatchedDepth { values: [0.0, 1.0], along_z: false };
 
-/// Photographs that are ramps.
 pub(super) fn ramps(n: usize) -> Vec<Pyramid> {
     let ramp = |i: usize| [(3 * (i % 80)) as u8, (4 * (i / 80)) as u8, 100, 255];
     let image = || Image::from_vec(80, 60, (0..80 * 60).map(ramp).collect());
     (0..n).map(|_| Pyramid::new(image(), 1)).collect()
 }
 
-/// A wall before two cameras, the second nearer by so much.
+/// A wall seen by two cameras; the second is closer by `nearer`.
 pub(super) fn wall(nearer: f64) -> Matches {
     let (mut views, mut poses) = (Vec::new(), Vec::new());
     for view in 0..2 {

@@ -1,30 +1,31 @@
-//! How far points lie off the planes of their components, and how that changes with depth's calibration.
+//! Thickness residuals: distances of points from their components' planes, with derivatives by depth
+//! calibration.
 //!
-//! A point moves along its ray by `offset + scale · measured`, so that the spread of a component's points
-//! along its normal is a quadratic form in both. Poses are as recorded: depth is wanted that agrees with
-//! them, and views whose poses may give way tell little of a scale.
+//! A point moves along its ray by `offset + scale · measured`, so the spread of a component's points along
+//! its normal is quadratic in both. Poses are as recorded: depth must agree with them, and views with free
+//! poses would hardly determine a scale.
 
 use super::matches::{MatchedPoint, Matches};
 use super::normal_equations::NormalEquations;
 use super::unknowns::{DEPTH, Estimate, WITH_POSE};
 use glam::DVec3;
 
-/// Least length of the mean of a component's normals: less is no plane.
+/// Minimum length of a component's mean normal; below, it has no common plane.
 const MIN_COHERENCE: f64 = 0.9;
 
-/// A point's distance from the plane of its component's points, and how it changes with offset and scale.
+/// Distance of a point from its component's plane, with derivatives by depth offset and scale.
 #[derive(Clone, Copy)]
 pub(super) struct PlaneOffset {
     pub view: usize,
-    /// World units, along the normal.
+    /// Along the normal, world units.
     pub off: f64,
     slope: [f64; 2],
-    /// Of the measurement's noise: inverse variance.
+    /// Inverse variance of the measurement noise.
     pub precision: f64,
 }
 
-/// Adds the points of a component as depth's unknowns put them; nothing around an edge or a corner, which
-/// has no one plane to be thin about. `weight` is that of a point by its place in the run.
+/// Computes the plane residuals of a component under the depth unknowns; none at edges and corners, which
+/// have no common plane. `weight` gives a point's weight by its index in the run.
 pub(super) fn plane_offsets(
     matches: &Matches,
     run: &[MatchedPoint],
@@ -47,7 +48,7 @@ pub(super) fn plane_offsets(
         let direction = s.point.direction_vector();
         let per_z = if depth.along_z { 1.0 / (pose.rotation * direction).z } else { 1.0 };
         let by_offset = normal.dot(direction) * per_z;
-        // By what the plane's range would: the point's own holds noise that would pull the scale down.
+        // Uses the plane's range: the noise in the point's own range would bias the scale downwards.
         let by_range = normal.dot(centre - pose.centre);
         let [offset, scale] = depth.values;
         let slope = [by_offset, (by_range - offset * by_offset) / scale];
@@ -56,14 +57,14 @@ pub(super) fn plane_offsets(
             view: s.view as usize,
             off: off + slope[0] * moved[0] + slope[1] * moved[1],
             slope,
-            // A far point tells little of an offset of millimetres.
+            // Noise grows with range, so far points weigh less.
             precision: f64::from(s.point.noise).powi(-2),
         }
     }));
     about_their_mean(out, weight);
 }
 
-/// A component that lies off its place as a whole is as thin.
+/// Centres residuals and derivatives on their weighted means: a displaced component is as thin.
 fn about_their_mean(points: &mut [PlaneOffset], weight: impl Fn(usize) -> f64) {
     let (mut sum, mut mean) = (0.0, [0.0; 3]);
     for (i, point) in points.iter().enumerate() {
@@ -79,9 +80,8 @@ fn about_their_mean(points: &mut [PlaneOffset], weight: impl Fn(usize) -> f64) {
 }
 
 impl PlaneOffset {
-    /// Adds it to its view's equations.
     pub fn add(&self, weight: f64, equations: &mut NormalEquations<WITH_POSE>) {
-        const { assert!(DEPTH[0] == 0 && DEPTH[1] == 1, "depth's unknowns are the first of all") };
+        const { assert!(DEPTH[0] == 0 && DEPTH[1] == 1, "the depth unknowns come first") };
         equations.n += weight;
         equations.add_residual(self.off, &self.slope, weight * self.precision);
     }

@@ -1,23 +1,23 @@
-//! All that is searched for, as one vector, and what is believed of it before anything is seen.
+//! The vector of all unknowns and its prior.
 //!
-//! Depth scale, depth offset, focal length and camera offset make up for one another. They are found
-//! together, so that their covariance says so, and against what is known of such sensors: a depth scale of
-//! 1.18 explains some recordings best, and no depth camera is off by that.
+//! Depth scale, depth offset, focal length and camera offset are correlated. They are fitted jointly, so
+//! that their covariance includes that, and with a sensor prior: a depth scale of 1.18 explains some
+//! recordings best, but no depth camera has that error.
 
 use super::camera::{CameraUnknowns, FOCAL, N as N_CAMERA, ROLL};
 use super::normal_equations::NormalEquations;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use glam::DVec3;
 
-/// Unknowns in all: depth's, then the colour camera's.
+/// Number of unknowns: depth, then colour camera.
 pub(super) const N: usize = 2 + N_CAMERA;
-/// With those of a view's own pose behind: a shift and a turn of its camera, in the camera's frame.
+/// Number including a view's own pose: translation and rotation of its camera, in the camera frame.
 pub(super) const WITH_POSE: usize = N + 6;
-/// Those of depth: offset and scale.
+/// Indices of depth offset and scale.
 pub(super) const DEPTH: [usize; 2] = [0, 1];
-/// Place of the colour camera's first.
+/// Index of the first colour camera unknown.
 pub(super) const CAMERA: usize = 2;
-/// Names, with units.
+/// Names with units.
 pub(super) const NAMES: [&str; N] = [
     "depth offset, world units",
     "depth scale",
@@ -29,30 +29,29 @@ pub(super) const NAMES: [&str; N] = [
     "colour principal point y, pixels",
 ];
 
-/// Standard deviations of sensors as they are sold: depth offset and camera offset in metres.
+/// Prior standard deviations of consumer sensors; depth and camera offset in metres.
 const DEPTH_OFFSET_M: f64 = 0.015;
 const DEPTH_SCALE: f64 = 0.02;
 const CAMERA_OFFSET_M: f64 = 0.03;
 const CAMERA_ROLL: f64 = 0.02;
 const LOG_FOCAL: f64 = 0.08;
-/// Of the image's width.
+/// Relative to the image width.
 const PRINCIPAL: f64 = 0.03;
 
-/// Standard deviations of recorded poses: metres and radians. Recordings were found to be off by 2 to 18 mm
-/// and .012.
+/// Prior standard deviations of recorded poses, metres and radians. Recordings were found to be off by 2 to
+/// 18 mm and 0.012 rad.
 const POSE_SHIFT_M: f64 = 0.005;
 const POSE_TURN: f64 = 0.005;
 
-/// Values of the unknowns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unknowns {
-    /// Offset in world units, and scale.
+    /// Offset (world units) and scale.
     pub depth: [f64; 2],
     pub camera: CameraUnknowns,
 }
 
 impl Unknowns {
-    /// Those of a calibration, whose colour camera is this.
+    /// Unknowns of a calibration with the given colour camera.
     pub fn of(calibration: &Calibration, camera: ColorCamera) -> Self {
         let depth = [calibration.depth_offset, calibration.depth_scale];
         Self { depth, camera: CameraUnknowns::of(camera) }
@@ -70,7 +69,7 @@ impl Unknowns {
         }
     }
 
-    /// As people know it: focal length in pixels, the whole roll.
+    /// Value in natural parameterisation: focal length in pixels, absolute roll.
     pub fn natural(&self, i: usize) -> f64 {
         match i.checked_sub(CAMERA) {
             Some(FOCAL) => self.camera.camera().focal[0],
@@ -79,48 +78,46 @@ impl Unknowns {
         }
     }
 
-    /// By how much the natural number changes with the unknown.
+    /// Derivative of the natural value by the unknown.
     pub fn natural_slope(&self, i: usize) -> f64 {
         if i == CAMERA + FOCAL { self.natural(i) } else { 1.0 }
     }
 }
 
-/// Shift and turn of a view's camera against its recorded pose, in its frame: world units and radians.
+/// Translation (world units) and rotation (radians) of a view's camera relative to its recorded pose, in
+/// its frame.
 pub(super) type Twist = [f64; 6];
 
-/// Shift and turn.
 pub(super) fn parts(twist: &Twist) -> [DVec3; 2] {
     let [x, y, z, turns @ ..] = *twist;
     [DVec3::new(x, y, z), DVec3::from_array(turns)]
 }
 
-/// The unknowns with every view's pose.
 #[derive(Clone, Debug)]
 pub(super) struct Estimate {
     pub unknowns: Unknowns,
-    /// By view.
     pub poses: Vec<Twist>,
 }
 
 impl Estimate {
-    /// Poses as they are recorded.
+    /// Starts with all poses as recorded.
     pub fn as_recorded(unknowns: Unknowns, n_views: usize) -> Self {
         Self { unknowns, poses: vec![[0.0; 6]; n_views] }
     }
 }
 
-/// What is believed of the unknowns before: independent Gaussians.
+/// Independent Gaussian prior on the unknowns.
 #[derive(Clone, Debug)]
 pub(super) struct SensorPrior {
     mean: [f64; N],
     deviation: [f64; N],
-    /// Precision of every pose's shift and turn.
+    /// Precision of each pose's translation and rotation.
     pose: [f64; 2],
 }
 
 impl SensorPrior {
-    /// About depth as it is decoded and a colour camera as it is known of the layout; `metre` in world
-    /// units. Unknowns of the camera are those that begin at `start`.
+    /// Centres the prior on depth as decoded and on the layout's known colour camera; `metre` is in world
+    /// units. Camera unknowns are relative to `start`.
     pub fn new(known: ColorCamera, start: &Unknowns, metre: f64) -> Self {
         let camera = start.camera.of_same_start(&known);
         let width = 2.0 * known.principal[0].max(1.0);
@@ -142,7 +139,7 @@ impl SensorPrior {
         Self { mean, deviation, pose }
     }
 
-    /// Adds what is believed of a view's pose to its equations.
+    /// Adds the pose prior of a view to its equations.
     pub fn add_pose(&self, pose: &Twist, equations: &mut NormalEquations<WITH_POSE>) {
         for (i, value) in pose.iter().enumerate() {
             let mut slope = [0.0; WITH_POSE];
@@ -151,7 +148,7 @@ impl SensorPrior {
         }
     }
 
-    /// As equations of all unknowns.
+    /// Normal equations of the prior on all unknowns.
     pub fn equations(&self, at: &Unknowns) -> NormalEquations<N> {
         let mut equations = NormalEquations::ZERO;
         for i in 0..N {

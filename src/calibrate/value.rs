@@ -1,59 +1,60 @@
-//! What is said of one number that was searched for.
+//! Result for one estimated value.
 
 use serde::Serialize;
 
-/// A number before and after, and whether the data says what it is.
+/// An estimated value before and after, and whether the data determines it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibratedValue {
-    /// Name of the number, with its unit.
+    /// Name of the value, with its unit.
     pub name: &'static str,
-    /// As it was.
+    /// Initial value.
     pub before: f64,
-    /// As it is in the file: what it was, unless the data says better of it or of others with it.
+    /// Value in the resulting calibration: the initial one, unless the data determines this value or
+    /// correlated ones.
     pub after: f64,
-    /// Where the data is explained best.
+    /// Value that explains the data best.
     pub best: f64,
-    /// Of the best, from how much the views differ among themselves and from what is known of such
-    /// sensors; errors that all views share, such as those of a map that poses were fitted to, come on top.
+    /// Standard error of `best`, from the scatter of the views and the sensor prior. Errors common to all
+    /// views, e.g. of a map to which the poses were fitted, are not included.
     pub standard_error: f64,
-    /// Whether the data says what it is.
+    /// True if the data determines the value.
     pub determined: bool,
-    /// Why it keeps its value.
+    /// Why the value was not changed, or not by itself.
     pub reason: Option<String>,
 }
 
 impl CalibratedValue {
-    /// Takes the best.
+    /// Creates a determined value that takes the best.
     pub(super) fn determined(name: &'static str, before: f64, best: f64, error: f64) -> Self {
         let (after, standard_error) = (best, error);
         Self { name, before, after, best, standard_error, determined: true, reason: None }
     }
 
-    /// Keeps what it was.
+    /// Reverts to the initial value.
     pub(super) fn keep(&mut self, reason: String) {
-        // `best` stays: people see what was not taken, and why.
+        // `best` is retained, so that the report shows what was rejected and why.
         self.after = self.before;
         self.determined = false;
         self.reason = Some(reason);
     }
 
-    /// Takes the best for the others' sake, which the data says with it and not without.
+    /// Takes the best although it is not determined by itself, because other values depend on it.
     pub(super) fn lean(&mut self, reason: String) {
         self.determined = false;
-        self.reason = Some(format!("{reason}; taken with the others, which lean on it"));
+        self.reason = Some(format!("{reason}; taken with the others, which depend on it"));
     }
 
-    /// Where the best came to lie after others went back to what they were.
+    /// Updates the best value after others reverted to their initial values.
     pub(super) fn settle_at(&mut self, best: f64) {
         (self.after, self.best) = (best, best);
     }
 
-    /// How far the best is from what it was.
+    /// Absolute difference between the best and the initial value.
     pub(super) fn apart(&self) -> f64 {
         (self.best - self.before).abs()
     }
 
-    /// Keeps what it was because the data says so.
+    /// Keeps the initial value because the data confirms it.
     pub(super) fn confirm(&mut self, reason: String) {
         self.keep(reason);
         self.determined = true;

@@ -1,11 +1,11 @@
-//! What is taken of that which is found.
+//! Decides which calibration estimates are significant.
 //!
-//! A minimum always exists, so finding one proves nothing. Frames are in two halves that see the same
-//! places; each half's best must explain the *other* half better than the start does, else it explains
-//! that half's own errors. That holds for the colour camera as a whole, for depth as a whole, and for every
-//! value against keeping the start's with the others fitted again. Values make up for one another: alone none
-//! may be certain where all together are, and one that goes back to the start takes the others along. So depth
-//! and camera are taken whole or not at all, but for values that the others do not lean on.
+//! A minimum always exists, so finding one proves nothing. Frames are split into two halves that see the
+//! same places. Each half's optimum must explain the *other* half better than the start does; otherwise it
+//! fits only that half's errors. The test applies to the whole colour camera, to depth, and to each value.
+//! A value is compared with a refit that holds it at the start. Values are correlated: jointly they may be
+//! certain where none is individually, and reverting one shifts the others. So depth and camera are
+//! accepted or rejected as a whole, except values on which no other depends.
 
 use super::color::{distance, shifts};
 use super::covariance::Covariance;
@@ -16,45 +16,45 @@ use super::unknowns::{CAMERA, DEPTH, Estimate, N, NAMES, SensorPrior, Unknowns};
 use super::value::CalibratedValue;
 use crate::dataset::error::FrameError;
 
-/// Fall of the variance of colour, relative, that another camera must bring in frames it was not fitted to.
-/// On the 7-Scenes Kinect, whose camera is known, wrong poses and depths bring 3 %, and views held out
-/// are worse for it; on Lego, whose colours are registered, 1.4 %.
+/// Minimum relative decrease of the colour loss, in held-out frames, for accepting another camera. On the
+/// 7-Scenes Kinect, whose camera is known, wrong poses and depths yield 3 %, with worse held-out views; on
+/// Lego, with registered colours, 1.4 %.
 const MIN_FALL: f64 = 0.05;
-/// Mean shift, pixels, that another camera must bring; on Lego they bring 0.4.
+/// Minimum mean image shift, pixels, for accepting another camera; on Lego it is 0.4.
 const MIN_SHIFT: f64 = 1.0;
-/// Rise of the other half's squares, relative, that keeping a value must cost. Errors of poses shift the
-/// minimum: on the 7-Scenes Kinect to a roll that spares 0.8 % and makes held-out views worse.
+/// Minimum relative increase of the other half's loss when a value is held at the start. Pose errors shift
+/// the minimum: on the 7-Scenes Kinect to a roll that gains 0.8 % but makes held-out views worse.
 const MIN_RISE: f64 = 0.02;
-/// Standard errors by which a value must differ from the one before. Poses are often fitted to the same
-/// depth and share its errors, which views do not tell of.
+/// Minimum difference from the initial value in standard errors. Poses are often fitted to the same depth
+/// and share its errors, which is invisible in the views.
 const SIGNIFICANT: f64 = 4.0;
-/// Shift, pixels, up to which a value counts as confirmed rather than changed.
+/// Image shift, pixels, up to which a value counts as confirmed rather than changed.
 const SAME: f64 = 1.0;
-/// Standard errors that another value may move by where one goes back to the start.
+/// Shift of another value, in standard errors, up to which a value may revert alone.
 const LEANING: f64 = 1.0;
 
-/// A half of the frames with its own best.
+/// Half of the frames with its own optimum.
 struct Half<'a> {
     evidence: Evidence<'a>,
     best: Estimate,
 }
 
-/// What both halves say of each other.
+/// Cross-validation of both halves.
 pub(super) struct Judge<'a> {
     prior: &'a SensorPrior,
     start: Unknowns,
     halves: [Half<'a>; 2],
 }
 
-/// Whether another colour camera is taken.
+/// Decision on another colour camera.
 pub(super) struct CameraVerdict {
     pub is_other: bool,
-    /// Shift and fall, as people read them.
+    /// Shift and decrease as text.
     pub found: String,
 }
 
 impl<'a> Judge<'a> {
-    /// Fits each half by itself, from what all frames say.
+    /// Fits each half by itself, starting from the optimum of all frames.
     pub fn new(
         input: &'a CalibrationInput,
         views: Views<'a>,
@@ -72,8 +72,8 @@ impl<'a> Judge<'a> {
         Ok(Self { prior, start, halves: [half(first)?, half(second)?] })
     }
 
-    /// Counts all views less where the halves are farther apart than their equations say: views that follow
-    /// each other share errors of their poses.
+    /// Scales down the evidence where the halves differ by more than their equations predict: consecutive
+    /// views share pose errors.
     pub fn temper(&mut self, evidence: &mut Evidence<'a>, best: &mut Estimate, free: &[usize]) {
         let [a, b] = [0, 1].map(|i| self.halves[i].best.unknowns);
         let times = evidence.disagreement(self.prior, best, free, [&a, &b]).max(1.0);
@@ -85,7 +85,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Whether the camera of either half explains the other half.
+    /// Tests each half's camera on the other half.
     pub fn camera(&mut self, best: &Unknowns) -> CameraVerdict {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
@@ -96,17 +96,17 @@ impl<'a> Judge<'a> {
             falls[other] = 1.0 - evidence.loss(self.prior, &found, Kind::Color) / start;
         }
         let fall = falls[0].min(falls[1]);
-        // In pixels, because values that make up for one another may differ much and show little.
+        // In pixels, because correlated values may differ much with little effect.
         let shift = distance(&self.halves[0].evidence.matches, &self.start, best);
         let found = format!(
-            "the best other camera shifts colours by {shift:.1} pixels and lowers their variance by {:.1} % in frames that it was not fitted to, which errors of poses and depth do too",
+            "the best other camera shifts colours by {shift:.1} pixels and lowers their variance by {:.1} % in frames that it was not fitted to, an effect that errors of poses and depth can also cause",
             100.0 * fall.max(0.0)
         );
         CameraVerdict { is_other: fall >= MIN_FALL && shift >= MIN_SHIFT, found }
     }
 
-    /// By how much each half's squares rise, relatively, if the other half's best has to keep the start's
-    /// values of some of the `free` unknowns.
+    /// Relative increase of each half's loss if the other half's optimum is refitted with some of the
+    /// `free` unknowns held at the start.
     fn rises(&mut self, held: &[usize], free: &[usize]) -> [f64; 2] {
         let kind = if DEPTH.contains(&held[0]) { Kind::Thickness } else { Kind::Color };
         let rest = without(free, held);
@@ -122,7 +122,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Gives the start's values back to some of the `free` unknowns, in both halves too; those that are left.
+    /// Reverts some of the `free` unknowns to the start in all fits; returns the remaining free ones.
     fn give_back(
         &mut self,
         held: &[usize],
@@ -142,7 +142,8 @@ impl<'a> Judge<'a> {
         rest
     }
 
-    /// Takes of the `free` unknowns what the data determines, depth first. What there is to say of every value.
+    /// Accepts those of the `free` unknowns that the data determines, depth first. Returns the result for
+    /// every value.
     pub fn settle(
         &mut self,
         evidence: &mut Evidence,
@@ -190,7 +191,7 @@ impl<'a> Judge<'a> {
         values
     }
 
-    /// Why depth stays, if so.
+    /// Reason to reject the depth estimate, if any.
     fn doubt_of_depth(
         &mut self,
         best: &Unknowns,
@@ -206,7 +207,7 @@ impl<'a> Judge<'a> {
         hardly_needed(rises, "thickness")
     }
 
-    /// Why a value is not certain by itself, if so.
+    /// Reason why a value is not determined by itself, if any.
     fn doubt(&mut self, i: usize, certainty: f64, free: &[usize]) -> Option<String> {
         if certainty < SIGNIFICANT {
             return Some(format!("the best is only {certainty:.1} standard errors away"));
@@ -218,13 +219,13 @@ impl<'a> Judge<'a> {
         hardly_needed(rises, "colour variance")
     }
 
-    /// An unknown as people know it.
+    /// Result of an unknown in its natural parameterisation.
     pub fn value(&self, i: usize, best: &Unknowns, error: f64) -> CalibratedValue {
         let error = error * best.natural_slope(i);
         CalibratedValue::determined(NAMES[i], self.start.natural(i), best.natural(i), error)
     }
 
-    /// What there is to say of a colour camera that stays as it was.
+    /// Results for a colour camera that is not changed.
     pub fn staying_camera(&self, evidence: &Evidence, best: &Estimate) -> Vec<CalibratedValue> {
         let all: Vec<usize> = (0..N).collect();
         let covariance = evidence.covariance(self.prior, best, &all);
@@ -234,7 +235,7 @@ impl<'a> Judge<'a> {
             let apart = (best.get(i) - self.start.get(i)).abs() * shifts[i];
             let error = covariance.error(i);
             let mut value = self.value(i, best, error);
-            value.keep(format!("the best shifts by {apart:.1} pixels, which the others undo"));
+            value.keep(format!("the best shifts by {apart:.1} pixels, compensated by the others"));
             if apart.max(error * shifts[i]) <= SAME {
                 value.confirm("the best is the same to a pixel".to_owned());
             }
@@ -248,11 +249,11 @@ fn without(free: &[usize], held: &[usize]) -> Vec<usize> {
     free.iter().copied().filter(|i| !held.contains(i)).collect()
 }
 
-/// Why a value is not taken that the other halves do not miss.
+/// Reason to reject a value that hardly improves the other half.
 fn hardly_needed([a, b]: [f64; 2], of: &str) -> Option<String> {
     (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
         format!(
-            "frames that it was not fitted to hardly need it: without it their {of} changes by {:+.1} % and {:+.1} %",
+            "held-out frames hardly need it: without it their {of} changes by {:+.1} % and {:+.1} %",
             100.0 * a,
             100.0 * b
         )

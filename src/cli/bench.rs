@@ -1,4 +1,4 @@
-//! `bench`: tables, files and plots of speed against error and size.
+//! `bench`: measures speed, error and size; writes tables, files and plots.
 
 use super::args::{
     BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, PeersBenchArgs, RenderBenchArgs,
@@ -32,7 +32,6 @@ use vbgs_studio::bench::scene::retention;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::demo;
 
-/// Measures as asked.
 pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     match &args.bench {
         BenchName::Ablation(args) => on_dataset(args, |dataset, progress| {
@@ -108,11 +107,11 @@ fn peers(args: &PeersBenchArgs) -> Result<(), Failure> {
 
 fn once(bench: &str) -> Failure {
     Failure::Usage(format!(
-        "--repeats: `bench {bench}` learns the frames once, in their order; leave it out"
+        "--repeats: `bench {bench}` trains on the frames once, in order; leave the option out"
     ))
 }
 
-/// Sizes side by side in the plot.
+/// Maximum number of image sizes, limited by the plot.
 const MAX_SIZES: usize = 4;
 
 fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failure> {
@@ -125,7 +124,7 @@ fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failu
     #[cfg(feature = "gui")]
     if let (BenchDevice::Cpu, Some(adapter)) = (args.device, &args.adapter) {
         return Err(Failure::Usage(format!(
-            "--adapter: expected --device gpu, tiles or all beside it, found --device cpu; leave `{adapter}` out"
+            "--adapter: expected --device gpu, tiles or all, found --device cpu; leave `{adapter}` out"
         )));
     }
     let scene = match &args.model {
@@ -164,7 +163,7 @@ fn on_dataset(
     measure(&args.common, |progress| work(dataset, progress))
 }
 
-/// The dataset asked for, else the demo's.
+/// Opens a dataset, or the demo's if none is given.
 pub fn open(path: Option<&Path>, depth: &DepthArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(demo::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
@@ -176,7 +175,7 @@ fn measure(
     args: &CommonArgs,
     work: impl FnOnce(Progress) -> Result<Bench, BenchError>,
 ) -> Result<(), Failure> {
-    // Before minutes of work whose result would have no place.
+    // Checked first: the result of minutes of work must have a place.
     output::create_folder(&args.out)?;
     let bench = progress::steps("bench", work)?;
     let file = |extension: &str| -> PathBuf { args.out.join(bench.name).with_extension(extension) };

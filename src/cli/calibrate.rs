@@ -1,4 +1,4 @@
-//! `calibrate`: what a recording says of its own cameras.
+//! `calibrate`: estimates a recording's camera calibration.
 
 use super::args::CalibrateArgs;
 use super::failure::Failure;
@@ -9,9 +9,8 @@ use vbgs_studio::calibrate::CalibratePlan;
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::calibration::Calibration;
 
-/// Searches as asked.
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
-    // Read before the recording is opened, so that a mistake in it is said at once.
+    // Read before the recording is opened, so that errors in it are reported at once.
     let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
     let dataset = dataset::open(&args.dataset, &args.depth.recorded_load_options()?)?;
     announce(&dataset);
@@ -35,7 +34,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     }
     output::line(found.text());
     output::line(format!(
-        "wrote {}, which `train --calibration` and the window take",
+        "wrote {}; use it with `train --calibration` or in the window",
         args.output.display()
     ));
     Ok(())

@@ -1,15 +1,15 @@
-//! What the command line says of how a recording was taken.
+//! Formats the check of a recording's images and timestamps.
 
 use vbgs_studio::dataset::capture_check::CaptureCheck;
 
-/// Frames named of one kind; the rest is counted.
+/// Maximum number of frames listed per kind; the others are counted.
 const NAMED: usize = 6;
 
-/// Lines about a split, without the split's name.
+/// Formats the check of a split, one line per kind.
 pub fn lines(check: &CaptureCheck) -> Vec<String> {
     let CaptureCheck { looked_at, frames, blurred, brightness_jumps, usual_step_s, gaps } = check;
     let mut lines = vec![format!(
-        "pictures: {looked_at} of {frames} frames looked at, {} blurred, {} jumps of brightness",
+        "images: {looked_at} of {frames} frames checked, {} blurred, {} jumps of brightness",
         blurred.len(),
         brightness_jumps.len()
     )];
@@ -50,7 +50,7 @@ mod tests {
             gaps: vec![TimeGap { frame: "f7".into(), seconds: 1.25 }],
         };
         let expected = [
-            "pictures: 160 of 4000 frames looked at, 8 blurred, 1 jumps of brightness",
+            "images: 160 of 4000 frames checked, 8 blurred, 1 jumps of brightness",
             "blurred (sharpness as a share of the neighbours'): f0 (0.25), f1 (0.25), f2 (0.25), f3 (0.25), f4 (0.25), f5 (0.25) and 2 more",
             "brightness jumps (times the frame before's): f9 (1.50)",
             "times: 25.0 frames a second, 1 gaps",

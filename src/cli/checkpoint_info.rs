@@ -1,4 +1,4 @@
-//! `info` of a checkpoint.
+//! `info` for checkpoints.
 
 use super::args::InfoArgs;
 use super::failure::Failure;
@@ -17,44 +17,44 @@ struct CheckpointInfo {
     path: String,
     kind: &'static str,
     version: String,
-    /// Program that wrote it.
+    /// Name and version of the program that wrote it.
     program: String,
-    /// Frames learnt.
+    /// Number of frames trained on.
     frames: u64,
-    /// Frames gone through but unusable.
+    /// Number of unusable frames.
     skipped: u64,
-    /// Frames of the run.
+    /// Total number of frames of the run.
     planned_frames: usize,
     points: u64,
     components: usize,
-    /// Those with points.
+    /// Number of components with points.
     used: usize,
-    /// Those that renderers draw.
+    /// Number of components that are drawn.
     drawn: usize,
     bytes: u64,
     bytes_per_component: f64,
     dataset: Option<PathBuf>,
-    /// Where its frames were found, if it was tracked.
+    /// Tracked poses, if poses were tracked.
     #[serde(skip_serializing_if = "Option::is_none")]
     tracking: Option<TrackingInfo>,
     config: RunConfig,
     defects: Vec<String>,
 }
 
-/// Frames of a tracked run.
+/// Poses of a tracked run.
 #[derive(Serialize)]
 struct TrackingInfo {
     trajectory: Trajectory,
-    /// From the recorded poses, where the dataset is there and has any.
+    /// Deviation from recorded poses, if the dataset is available and has any.
     error: Option<TrajectoryError>,
     #[serde(skip)]
     summary: String,
 }
 
-/// Reads all of it, and looks whether its dataset is still there.
+/// Describes a checkpoint and checks that its dataset still matches.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
-    // Revived, not read only: what is drawn follows from the sums and is stored nowhere.
+    // Restored completely: the number of drawn splats is not stored but computed.
     let learner = run.revive()?.learner;
     let (used, components) = (learner.used(), learner.components());
     let drawn = learner.stored_splats().iter().filter(|splat| splat.is_drawable()).count();
@@ -92,7 +92,7 @@ fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
     TrackingInfo { trajectory, error, summary }
 }
 
-/// Why the run could not go on as it is.
+/// Describes why the run cannot be resumed with its dataset, if so.
 fn dataset_defect(run: &SavedRun) -> Option<String> {
     let path = run.meta.dataset.as_ref()?;
     let dataset = match dataset::open(path, &run.load_options()) {
@@ -104,7 +104,7 @@ fn dataset_defect(run: &SavedRun) -> Option<String> {
         None => dataset.training_split(),
     };
     let difference = match split {
-        // Without a difference there is no defect: `?` ends with `None`.
+        // `?` returns `None` if there is no difference, thus no defect.
         Ok(split) => run.meta.fingerprint.difference(&Fingerprint::of(&dataset, split))?,
         Err(error) => error.to_string(),
     };
@@ -122,7 +122,7 @@ fn print(info: &CheckpointInfo) -> Result<(), Failure> {
         info.bytes_per_component
     ));
     output::line(format!(
-        "  {} of {} frames learnt, {} skipped, {} points",
+        "  {} of {} frames trained, {} skipped, {} points",
         info.frames, info.planned_frames, info.skipped, info.points
     ));
     output::line(format!(

@@ -1,4 +1,4 @@
-//! Headless training that panics: what was learnt is kept, beside whatever an earlier run has left.
+//! Saves the scene if headless training panics.
 
 use super::failure::Failure;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -6,14 +6,14 @@ use std::path::Path;
 use vbgs_studio::pipeline::panic_text::{NO_WORDS, panic_text};
 use vbgs_studio::pipeline::session::Session;
 
-/// What is left of a run that panicked. By a name of its own: a frame may be half learnt in it, and a save on
-/// the way is whole.
+/// File for the scene of a run that panicked. It has a name of its own because its last frame may be
+/// incomplete, while regular checkpoints are consistent.
 const RESCUED: &str = "checkpoint-rescued.vbgs";
 
-/// Trains, and returns how that ended.
+/// Runs training and returns its result.
 ///
 /// # Errors
-/// A panic: hours of frames must not go down with one of them, so the error says where they are.
+/// A panic; the scene is saved first, and the message states where.
 pub fn guarded<T>(
     session: &mut Session,
     out: &Path,
@@ -24,16 +24,16 @@ pub fn guarded<T>(
         let (frames, path) = (session.learner().frames(), out.join(RESCUED));
         let save = || match session.save_after_panic(&path) {
             Ok(()) => format!(
-                "the scene with its {frames} frames is in {}: go on with --resume, or export it",
+                "the scene with its {frames} frames is in {}: continue with --resume, or export it",
                 path.display()
             ),
             Err(problem) => {
                 format!("the scene with its {frames} frames cannot be saved: {problem}")
             }
         };
-        let rescued = if frames > 0 { save() } else { "no frame was learnt yet".to_owned() };
+        let rescued = if frames > 0 { save() } else { "no frame was trained yet".to_owned() };
         Failure::failed(anyhow::anyhow!(
-            "training was ended by a defect of this program, please report it: {said}; {rescued}"
+            "training crashed because of a bug, please report it: {said}; {rescued}"
         ))
     })
 }
@@ -47,7 +47,7 @@ mod tests {
     use vbgs_studio::pipeline::plan::Selection;
     use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
-    /// A run whose training panics behind so many frames; what is said, and the frames that were rescued.
+    /// Runs a training that panics after `after` frames; returns the message and the number of saved frames.
     fn crashed(after: usize) -> (String, Option<u64>) {
         let small = SyntheticParams {
             width: 32,
@@ -77,6 +77,6 @@ mod tests {
             assert!(said.contains(part), "{part:?} is missing in: {said}");
         }
         let (said, frames) = crashed(0);
-        assert!(said.contains("no frame was learnt") && frames.is_none(), "{said}");
+        assert!(said.contains("no frame was trained") && frames.is_none(), "{said}");
     }
 }

@@ -1,4 +1,4 @@
-//! The demo without a display: trained headless, files written.
+//! Headless demo for machines without a display.
 
 use super::failure::Failure;
 use super::interrupt::Interrupt;
@@ -11,16 +11,15 @@ use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-/// Folder the demo's files go to.
 const FOLDER: &str = "vbgs-demo";
 
-/// Trains the built-in demo and writes its model, report and a picture; `reason` says why there is
-/// no window.
+/// Trains the built-in demo and writes its model, report and a preview. `reason` states why there is no
+/// window.
 pub fn run(reason: &str) -> Result<(), Failure> {
     output::line(format!("{reason}: training the demo headless into {FOLDER}/"));
     let interrupt = Interrupt::listen()?;
     let mut session = demo::session(SceneOverrides::default())?;
-    // Ctrl-C ends the training, not the command: files of what was learnt are written all the same.
+    // Ctrl-C ends training but not the command: the files are written in any case.
     let finished = train::train(&mut session, &interrupt, |_, _| ())?;
     let out = Path::new(FOLDER);
     output::create_folder(out)?;
@@ -30,7 +29,7 @@ pub fn run(reason: &str) -> Result<(), Failure> {
         let options = WriteOptions {
             comments: &comments,
             up: session.up(),
-            // The room is made in metres; what is not known to be is written without a unit.
+            // The room's unit is the metre; files of unknown scale are written without a unit.
             metric: true,
             ..WriteOptions::new(format)
         };

@@ -1,10 +1,10 @@
-//! What a training run computes on beside the processor.
+//! Attaches GPUs to a training run.
 
 use super::args::{DeviceName, TrainArgs};
 use super::failure::Failure;
 use vbgs_studio::pipeline::session::Session;
 
-/// What a device is asked to do. Each has one of its own.
+/// Kind of work for a device; each kind has its own option.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Task {
     /// Passes over frames.
@@ -15,9 +15,9 @@ enum Task {
     Photographs,
 }
 
-/// Hands the session what was asked for.
+/// Attaches the requested devices to the session.
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    // A run has work of one kind at most.
+    // Passes and points exclude each other in a run.
     let task = if Task::Points.is_there(session) { Task::Points } else { Task::Passes };
     attach_one(session, task, args.device)?;
     attach_one(session, Task::Photographs, args.photometric_device)
@@ -31,7 +31,7 @@ fn attach_one(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
             task.needs()
         ))),
         DeviceName::Cpu => Ok(()),
-        // Drivers are not even loaded where there is nothing to do.
+        // Drivers are not loaded if there is no work for them.
         DeviceName::Auto if !task.is_there(session) => Ok(()),
         DeviceName::Auto | DeviceName::Gpu => attach_gpu(session, task, asked),
     }
@@ -45,7 +45,7 @@ impl Task {
         }
     }
 
-    /// Whether the run has such work.
+    /// True if the run has this kind of work.
     fn is_there(self, session: &Session) -> bool {
         match self {
             Self::Passes => session.learner().pass_use().is_some(),
@@ -57,10 +57,10 @@ impl Task {
     fn needs(self) -> &'static str {
         match self {
             Self::Passes | Self::Points => {
-                "a GPU can train, found one that it cannot; use it with --births seeds and --visibility projected, or with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
+                "supports a GPU, found one that does not; use it with --births seeds and --visibility projected, or with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
             }
             Self::Photographs => {
-                "learns from photographs, found one that does not; use it with --photometric light or full"
+                "trains on photographs, found one that does not; use it with --photometric light or full"
             }
         }
     }
@@ -113,14 +113,14 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     Ok(())
 }
 
-/// Without the window compiled in, nothing speaks to a GPU.
+/// Reports missing GPU support in builds without the `gui` feature.
 #[cfg(not(feature = "gui"))]
 fn attach_gpu(_: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
     if asked == DeviceName::Auto {
         return Ok(());
     }
     Err(Failure::Usage(format!(
-        "{} gpu: expected auto or cpu, since this build speaks to no GPU; build it with the feature gui",
+        "{} gpu: expected auto or cpu, since this build has no GPU support; build it with the feature gui",
         task.option()
     )))
 }

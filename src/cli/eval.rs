@@ -1,4 +1,4 @@
-//! `eval`: a model against the photographs of a dataset.
+//! `eval`: compares a model with the photographs of a dataset.
 
 use super::args::EvalArgs;
 use super::failure::Failure;
@@ -21,9 +21,8 @@ struct EvalOutput {
     views: Vec<ViewReport>,
 }
 
-/// Measures as asked.
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
-    // Wrong usage first: models and datasets take seconds to read.
+    // Usage errors first: reading models and datasets takes seconds.
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let model = model::load(&args.model)?;
     let load = model.load_options(args.depth.load_options())?;
@@ -35,9 +34,9 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let learnt = model.learnt.as_ref().and_then(|run| run.of(&dataset));
     if learnt.is_none() {
         let path = args.model.display();
-        eprintln!("note: {path}: does not say which of these views it was trained on");
+        eprintln!("note: {path}: does not state which of these views it was trained on");
     }
-    // A run on another dataset chose its views there.
+    // The hold-out rule of a run on another dataset does not apply here.
     let run = model.learnt.as_ref().filter(|_| learnt.is_some());
     let hold_out = args.hold_out.or(run.map(|run| run.hold_out)).unwrap_or_default();
     let trained = learnt.as_ref().map(|learnt| learnt.split);
@@ -72,7 +71,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The camera that took the photographs of a split, if not the one that measured depth.
+/// Returns the colour camera of a split's photographs, if it differs from the depth camera.
 fn color_camera(
     args: &EvalArgs,
     model: &Model,
@@ -93,7 +92,7 @@ fn color_camera(
     Ok(camera)
 }
 
-/// The groups to measure; `trained` is the split that the model was trained on, if known.
+/// Selects the groups of views to measure; `trained` is the split used for training, if known.
 fn choose_views(
     dataset: &Dataset,
     args: &EvalArgs,
@@ -103,12 +102,12 @@ fn choose_views(
     let mut groups = match &args.split {
         Some(name) => vec![dataset.whole_split(dataset.split_named(name)?)],
         None => {
-            // A dataset without depth has no split to train on, but photographs to compare with.
+            // A dataset without depth has no training split, but photographs to compare with.
             let default = || dataset.training_split().unwrap_or(0);
             let trained = trained.filter(|_| hold_out == HoldOut::Sector).unwrap_or_else(default);
             let evaluation = dataset.evaluation_by(hold_out, trained)?;
             let is_held_out = evaluation.training.is_some() && hold_out == HoldOut::Every8th;
-            // Not its reason: what was trained on is counted below, by the model's own list.
+            // Without the reason given there: trained views are counted later from the model's own list.
             match is_held_out {
                 true => eprintln!("note: evaluating on every {HOLD_OUT_EVERY}th frame"),
                 false => eprintln!("note: evaluating on {}", evaluation.why),

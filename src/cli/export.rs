@@ -1,4 +1,4 @@
-//! `export`: a model in another format.
+//! `export`: converts a model to another format.
 
 use super::args::{AxesName, ExportArgs, FormatName, KindName};
 use super::failure::Failure;
@@ -15,7 +15,6 @@ use vbgs_studio::export::{
     write,
 };
 
-/// Converts as asked.
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     match args.kind {
         KindName::Splats => splats(args),
@@ -25,7 +24,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
 
 fn splats(args: &ExportArgs) -> Result<(), Failure> {
     let format = format(args)?;
-    // Point clouds hold what is known of each point; other files only leave some out by it.
+    // Point clouds contain each point's confidence; other formats use it only to select splats.
     let is_asked = args.min_evidence.is_some() || args.max_uncertainty.is_some();
     let (model, training) = match is_asked || format == ModelFormat::PointCloudPly {
         true => model::load_with_training(&args.model)?,
@@ -61,7 +60,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let path = args.model.display();
     let needed = || {
         Failure::failed(anyhow::anyhow!(
-            "{path}: expected a checkpoint of the `scene` preset, which knows normals, found none; train with --preset scene and export its checkpoint.vbgs"
+            "{path}: expected a checkpoint of the `scene` preset, which contains normals, found none; train with --preset scene and export its checkpoint.vbgs"
         ))
     };
     let (model, training) = model::load_with_training(&args.model)?;
@@ -88,8 +87,8 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs what writes a file under a bar; Ctrl-C ends it without the file. What killed exports of the
-/// same name have left is removed.
+/// Writes a file under a progress bar; Ctrl-C cancels without leaving the file. Temporary files of
+/// killed exports with the same name are removed.
 fn watched<T>(
     output: &Path,
     what: &'static str,
@@ -133,7 +132,7 @@ fn options<'a>(
         unit_scale: args.unit_scale,
         confidence: training.map(|t| &t.evidence[..]),
         selection: WriteSelection {
-            // Asked for in the world, taken where the splats are.
+            // Given in world coordinates, while splats are relative to the local origin.
             crop: args.crop.map(|corners| corners.map(|at| at - model.local_origin)),
             min_evidence: args.min_evidence,
             max_uncertainty: args.max_uncertainty,
@@ -145,14 +144,14 @@ fn options<'a>(
     }
 }
 
-/// Says what other programs make of a file of a far world.
+/// Warns if other programs will misplace a file far from the world's origin.
 pub fn warn_of_origin(path: &Path, origin: DVec3, carrier: OriginCarrier) {
     if let Some(warning) = local_origin::warning(origin, carrier) {
         eprintln!("warning: {}: {warning}", path.display());
     }
 }
 
-/// The format, if every option has a meaning for it.
+/// Determines the format and checks that the given options apply to it.
 fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
     let format = match args.format {
         Some(FormatName::Ply) => ModelFormat::Ply,
@@ -163,7 +162,7 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
     };
     match (args.mapping.said(), format) {
         (Some(option), ModelFormat::PointCloudPly) => Err(Failure::Usage(format!(
-            "{option}: a setting of splats, found with the format point-cloud, which holds none; leave it out or export ply, glb or spz"
+            "{option}: a setting of splats, found with the format point-cloud, which contains none; leave it out or export ply, glb or spz"
         ))),
         _ if args.cell.is_some() => Err(Failure::Usage(
             "--cell: a setting of meshes, found without --as mesh; add that or leave it out"
@@ -177,7 +176,7 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
     }
 }
 
-/// Formats that prescribe their axes take no others.
+/// Rejects other axes for formats with fixed axes.
 fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Failure> {
     match args.axes {
         AxesName::AsIs | AxesName::YUp => Ok(()),
@@ -191,13 +190,13 @@ fn say_what_is_assumed(args: &ExportArgs, is_turned: bool, model: &Model) {
     let path = args.model.display();
     if let Some(option) = args.mapping.said().filter(|_| mapping::is_plain(model.splats.view())) {
         eprintln!(
-            "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} changes nothing"
+            "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} has no effect"
         );
     }
     let is_turned = is_turned || !matches!(args.axes, AxesName::AsIs);
     if is_turned && args.up.is_none() && model.up.is_none() {
         eprintln!(
-            "note: {path}: the file does not say what is up; taken as z, --up says otherwise"
+            "note: {path}: the file has no up direction; z is assumed, use --up to change it"
         );
     }
 }

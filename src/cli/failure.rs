@@ -1,4 +1,4 @@
-//! How a command ends when it does not end well.
+//! Failures of a command and their exit status.
 
 use super::wording;
 use std::path::Path;
@@ -9,26 +9,25 @@ use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::train::setting::ConfigError;
 
-/// Exit status as shells report a process ended by Ctrl-C: 128 and the number of the signal.
+/// Exit status that shells report for a process ended by Ctrl-C: 128 plus the signal's number.
 pub const INTERRUPTED: u8 = 130;
 
-/// Why a command did not do its work.
+/// Reason why a command failed.
 pub enum Failure {
     /// Exit status 1.
     Failed(anyhow::Error),
     /// Exit status 2.
     Usage(String),
-    /// Ctrl-C or the like; what was asked to be saved is saved. Exit status 130.
+    /// Ctrl-C or another signal; requested files were saved. Exit status 130.
     Interrupted,
 }
 
 impl Failure {
-    /// The work failed.
     pub fn failed(error: impl Into<anyhow::Error>) -> Self {
         Self::Failed(error.into())
     }
 
-    /// With the file that says a calibration, where that is to blame.
+    /// Adds the calibration file to an error caused by it.
     pub fn of_calibration(self, file: Option<&Path>) -> Self {
         match (self, file) {
             (Self::Failed(error), Some(file))
@@ -40,7 +39,7 @@ impl Failure {
         }
     }
 
-    /// Prints the one message, returns the exit status.
+    /// Prints the error and returns the exit status.
     pub fn report(self) -> ExitCode {
         match self {
             Self::Failed(error) => {
@@ -48,7 +47,7 @@ impl Failure {
                 ExitCode::FAILURE
             }
             Self::Usage(message) => {
-                // In the form of clap's own errors, which are the other half of wrong usage.
+                // In the form of clap's own usage errors.
                 eprintln!("error: {message}\n\nFor more information, try '--help'.");
                 ExitCode::from(2)
             }
@@ -57,8 +56,8 @@ impl Failure {
     }
 }
 
-// Legal only while `Failure` is no error itself: it would then be covered twice, the other time by
-// the `From<T> for T` of the standard library.
+// Permitted only because `Failure` is not an error itself; otherwise this would conflict with the
+// standard library's `From<T> for T`.
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let error = error.into();
@@ -66,8 +65,8 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Whether a setting is to blame, whatever the files hold: anywhere in the chain of causes, since
-/// a session or a bench only passes on what its settings say.
+/// True if a setting is wrong. Searches the chain of causes, because sessions and benchmarks wrap errors
+/// of their settings.
 fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<ConfigError>()

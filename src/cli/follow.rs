@@ -1,4 +1,4 @@
-//! `train --follow`: waiting for frames that are still recorded.
+//! `train --follow`: waits for frames that are still being recorded.
 
 use super::failure::Failure;
 use super::interrupt::Interrupt;
@@ -10,11 +10,11 @@ use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::session::Session;
 
-/// A problem that is still there after so long is told: most are over with the next write.
+/// A problem is reported after this time; most disappear with the next write.
 const LASTING: Duration = Duration::from_secs(2);
 
-/// A session on the first frames that are whole, however long they take to come. It looks at some of them,
-/// which a drive that has fallen silent does not give.
+/// Creates a session on the first complete frames, waiting for them as long as needed. Reading them may
+/// block on an unresponsive drive, so it remains interruptible.
 pub fn begin(
     mut follow: Follow,
     interrupt: &Interrupt,
@@ -41,15 +41,15 @@ pub fn begin(
     Err(Failure::Interrupted)
 }
 
-/// What was told of why nothing comes.
+/// The problem that currently delays frames.
 #[derive(Default)]
 pub struct ToldProblem {
-    /// The problem there is, since when, and whether it was told.
+    /// The problem, its start, and true if it was reported.
     latest: Option<(String, Instant, bool)>,
 }
 
 impl ToldProblem {
-    /// Rests until there may be more, or the user asks to stop; tells what keeps it from coming, once.
+    /// Waits for more frames or an interrupt; reports a lasting problem once.
     pub fn wait(&mut self, follow: &Follow, interrupt: &Interrupt) {
         match (follow.problem(), &mut self.latest) {
             (None, latest) => *latest = None,
@@ -61,7 +61,7 @@ impl ToldProblem {
             }
             (Some(problem), latest) => *latest = Some((problem.to_owned(), Instant::now(), false)),
         }
-        // Never without a rest, however late it is.
+        // Never without a pause, however late the next poll is.
         interrupt.is_asked_within(follow.rest().max(Duration::from_millis(1)));
     }
 }

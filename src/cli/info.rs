@@ -1,4 +1,4 @@
-//! `info`: what a dataset or a model holds, and every defect found.
+//! `info`: describes a dataset or model and lists all defects found.
 
 use super::args::InfoArgs;
 use super::failure::Failure;
@@ -23,28 +23,28 @@ struct DatasetInfo {
     recognised_by: String,
     splits: Vec<SplitInfo>,
     evaluation: String,
-    /// Frames that were listed and cannot be used.
+    /// Number of listed frames that cannot be used.
     skipped_frames: usize,
-    /// Frames a second, where the recording tells times.
+    /// Frames per second, if the recording has timestamps.
     frame_rate: Option<f64>,
     poses: PosesInfo,
     notes: Vec<String>,
     defects: Vec<String>,
 }
 
-/// What pose matrices mean, and whether depth agrees.
+/// Convention of the poses and its check against depth.
 #[derive(Serialize)]
 struct PosesInfo {
     convention: &'static str,
     /// Share of depth that agrees with neighbouring frames.
     agreement: Option<f64>,
-    /// Median distance from what neighbours measured, world units.
+    /// Median distance from neighbouring frames' depth, world units.
     median_error: Option<f64>,
     pairs: usize,
-    /// The check in words.
+    /// Result of the check.
     #[serde(skip)]
     summary: Option<String>,
-    /// Another reading that agrees far better.
+    /// Warning if another convention agrees far better.
     warning: Option<String>,
 }
 
@@ -57,15 +57,15 @@ struct SplitInfo {
     height: u32,
     focal_px: [f64; 2],
     principal_point_px: [f64; 2],
-    /// Columns and rows of the photographs.
+    /// Width and height of the photographs.
     photo_size: [u32; 2],
     photo_focal_px: [f64; 2],
-    /// How depth is stored and what it measures.
+    /// Storage format and meaning of depth values.
     depth_unit: Option<String>,
-    /// Smallest and largest measured depth of the frames looked at, world units.
+    /// Smallest and largest depth of the readable frames, world units.
     depth_range: Option<[f64; 2]>,
     bytes: u64,
-    /// Blur, jumps of brightness, gaps; `None` of frames that are part of another split.
+    /// Blur, brightness jumps and time gaps; `None` for frames that belong to another split.
     capture: Option<CaptureCheck>,
 }
 
@@ -74,10 +74,10 @@ struct ModelInfo {
     path: String,
     kind: &'static str,
     splats: usize,
-    /// Highest degree of the harmonics that were read.
+    /// Highest degree of the harmonics read.
     sh_degree: u8,
     skipped: usize,
-    /// In the world: the local origin is added.
+    /// In world coordinates, including the local origin.
     bounds: Option<[[f64; 3]; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     local_origin: Option<[f64; 3]>,
@@ -86,7 +86,7 @@ struct ModelInfo {
     notes: Vec<String>,
 }
 
-/// Looks as asked: folders are datasets, files are models.
+/// Describes a dataset (folder or archive) or a model (other file).
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     if args.path.is_file() && !dataset::is_archive(&args.path) {
         if is_checkpoint(&args.path) {
@@ -135,14 +135,14 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
         summary: match is_tracked {
-            true => Some("left to tracking".to_owned()),
+            true => Some("found by tracking".to_owned()),
             false => check.as_ref().map(pose_check::summary),
         },
         warning: check.as_ref().and_then(pose_check::warning),
     }
 }
 
-/// Frames a second between the first and the last.
+/// Mean number of frames per second.
 fn frame_rate(frames: &[FrameEntry]) -> Option<f64> {
     let (first, last) = (frames.first()?.time?, frames.last()?.time?);
     let rate = (frames.len() as f64 - 1.0) / (last - first);
@@ -162,13 +162,13 @@ fn depth_unit(depth: &Depth) -> String {
     format!("{stored} along {measured}")
 }
 
-/// Loads every frame of a split: `info` is where damaged files are looked for.
+/// Loads every frame of a split, which finds damaged files.
 fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> SplitInfo {
     let frames = &dataset.splits[split].frames;
     let bar = super::progress::bar(frames.len(), "frame");
     let (mut range, mut unit): (Option<[f64; 2]>, Option<String>) = (None, None);
     let mut bytes = 0;
-    // Frames that are held out are part of another split, which was looked at.
+    // Held-out frames belong to another split and were checked there.
     let is_part = dataset.splits[split].name == HELD_OUT;
     for (index, entry) in frames.iter().enumerate().filter(|_| !is_part) {
         let files = entry.color_path().into_iter().chain(entry.depth_path());
@@ -177,7 +177,7 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
             Err(error) => defects.push(error.to_string()),
             Ok(frame) => {
                 unit = unit.or_else(|| frame.depth.as_ref().map(depth_unit));
-                // Trusted or not: this is what `--depth-range` is chosen by.
+                // Includes invalid depth: users choose `--depth-range` by this range.
                 let depth = frame.depth_z().map(|d| d.data).unwrap_or_default();
                 for z in depth.into_iter().filter(|&z| z > 0.0).map(f64::from) {
                     range = Some(range.map_or([z, z], |[lo, hi]| [lo.min(z), hi.max(z)]));

@@ -1,8 +1,8 @@
-//! Ctrl-C, SIGTERM and SIGHUP: the first one asks for an orderly end, the second ends at once.
+//! Handling of Ctrl-C, SIGTERM and SIGHUP: the first signal requests an orderly stop, the second exits
+//! immediately.
 //!
-//! A terminal that is closed and a machine that is shut down are no reason to lose a scene either. On Unix every
-//! signal also writes to a pair of sockets, so that whoever only waits for the end is woken and need not look
-//! again and again.
+//! A closed terminal or a system shutdown must not lose a scene. On Unix each signal also writes to a socket
+//! pair, which wakes waiting threads without polling.
 
 use super::failure::{Failure, INTERRUPTED};
 #[cfg(unix)]
@@ -15,26 +15,26 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use vbgs_studio::pipeline::drive_work::DriveWork;
 
-/// What the process listens with: handlers are installed once.
+/// Handlers are installed once per process.
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();
 
-/// How often it is looked where signals wake nobody.
+/// Polling interval if signals cannot wake the thread.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// For how long work that is asked to stop is waited for: what only takes a while removes its own files.
+/// Time allowed for cancelled work to remove its own files.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Whether the user asked to stop.
+/// Flag set when the user or system requests a stop.
 #[derive(Clone)]
 pub struct Interrupt {
     asked: Arc<AtomicBool>,
-    /// Has something to read once a signal came.
+    /// Becomes readable when a signal arrives.
     #[cfg(unix)]
     wakes: Arc<UnixStream>,
 }
 
 impl Interrupt {
-    /// Listens from now on, or goes on listening: where no window opens, the demo trains without one.
+    /// Installs the handlers, or returns the existing ones: a failed window falls back to the headless demo.
     pub fn listen() -> Result<Self, Failure> {
         if let Some(interrupt) = LISTENING.get() {
             return Ok(interrupt.clone());
@@ -48,7 +48,7 @@ impl Interrupt {
         let asked = Arc::new(AtomicBool::new(false));
         let (wakes, sender) = UnixStream::pair()?;
         let mut waker = sender.try_clone()?;
-        // Nobody who waits is missed by a word that is not written: the waits end by themselves too.
+        // A failed write is harmless: waits also have a timeout.
         listen(&asked, move || drop(waker.write_all(&[0])))?;
         listen_to_the_system(&asked, &sender)?;
         Ok(Self { asked, wakes: Arc::new(wakes) })
@@ -61,12 +61,12 @@ impl Interrupt {
         Ok(Self { asked })
     }
 
-    /// Whether the user asked to stop.
+    /// True if a stop was requested.
     pub fn is_asked(&self) -> bool {
         self.asked.load(Ordering::SeqCst)
     }
 
-    /// The same, waited for, at most so long.
+    /// Waits at most `longest` for a stop request; returns true if there is one.
     pub fn is_asked_within(&self, longest: Duration) -> bool {
         if !self.is_asked() {
             self.sleep(longest);
@@ -74,8 +74,8 @@ impl Interrupt {
         self.is_asked()
     }
 
-    /// What comes of work before which there is nothing to save, unless the user asks to stop meanwhile: the
-    /// drive that it asks may never answer.
+    /// Runs work before which nothing needs saving. Returns [`Failure::Interrupted`] on a stop request, even
+    /// if the work is blocked by an unresponsive drive.
     pub fn unless_asked<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -96,7 +96,7 @@ impl Interrupt {
         if self.wakes.set_read_timeout(Some(longest)).is_err() {
             return std::thread::sleep(longest);
         }
-        // How the waiting ended does not matter: it is looked at the flag next.
+        // The result does not matter: the caller checks the flag next.
         let _ = (&*self.wakes).read_exact(&mut [0]);
     }
 
@@ -106,13 +106,13 @@ impl Interrupt {
     }
 }
 
-/// Listens to Ctrl-C; `wake` is called once it came.
+/// Installs a handler for Ctrl-C, which calls `wake`.
 fn listen(asked: &Arc<AtomicBool>, mut wake: impl FnMut() + Send + 'static) -> Result<(), Failure> {
     let flag = asked.clone();
     ctrlc::set_handler(move || {
         if flag.swap(true, Ordering::SeqCst) {
-            // The first waits for the end of a frame, which may be long. No file is left half
-            // written: each gets its name when it is whole.
+            // The first request waits for the end of a frame, which may take long. No file is left
+            // incomplete: files are renamed when complete.
             std::process::exit(i32::from(INTERRUPTED));
         }
         wake();
@@ -127,16 +127,16 @@ fn listen_to_the_system(asked: &Arc<AtomicBool>, wakes: &UnixStream) -> Result<(
     use signal_hook::low_level::pipe;
     let hangup = (!is_hangup_ignored()).then_some(SIGHUP);
     for signal in std::iter::once(SIGTERM).chain(hangup) {
-        // In this order: the first sets the flag by which the second ends the process.
+        // Order matters: the first action checks the flag that the second one sets.
         register_conditional_shutdown(signal, i32::from(INTERRUPTED), asked.clone())?;
         register(signal, asked.clone())?;
-        // After the flag, which is looked at when this has woken somebody.
+        // After the flag is set, because the woken thread checks it.
         pipe::register(signal, wakes.try_clone()?)?;
     }
     Ok(())
 }
 
-/// Whether `nohup` or the like asked for a run that outlives its terminal, where the system tells.
+/// True if SIGHUP is ignored, as by `nohup`, so that the run should outlive its terminal.
 #[cfg(unix)]
 fn is_hangup_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! `merge`: models trained on different frames, as one.
+//! `merge`: combines models trained on different frames.
 
 use super::args::MergeArgs;
 use super::failure::Failure;
@@ -7,7 +7,6 @@ use vbgs_studio::export::checkpoint;
 use vbgs_studio::pipeline::checkpoint::{SavedRun, merge, merge_onto};
 use vbgs_studio::train::scene::config::BirthRule;
 
-/// Merges as asked.
 pub fn run(args: &MergeArgs) -> Result<(), Failure> {
     output::check_files(std::slice::from_ref(&args.output))?;
     let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
@@ -15,7 +14,7 @@ pub fn run(args: &MergeArgs) -> Result<(), Failure> {
         None => merge(warned(runs?))?,
         Some(start) => merge_onto(&SavedRun::read(start)?, runs?)?,
     };
-    // Never none: clap asks for two checkpoints.
+    // Never `None`: clap requires two checkpoints.
     let Some(merged) = merged else { return Ok(()) };
     checkpoint::write(&args.output, &merged.content)?;
     output::line(format!(
@@ -27,12 +26,12 @@ pub fn run(args: &MergeArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The same runs, after a word on what is lost by fusing them.
+/// Warns about the quality lost by fusing models with different seeds.
 fn warned(runs: Vec<SavedRun>) -> Vec<SavedRun> {
     let first = runs.first().and_then(|run| run.config.method.scene());
     if first.is_some_and(|scene| scene.engine.births == BirthRule::Seeds) {
         eprintln!(
-            "warning: setting `births`: expected \"lattice\" or \"body-centred\" of runs that began apart, found \"seeds\": what several of them saw will be blurred; let all go on from one short run (train --resume START --shard K/N) and merge with --start START"
+            "warning: setting `births`: expected \"lattice\" or \"body-centred\" for runs without a common start, found \"seeds\": surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
         );
     }
     runs

@@ -1,4 +1,4 @@
-//! The command line: parses, calls the library, prints. It holds no algorithm.
+//! The command line: parses arguments, calls the library and prints results. Contains no algorithms.
 
 mod args;
 #[cfg(feature = "bench")]
@@ -40,17 +40,17 @@ use std::process::ExitCode;
 use std::time::Instant;
 use vbgs_studio::pipeline::prefetch::default_threads;
 
-/// More threads than any machine this is meant for has.
+/// Upper limit, more than on any machine this program is meant for.
 const MAX_THREADS: usize = 1024;
 
-/// Runs the command the process was started with. Exit status: 0 done, 1 the work failed, 2 wrong
-/// usage, 130 interrupted.
+/// Runs the command given by the process's arguments. Exit status: 0 success, 1 failure, 2 wrong usage,
+/// 130 interrupted.
 pub fn run() -> ExitCode {
-    // Taken first: the log says how long it took from here until splats were visible.
+    // Taken first: the log states the time from here to the first visible splats.
     let started = Instant::now();
     let arguments = Arguments::from_command_line();
     start_logging();
-    // What could not be printed is a failure of work that is done, not of work that failed.
+    // A failed write to stdout makes the command fail, although its work was completed.
     match dispatch(arguments, started).and_then(|()| output::arrived()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
@@ -58,7 +58,7 @@ pub fn run() -> ExitCode {
 }
 
 fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
-    // Before any work: the global pool is made at its first use and cannot be changed then.
+    // First, because the global pool is created on first use and cannot be changed later.
     set_threads(arguments.threads)?;
     match arguments.command {
         None => open_window(arguments, started),
@@ -83,7 +83,7 @@ fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     window::run(path, calibration, adapter.as_deref(), started)
 }
 
-/// Without the window compiled in, the demo is trained as if there were no display.
+/// Trains the demo headless in builds without a window.
 #[cfg(not(feature = "gui"))]
 fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
     match arguments.path {
@@ -108,14 +108,14 @@ fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
     })
 }
 
-/// Our warnings to stderr; `VBGS_LOG=info` or `debug` shows more. Of the graphics and window stack
-/// only errors are shown: what its warnings say, the status line and our messages say better.
+/// Logs warnings to stderr; `VBGS_LOG=info` or `debug` shows more. The graphics and window libraries log
+/// only errors, because the program's own messages cover their warnings.
 fn start_logging() {
     use tracing_subscriber::EnvFilter;
     let level = std::env::var("VBGS_LOG").unwrap_or_else(|_| "warn".to_owned());
     let quiet = "eframe=off,winit=error,egui_wgpu=error,wgpu_core=error,wgpu_hal=off,naga=error";
     let filter = EnvFilter::try_new(format!("{level},{quiet}"))
-        // A level that cannot be read must not keep the program from its work.
+        // An invalid level must not stop the program.
         .unwrap_or_else(|_| EnvFilter::new(format!("warn,{quiet}")));
     tracing_subscriber::fmt()
         .with_env_filter(filter)

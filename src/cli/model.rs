@@ -1,4 +1,4 @@
-//! Loading a MODEL argument.
+//! Loads a MODEL argument.
 
 use super::failure::Failure;
 use super::tracked;
@@ -22,42 +22,42 @@ use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::surfels::surfels;
 use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory};
 
-/// What commands need of a model, whatever file it came from.
+/// A model with its metadata, independent of the file format.
 pub struct Model {
     pub splats: SplatSet,
-    /// Direction that points up, where the file says so.
+    /// Up direction, if stated by the file.
     pub up: Option<DVec3>,
-    /// What its positions are relative to, in the world of its dataset.
+    /// Origin of the positions, in the dataset's world.
     pub local_origin: DVec3,
-    /// Whether its world is known to be in metres.
+    /// True if the world is known to be in metres.
     pub is_metric: bool,
-    /// How it was trained, where the file says so.
+    /// Training settings, if stated by the file.
     pub method: Option<Method>,
-    /// Where the frames it was trained on were found, if poses were tracked and the file says so.
+    /// Tracked poses of the training frames, if stated by the file.
     pub trajectory: Option<Trajectory>,
-    /// What this program said about the conversion to splats.
+    /// This program's comments on the conversion to splats.
     pub comments: Vec<String>,
-    /// The frames that it was trained on, where the file says so.
+    /// Training frames, if stated by the file.
     pub learnt: Option<LearntFrames>,
 }
 
-/// The frames that a run went through.
+/// Frames visited by a run.
 pub struct LearntFrames {
     fingerprint: Fingerprint,
     split: Option<String>,
     visited: Vec<u32>,
-    /// How the run held frames out.
+    /// Hold-out rule of the run.
     pub hold_out: HoldOut,
 }
 
 impl LearntFrames {
-    /// The frames in a dataset; `None` if the run was on another one.
+    /// Returns the training frames in a dataset; `None` if the run used another dataset.
     pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
             Some(name) => dataset.split_named(name).ok()?,
             None => dataset.training_split().ok()?,
         };
-        // It may have grown since.
+        // The dataset may have grown since.
         let found = Fingerprint::of_first(dataset, split, self.fingerprint.frames());
         let is_same = self.fingerprint.difference(&found).is_none();
         let frames = || self.visited.iter().map(|&frame| frame as usize).collect();
@@ -66,15 +66,15 @@ impl LearntFrames {
 }
 
 impl Model {
-    /// How a dataset is opened to be looked at beside the model: one that was tracked has a world of
-    /// its own, in which recorded poses mean nothing.
+    /// Returns the options for opening a dataset together with the model. A tracked model has its own world,
+    /// in which recorded poses are meaningless.
     ///
     /// # Errors
-    /// Tracked poses are asked for and the model has none.
+    /// Tracked poses were requested, but the model has none.
     pub fn load_options(&self, asked: LoadOptions) -> Result<LoadOptions, Failure> {
         match (&self.trajectory, asked.track) {
             (None, true) => Err(Failure::Usage(
-                "--poses track: expected the checkpoint of a tracked run, found a model that does not say where its frames were taken; give its checkpoint.vbgs".to_owned(),
+                "--poses track: expected the checkpoint of a tracked run, found a model without the poses of its frames; give its checkpoint.vbgs".to_owned(),
             )),
             (found, _) => Ok(LoadOptions {
                 track: found.is_some(),
@@ -84,10 +84,10 @@ impl Model {
         }
     }
 
-    /// The views as the model places them, if it was tracked.
+    /// Places views by tracking them against the model, if it was tracked.
     ///
     /// # Errors
-    /// None of them could be placed.
+    /// No view could be placed.
     pub fn place(
         &self,
         dataset: &Dataset,
@@ -97,8 +97,8 @@ impl Model {
         tracked::place(dataset, method, &self.splats, found, views)
     }
 
-    /// The camera that takes a dataset's photographs, if not the one that measures depth: what the
-    /// model was trained with, else what is known of the layout.
+    /// Returns the colour camera of a dataset's photographs, if it differs from the depth camera: the one
+    /// used for training, else that of the layout.
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
             Some(method) => method.any().color_camera(),
@@ -107,13 +107,13 @@ impl Model {
     }
 }
 
-/// What training knows of each component of a model.
+/// Training state of a model's components.
 pub struct Training {
-    /// Points it has received.
+    /// Number of points, by component.
     pub evidence: Vec<f64>,
-    /// Standard deviation of its position, world units.
+    /// Standard deviation of the position, world units, by component.
     pub uncertainty: Vec<f64>,
-    /// Its pieces of surface, by component.
+    /// Surface patches with their components.
     pub surfels: Vec<(usize, Surfel)>,
 }
 
@@ -132,7 +132,7 @@ impl Training {
     }
 }
 
-/// Reads a model, recognised by its content, and says on stderr what was ignored or guessed.
+/// Reads a model, detecting its format by content. Reports ignored or assumed data on stderr.
 pub fn load(path: &Path) -> Result<Model, Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
@@ -142,8 +142,7 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     of_file(path)
 }
 
-/// Like [`load`], with what training knows where the file holds it. Splats are in the order of the
-/// components then.
+/// Like [`load`], with the training state if the file contains it. Splats are then in component order.
 pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
@@ -190,7 +189,7 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
         );
     }
     let up = model.up();
-    // Foreign comments speak of the foreign file: its axes, its exporter.
+    // Comments of other programs describe the original file: its axes, its exporter.
     let is_ours = |line: &String| line.starts_with("vbgs ") && !local_origin::is_comment(line);
     let comments = model.comments.into_iter().filter(is_ours).collect();
     Ok(Model {

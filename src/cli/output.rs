@@ -1,4 +1,4 @@
-//! Everything that goes to stdout, and the files every command writes.
+//! Output to stdout, and files written by all commands.
 #![allow(clippy::print_stdout)]
 
 use super::failure::Failure;
@@ -17,10 +17,10 @@ use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::export::film;
 use vbgs_studio::math::image::RgbImage;
 
-/// The first error of stdout: whoever prints a table goes on, and the command fails at its end.
+/// First error of stdout: printing continues, and the command fails at its end.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
-/// One line for people.
+/// Prints one line.
 pub fn line(text: impl std::fmt::Display) {
     // `println!` would panic on an error.
     note(writeln!(std::io::stdout(), "{text}"));
@@ -28,7 +28,7 @@ pub fn line(text: impl std::fmt::Display) {
 
 fn note(written: std::io::Result<()>) {
     match written {
-        // A closed pipe is the reader's choice, not an error of ours.
+        // A closed pipe is not an error: the reader stopped early.
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             STDOUT.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         }
@@ -36,43 +36,43 @@ fn note(written: std::io::Result<()>) {
     }
 }
 
-/// Whether everything that was printed has arrived.
+/// Fails if any output could not be written.
 pub fn arrived() -> Result<(), Failure> {
     note(std::io::stdout().flush());
     match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
         None => Ok(()),
         Some(error) => Err(Failure::failed(anyhow::anyhow!(
-            "stdout: expected it to take the whole output, found: {error}; free some space or send it elsewhere"
+            "stdout: expected to write the whole output, found: {error}; free some space or redirect it elsewhere"
         ))),
     }
 }
 
-/// One JSON document for machines.
+/// Prints a value as JSON.
 pub fn json(value: &impl Serialize) -> Result<(), Failure> {
     line(serde_json::to_string_pretty(value)?);
     Ok(())
 }
 
-/// Writes a JSON file, whole or not at all.
+/// Writes a JSON file atomically.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_vec_pretty(value)?;
     write_atomic(path, |out| out.write_all(&text))?;
     Ok(())
 }
 
-/// Writes a text file, whole or not at all.
+/// Writes a text file atomically.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_atomic(path, |out| out.write_all(text.as_bytes()))?;
     Ok(())
 }
 
-/// Writes an 8-bit PNG, whole or not at all.
+/// Writes an 8-bit PNG atomically.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
     film::write_png(path, image)?;
     Ok(())
 }
 
-/// Creates a folder and those above it.
+/// Creates a folder with its parents and checks that it is writable.
 pub fn create_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).with_context(|| {
         format!(
@@ -80,17 +80,17 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
             path.display()
         )
     })?;
-    // Better now than after the training whose result belongs here.
+    // Checked now rather than after the training whose result is written here.
     tempfile::tempfile_in(path).with_context(|| {
         format!(
-            "{}: expected a folder to write to, found one that takes no files; choose another",
+            "{}: expected a folder to write to, found one that is not writable; choose another",
             path.display()
         )
     })?;
     Ok(())
 }
 
-/// Refuses files that cannot be replaced by what a long work will write there, before it begins.
+/// Rejects output paths that cannot be replaced, before long work begins.
 pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
     match paths.iter().find(|path| path.is_dir()) {
         None => Ok(()),
@@ -101,14 +101,14 @@ pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
     }
 }
 
-/// Says on stderr which views could not be measured, besides those refused at opening.
+/// Reports views that could not be measured and were not reported on opening.
 pub fn skipped_views(dataset: &Dataset, eval: &EvalReport) {
     let told: Vec<String> = dataset.warnings.iter().map(|w| w.error.to_string()).collect();
     let untold = eval.skipped.iter().filter(|view| !told.contains(&view.message));
     untold.for_each(|view| eprintln!("warning: {}", view.message));
 }
 
-/// The quality of one view in a line.
+/// Formats the quality of one view as a line.
 pub fn view(view: &ViewReport) -> String {
     let aligned = view
         .psnr_aligned_covered
@@ -119,7 +119,7 @@ pub fn view(view: &ViewReport) -> String {
     )
 }
 
-/// The quality of one split in a few lines.
+/// Formats the quality of one split as a few lines.
 pub fn quality(eval: &EvalReport) -> String {
     let depth =
         eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
@@ -161,17 +161,17 @@ pub fn quality(eval: &EvalReport) -> String {
     std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
 }
 
-/// What a model showed early in its run.
+/// Formats an intermediate measurement of training views.
 pub fn seen_early(report: &SeenReport) -> String {
     let SeenReport { after_frames, renderer, seen: early } = report;
-    format!("{renderer}, frames learnt: {after_frames}; {}", seen(early))
+    format!("{renderer}, frames trained: {after_frames}; {}", seen(early))
 }
 
-/// What views measure that a model was trained on.
+/// Notes that views were used for training.
 fn learnt(eval: &EvalReport) -> Option<String> {
     let n = eval.learnt_views.filter(|n| *n > 0)?;
     Some(format!(
-        "trained on {n} of these views: of them this says how well they are repeated, not what was not seen looks like"
+        "trained on {n} of these views: their scores measure reproduction, not quality on unseen views"
     ))
 }
 

@@ -1,8 +1,8 @@
-//! What the command line says of a recording's poses.
+//! Formats the check of a recording's poses.
 
 use vbgs_studio::dataset::pose_check::PoseCheck;
 
-/// The check in one line.
+/// Formats the result as one line.
 pub fn summary(check: &PoseCheck) -> String {
     format!(
         "{:.0} % of depth agrees with {} neighbouring frames, median error {:.4} ({} poses)",
@@ -13,7 +13,7 @@ pub fn summary(check: &PoseCheck) -> String {
     )
 }
 
-/// What to do if another reading explains the frames far better.
+/// Recommends other options if another convention or unit fits the frames far better.
 pub fn warning(check: &PoseCheck) -> Option<String> {
     let (opened, best) = (check.opened, check.best);
     if !check.is_doubtful() {
@@ -26,11 +26,11 @@ pub fn warning(check: &PoseCheck) -> Option<String> {
     if best.poses != opened.poses {
         let (best, opened) = (best.poses.name(), opened.poses.name());
         let says = if check.is_asked { "--pose-axes" } else { "the layout" };
-        looks.push(format!("these poses look {best}, {says} says {opened}"));
+        looks.push(format!("the poses match {best}, but {says} specifies {opened}"));
         advice.push(format!("--pose-axes {best}"));
     }
     if best.unit != 1.0 {
-        looks.push(format!("depth looks {} times as long as read", rounded(best.unit)));
+        looks.push(format!("depth seems to be {} times as long as read", rounded(best.unit)));
         advice.push(format!("a --depth-scale {} times the recording's", rounded(best.unit)));
     }
     Some(format!("{}: {against}; try {}", looks.join(" and "), advice.join(" and ")))
@@ -53,14 +53,20 @@ mod tests {
             PoseTrial { poses: PoseConvention::Opencv, unit: 1.0, agreement: 0.12, error: 0.5 };
         let better = PoseTrial { poses: PoseConvention::Opengl, agreement: 0.96, ..opened };
         let check = PoseCheck { pairs: 8, opened, is_asked: false, best: better };
-        let expected = "these poses look opengl, the layout says opencv: agreement 12 % against 96 %; \
+        let expected = "the poses match opengl, but the layout specifies opencv: agreement 12 % against 96 %; \
                         try --pose-axes opengl";
         assert_eq!(warning(&check).as_deref(), Some(expected));
         let asked = warning(&PoseCheck { is_asked: true, ..check.clone() }).unwrap_or_default();
-        assert!(asked.starts_with("these poses look opengl, --pose-axes says opencv"), "{asked}");
+        assert!(
+            asked.starts_with("the poses match opengl, but --pose-axes specifies opencv"),
+            "{asked}"
+        );
         let scaled = PoseTrial { unit: 5.0, agreement: 0.9, ..opened };
         let text = warning(&PoseCheck { best: scaled, ..check.clone() }).unwrap_or_default();
-        assert!(text.contains("depth looks 5 times") && text.contains("--depth-scale 5"), "{text}");
+        assert!(
+            text.contains("depth seems to be 5 times") && text.contains("--depth-scale 5"),
+            "{text}"
+        );
         assert_eq!(warning(&PoseCheck { best: opened, ..check }), None);
     }
 }

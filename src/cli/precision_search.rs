@@ -1,4 +1,4 @@
-//! `precision-search`: the cheapest precision of every operation within an error bound.
+//! `precision-search`: finds the cheapest precision of every operation within an error bound.
 
 use super::args::PrecisionSearchArgs;
 use super::bench::open;
@@ -7,9 +7,8 @@ use super::{output, progress};
 use vbgs_studio::bench::paper::precision_search;
 use vbgs_studio::bench::paper::precision_search::SearchPlan;
 
-/// Searches as asked.
 pub fn run(args: &PrecisionSearchArgs) -> Result<(), Failure> {
-    // The plan checks the bound, so it is made before the dataset is opened.
+    // Created first, because the plan checks the bound before the dataset is opened.
     let mut plan = SearchPlan::new(args.common.options(args.max_frames), args.bound)?;
     plan.components = args.components.unwrap_or(plan.components);
     let dataset = open(Some(&args.dataset), &args.depth)?;

@@ -1,9 +1,9 @@
-//! Progress bars on stderr; nothing where stderr is no terminal.
+//! Progress bars on stderr; hidden if stderr is not a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 
-/// A bar over `n` steps of `what`.
+/// Creates a bar over `n` steps named `what`.
 pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(n as u64);
     let shown = std::io::stderr().is_terminal();
@@ -18,11 +18,11 @@ pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     bar
 }
 
-/// Shows a bar while `work` tells the steps it has done and those there are.
+/// Shows a bar while `work` reports the number of steps done and the total.
 pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
     let bar = bar(0, what);
     let result = work(&mut |done, all| {
-        // Known only now: how many steps there are depends on the data.
+        // Known only now: the number of steps depends on the data.
         bar.set_length(all as u64);
         bar.set_position(done as u64);
     });
@@ -30,7 +30,7 @@ pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usiz
     result
 }
 
-/// Shows a bar while `work` tells the share it has done.
+/// Shows a bar while `work` reports the share done.
 pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
     let bar = bar(100, what);
     let result = work(&|share| bar.set_position((100.0 * share) as u64));

@@ -1,4 +1,4 @@
-//! Options of a request as measurements, one for every renderer asked for; what is measured is
+//! Converts options to measurements, one per requested renderer. Measuring itself is in
 //! `vbgs_studio::eval::measure`.
 
 use super::args::{ComparisonArgs, GroundTruthName};
@@ -18,23 +18,23 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-/// How splats are compared with photographs.
+/// Options for comparing splats with photographs.
 pub struct QualityRequest<'a> {
-    /// Ground truth, background, partial coverage and exposure, as typed.
+    /// Ground truth, background, partial coverage and exposure, as given.
     pub args: &'a ComparisonArgs,
-    /// The near plane of views, where none is typed.
+    /// Rule for the near plane if none is given.
     pub near_rule: NearRule,
-    /// The camera that took the photographs, if not the one that measured depth.
+    /// Colour camera of the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Renderers, one after the other.
+    /// Renderers to use in turn.
     pub methods: &'a [RenderMethod],
-    /// The frames that the model was trained on, as far as that is known.
+    /// Frames the model was trained on, if known.
     pub learnt: Option<Views<'a>>,
-    /// How frames were held out of training.
+    /// Hold-out rule of training.
     pub hold_out: HoldOut,
 }
 
-/// Measures a group of views renderer by renderer; the views of one renderer stay together.
+/// Measures a group of views with each renderer; results are grouped by renderer.
 pub fn measure(
     splats: SplatView,
     dataset: &Dataset,
@@ -44,11 +44,11 @@ pub fn measure(
     let (methods, views) = (request.methods, group.views());
     if request.color_camera.is_some() {
         eprintln!(
-            "note: photographs are compared with what their own camera sees, not the depth camera"
+            "note: views are rendered with the colour camera of the photographs, not the depth camera"
         );
     }
     let crack_views = cracks::views(dataset, views.0, views.1);
-    // Training views in place of views without depth would show what a sector left out.
+    // Training views in place of views without depth would show the sector that was held out.
     let shows_sector = |split| split == views.0 || request.hold_out == HoldOut::Every8th;
     let crack_views = crack_views.filter(|(split, _)| shows_sector(*split));
     let crack_views = crack_views.as_ref().map(|(split, frames)| (*split, frames.as_slice()));
@@ -67,14 +67,14 @@ pub fn measure(
         (report.group, report.learnt_views) = (group.name, learnt_views);
         views.iter_mut().for_each(|view| view.group = group.name);
     }
-    // What cannot be read is the same for every renderer.
+    // Unreadable views are the same for every renderer.
     if let Some((report, _)) = found.first() {
         output::skipped_views(dataset, report);
     }
     Ok(found)
 }
 
-/// Measures what splats show of the frames they were learnt from.
+/// Measures how splats reproduce the depth and images of the frames they were trained on.
 pub fn seen(
     splats: SplatView,
     dataset: &Dataset,
@@ -90,7 +90,7 @@ pub fn seen(
 }
 
 impl QualityRequest<'_> {
-    /// The near plane of all views, world units.
+    /// Near plane of all views, world units.
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
         self.args.near.unwrap_or_else(|| {
             let frames = &dataset.splits[split].frames;

@@ -1,4 +1,4 @@
-//! `render`: one view, a turntable or a camera path, by every renderer asked for.
+//! `render`: draws a view, a turntable or a camera path with each requested renderer.
 
 use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
@@ -24,14 +24,13 @@ use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
 
-/// Elevation of views that do not say otherwise, degrees.
+/// Default elevation of views, degrees.
 const DEFAULT_ELEVATION: f64 = 25.0;
 
-/// Renders as asked.
 pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(args.lens)?;
     check_fov(args)?;
-    // Said before the model is read, which takes longer.
+    // Checked before the model is read, which takes longer.
     if args.turntable.is_none() && args.path.is_none() && !is_png(&args.output) {
         return Err(Failure::Usage(format!(
             "--output: expected a name ending in .png, found {}",
@@ -53,10 +52,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         return render_view(&mut painter, &model, dataset, args);
     }
     let framing = painter.framing.ok_or_else(|| {
-        anyhow!(
-            "{}: expected splats to look at, found none that can be drawn",
-            args.model.display()
-        )
+        anyhow!("{}: expected at least one drawable splat, found none", args.model.display())
     })?;
     let up = args.up.map(axis).or(model.up).unwrap_or(DVec3::Z);
     if let Some(file) = &args.path {
@@ -94,7 +90,7 @@ fn render_orbit(
     Ok(())
 }
 
-/// Draws along a path, into a folder or a video.
+/// Renders along a path, to a folder or a video.
 fn render_path(
     painter: &mut Painter,
     paced: &PacedPath,
@@ -119,7 +115,7 @@ fn render_path(
     let bar = progress::bar(n, "picture");
     'film: for camera in cameras {
         for (film, &method) in films.iter_mut().zip(&methods) {
-            // Whatever ended it, the film says so itself.
+            // If it fails, `finish` reports the reason.
             if !film.push(&painter.picture(&camera, method, &options))? {
                 break 'film;
             }
@@ -133,7 +129,7 @@ fn render_path(
     Ok(())
 }
 
-/// How views are drawn that no dataset asks for.
+/// Returns the render options of views that are not from a dataset.
 fn viewport_options(args: &RenderArgs, radius: f64) -> impl Fn(RenderMethod) -> RenderOptions {
     let (background, exposure) = (args.background, args.exposure);
     move |method| {
@@ -172,7 +168,7 @@ fn render_view(
     let rule = NearRule::of(model.method.as_ref().map(Method::preset));
     let near = near_plane(painter.splats, &cameras, rule);
     let options = |method| {
-        // Not as the viewport draws: this is the picture that `eval` scores.
+        // Unlike in the viewport: this image equals the one that `eval` scores.
         let plain = RenderOptions::evaluation(method, args.background);
         RenderOptions { exposing: args.exposure.unwrap_or(plain.exposing), near, ..plain }
     };
@@ -183,7 +179,7 @@ fn render_view(
     Ok(())
 }
 
-/// Draws views of one model.
+/// Renders views of one model.
 struct Painter<'a> {
     splats: SplatView<'a>,
     framing: Option<Framing>,
@@ -193,7 +189,7 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    /// Writes one picture per renderer; their names, for a sentence.
+    /// Writes one image per renderer; returns their names for a message.
     fn draw(
         &mut self,
         camera: &Camera,
@@ -234,7 +230,7 @@ impl Painter<'_> {
     }
 }
 
-/// `view.png` becomes `view-exact.png`.
+/// Renames `view.png` to `view-exact.png`.
 fn named(path: &Path, method: RenderMethod) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{}.png", method.renderer()));
@@ -256,17 +252,17 @@ fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     )))
 }
 
-/// Colour, coverage, depth and the file of a picture while it is drawn, per pixel; measured at 16 and 64
-/// million pixels.
+/// Bytes per pixel for colour, coverage, depth and the encoded file; measured at 16 and 64 million
+/// pixels.
 const PIXEL_BYTES: u64 = 40;
 
-/// Refuses pictures that the machine has no memory for: asking for it in vain would end the program.
+/// Rejects images that do not fit in memory: a failed allocation would abort the program.
 fn check_size(args: &RenderArgs) -> Result<(), Failure> {
     let refusal = machine::available_bytes().and_then(|available| refusal(args.size, available));
     refusal.map_or(Ok(()), |text| Err(Failure::failed(anyhow!(text))))
 }
 
-/// Why a picture of this size cannot be drawn in so many bytes; `None` if it can.
+/// Returns an error text if an image of this size needs more than `available` bytes.
 fn refusal(size: [u32; 2], available: u64) -> Option<String> {
     let [width, height] = size.map(u64::from);
     let needed = width * height * PIXEL_BYTES;
@@ -300,8 +296,8 @@ fn orbit(framing: &Framing, up: DVec3, args: &RenderArgs) -> Orbit {
     }
 }
 
-/// The narrower of the two angles of view, which must hold the scene; at most half a turn, beyond
-/// which no distance would be near enough.
+/// Returns the narrower of the two fields of view, which must contain the scene; at most π, because no
+/// distance suits a larger one.
 fn narrower_fov(args: &RenderArgs) -> f64 {
     let (fov, tall) = (args.fov.to_radians(), args.size[1] as f64 / args.size[0] as f64);
     let share = tall.min(1.0);

@@ -1,4 +1,4 @@
-//! Quality of a run at its end: the split that `--eval` names, and the groups of views held out.
+//! Quality at the end of a run: on the split given by `--eval` and on held-out views.
 
 use super::args::TrainArgs;
 use super::failure::Failure;
@@ -13,19 +13,18 @@ use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::RenderMethod;
 
-/// Quality of a run.
 #[derive(Default)]
 pub struct RunQuality {
     pub eval: Vec<EvalReport>,
     pub seen: Vec<SeenReport>,
 }
 
-/// Whether quality is measured when the run ends.
+/// True if quality is measured at the end of the run.
 pub fn is_measured(session: &Session, args: &TrainArgs) -> bool {
     args.eval.is_some() || hold_out(session) == HoldOut::Sector
 }
 
-/// Pixels of the largest photograph among the first of each group, as far as splits exist yet.
+/// Largest number of pixels among each group's first photograph, for splits that exist already.
 pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
     let (dataset, camera) = (session.dataset(), session.config().method.any().color_camera());
     let pixels = |group: ViewGroup| {
@@ -37,8 +36,8 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
     groups.into_iter().filter_map(pixels).max().unwrap_or(0)
 }
 
-/// Measures the groups of views with the final splats, and with each of the `early` ones the frames
-/// learned by then.
+/// Measures groups of views with the final splats, and the training views so far with each of the `early`
+/// ones.
 pub fn measure(
     session: &Session,
     early: &[(usize, SplatSet)],
@@ -54,7 +53,7 @@ pub fn measure(
         hold_out: hold_out(session),
     };
     let mut measured = RunQuality::default();
-    // Where frames were found is only known by what has learnt them.
+    // Tracked poses of the training views are unknown to early splats.
     for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
         let frames = (plan.split, &plan.frames[..*visited]);
         measured.seen.extend(quality::seen(splats.into(), dataset, frames, comparison)?);
@@ -79,12 +78,12 @@ pub fn measure(
     Ok(measured)
 }
 
-/// Where the frames of a tracked run were found.
+/// Tracked poses of a run, if poses were tracked.
 pub fn trajectory(session: &Session) -> Option<Trajectory> {
     Trajectory::of(session.frames(), session.skipped())
 }
 
-/// The split that was named, both groups of a sector, and true pictures from the side.
+/// Returns the named split, both groups of a held-out sector, and noise-free side views.
 fn groups(session: &Session, args: &TrainArgs) -> Result<Vec<ViewGroup>, DatasetError> {
     let dataset = session.dataset();
     let named = args.eval.as_ref().map(|name| dataset.split_named(name)).transpose()?;

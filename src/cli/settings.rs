@@ -1,4 +1,4 @@
-//! Settings of `train` from the command line and the file it names.
+//! Settings of `train`, from the command line and its settings file.
 
 use super::args::TrainArgs;
 use super::failure::Failure;
@@ -13,7 +13,7 @@ use vbgs_studio::pipeline::settings::{Foreign, GivenSettings, preset_file};
 use vbgs_studio::train::setting::Preset;
 use vbgs_studio::train::setting::table::SettingLayer;
 
-/// Frames and their order.
+/// Returns the selection and order of frames.
 pub fn selection(args: &TrainArgs) -> Selection {
     let everything = Selection::everything();
     Selection {
@@ -28,7 +28,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
     }
 }
 
-/// What is said of a model of some preset, on the command line and in the file that it names.
+/// Returns all settings given for a preset, on the command line and in the file.
 pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure> {
     Ok(ResumeRequest {
         preset: args.preset,
@@ -45,25 +45,25 @@ pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure>
     })
 }
 
-/// The model's settings.
+/// Returns the model's settings.
 pub fn method(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     let preset = args.preset.unwrap_or(Preset::Scene);
     let given = asked(args, preset)?.model;
     match given.foreign_to(preset) {
         None => Ok(given.request(preset)?),
         Some(Foreign { setting, preset: other, .. }) => Err(Failure::Usage(format!(
-            "{setting}: expected --preset {other} beside it, found the preset {preset}"
+            "{setting}: expected --preset {other} with it, found the preset {preset}"
         ))),
     }
 }
 
-/// The file that says what corrects the cameras, if one does.
+/// Returns the file that specifies the calibration, if any.
 pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
     let given = args.settings.given("--calibration").map(Path::new);
     given.or(args.resume.as_deref()).or(args.config.as_deref())
 }
 
-/// What the command line says of one preset's settings, over what a file says of the one meant.
+/// Combines the command-line settings of one preset with those of the file, if it is for that preset.
 fn layer<L: SettingLayer + DeserializeOwned>(
     args: &TrainArgs,
     meant: Preset,
@@ -75,7 +75,7 @@ fn layer<L: SettingLayer + DeserializeOwned>(
     }
 }
 
-/// Settings from a file, or those of a preset by its name where no file has it.
+/// Reads settings from a file, or the defaults of a preset if there is no such file.
 fn read_config<L: SettingLayer + DeserializeOwned>(path: &Path) -> Result<L, Failure> {
     let by_name = path.to_str().filter(|_| !path.exists()).and_then(|name| name.parse().ok());
     let text = match by_name {

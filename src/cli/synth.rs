@@ -1,4 +1,4 @@
-//! `synth`: the procedural room as a dataset on disk.
+//! `synth`: writes the procedural room as a dataset.
 
 use super::args::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
 use super::failure::Failure;
@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write, write_live};
 use vbgs_studio::dataset::synthetic::{PhoneScene, SyntheticCamera, SyntheticParams};
 
-/// Writes as asked.
 pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     let camera = camera(args)?;
     let size = match camera {
@@ -29,17 +28,17 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
         camera,
     };
     let layout = layout(args)?;
-    // Nothing is checked yet: `write` refuses absurd numbers, whose sum must not overflow first.
+    // Unchecked numbers, whose sum must not overflow; `write` rejects them later.
     let n_frames = args.frames.saturating_add(args.eval_frames).saturating_add(args.free_frames);
     let bar = progress::bar(n_frames, "frame");
     if let Some(fps) = args.live {
-        bar.set_message("rendering all of them first,");
+        bar.set_message("rendering all frames first,");
         let mut start = None;
         write_live(&params, &args.out, layout, &mut |frame, _| {
             bar.set_message("");
             bar.set_position(frame as u64);
             let start = *start.get_or_insert_with(Instant::now);
-            // From the start and not from the frame before: delays must not add up.
+            // Relative to the start rather than the previous frame, so that delays do not accumulate.
             let due = start + Duration::from_secs_f64((frame + 1) as f64 / fps);
             sleep(due.saturating_duration_since(Instant::now()));
         })?;
@@ -57,7 +56,7 @@ fn camera(args: &SynthArgs) -> Result<SyntheticCamera, Failure> {
     match (args.camera, args.scene) {
         (CameraName::Room, None) => Ok(SyntheticCamera::Room),
         (CameraName::Room, Some(_)) => {
-            let message = "--scene: expected --camera phone beside it, found --camera room";
+            let message = "--scene: expected --camera phone with it, found --camera room";
             Err(Failure::Usage(message.to_owned()))
         }
         (CameraName::Phone, None | Some(SceneName::Room)) => {
@@ -81,7 +80,7 @@ fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
     if let Some(DepthBitsName::Eight) = args.depth_bits {
         let name = name.to_possible_value();
         return Err(Failure::Usage(format!(
-            "--depth-bits: expected 16 beside --layout {}, which has no other, found 8",
+            "--depth-bits: expected 16, the only choice for --layout {}, found 8",
             name.as_ref().map_or("", PossibleValue::get_name)
         )));
     }

@@ -1,4 +1,4 @@
-//! What commands say and need of tracked poses.
+//! Tracked poses in commands.
 
 use super::failure::Failure;
 use super::progress;
@@ -9,10 +9,10 @@ use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory};
 
-/// The views of a dataset that a scene was tracked on, placed by it; `None` of other models.
+/// Places views of a dataset by tracking them against the scene; `None` for models of other presets.
 ///
 /// # Errors
-/// None of the views could be placed.
+/// No view could be placed.
 pub fn place(
     dataset: &Dataset,
     method: &Method,
@@ -27,7 +27,7 @@ pub fn place(
     bar.finish_and_clear();
     if placed.is_straightened {
         eprintln!(
-            "note: views are compared with photographs whose rows and times the recorded poses put right, as without --poses track"
+            "note: photographs are corrected for rolling shutter and timestamps using the recorded poses, as without --poses track"
         );
     }
     placed.lost.iter().for_each(|lost| eprintln!("warning: {}", lost.message));
@@ -42,7 +42,7 @@ pub fn place(
     }
 }
 
-/// Where frames were found and how surely, in a line; with how far that is from recorded poses.
+/// Formats tracked poses and their uncertainty as one line, with the deviation from recorded poses.
 pub fn summary(trajectory: &Trajectory, error: Option<&TrajectoryError>) -> String {
     let [turn, shift] = trajectory.deviations();
     let error = error.map_or_else(String::new, |error| {

@@ -1,8 +1,8 @@
-//! `train`: headless training with files at the end.
+//! `train`: trains headless and writes files at the end.
 //!
-//! Files of an earlier run in the folder stay until this one has learnt something, and each until its
-//! successor is whole. The report is written before quality is measured, which may take longer than
-//! the training and be cut short, and again with what was measured.
+//! Files of an earlier run remain until this one has trained a frame, and each until its replacement is
+//! complete. The report is written before quality is measured, which may take longer than training and be
+//! interrupted, and again with the results.
 
 use super::args::TrainArgs;
 use super::export::warn_of_origin;
@@ -34,7 +34,7 @@ use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::render::Lens;
 
-/// Trains as asked; after Ctrl-C and the like the files are written all the same.
+/// Trains; the files are also written after an interrupt.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
@@ -44,20 +44,20 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     devices::attach(&mut session, args)?;
     prepare_folder(args)?;
     note(&session, args)?;
-    // Measured after the run, whose times they must not change.
+    // Measured after the run, whose timings must not be affected.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
     let train = |session: &mut Session| {
         train(session, &interrupt, |session, bar| {
             if args.follow && learnt(session) == ENOUGH_FRAMES {
                 let dataset = session.dataset().clone();
-                // Beside the training: frames keep coming.
+                // In parallel with training, because frames keep arriving.
                 rayon::spawn(move || doubt_poses(&dataset));
             }
             if is_measured(session, args) && SEEN_AFTER.contains(&learnt(session)) {
                 early.push((session.visited(), settled(session)));
             }
-            // The run is worth more than one of its copies: that one failed is said and no more.
+            // A failed autosave is reported but does not stop the run.
             if let Some(Err(error)) = autosave.between_frames(session) {
                 progress::warn(bar, &error.to_string());
             }
@@ -66,13 +66,13 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let end = crash::guarded(&mut session, &args.out, train)?;
     autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
     match &end {
-        // Files of an earlier run are worth more than a report of nothing.
+        // Files of an earlier run are worth more than a report of an empty run.
         Ok(false) if learnt(&session) == 0 => return Err(Failure::Interrupted),
         Err(_) if learnt(&session) == 0 => return end.map(drop),
         _ => {}
     }
     warn(&session);
-    // Whatever happens next, the model is safe.
+    // Saved first, so that the model is safe whatever happens next.
     let files = save_model(&mut session, args)?;
     let measured = match &end {
         Ok(true) if is_measured(&session, args) => {
@@ -94,19 +94,19 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     }
 }
 
-/// What files would hold if the run ended here.
+/// Splats as they would be exported if the run ended here.
 fn settled(session: &mut Session) -> SplatSet {
     session.settle();
     session.stored_splats()
 }
 
-/// What the learner has to say of what it learnt.
+/// Reports the learner's warnings.
 fn warn(session: &Session) {
     let warnings = session.learner().warnings();
     warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
 }
 
-/// The output folder, ready to take all files of the run; what killed runs have left in it is removed.
+/// Creates the output folder, checks its files and removes temporary files of killed runs.
 fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::create_folder(&args.out)?;
     let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
@@ -116,12 +116,12 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::check_files(&files.into_iter().chain(kept).collect::<Vec<_>>())
 }
 
-/// How often the run is saved on its way.
+/// Interval of autosaves.
 fn interval(args: &TrainArgs) -> AutosaveInterval {
     AutosaveInterval { frames: args.autosave_frames, time: args.autosave_seconds }
 }
 
-/// A session that nothing was learnt in yet. It asks drives, so that Ctrl-C is heard beside it.
+/// Creates a session before its first frame. Opening may block on a drive, so it is interruptible.
 fn begun(args: &Arc<TrainArgs>, start: Start, interrupt: &Interrupt) -> Result<Session, Failure> {
     if args.follow {
         return followed(args, start, interrupt);
@@ -130,7 +130,7 @@ fn begun(args: &Arc<TrainArgs>, start: Start, interrupt: &Interrupt) -> Result<S
     interrupt.unless_asked(move || opened(&args, start))?
 }
 
-/// A session on what the folder holds.
+/// Creates a session for a complete dataset.
 fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
     if let Some(split) = &args.eval {
@@ -144,7 +144,7 @@ fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     })
 }
 
-/// A session on the first frames of a recording that is under way.
+/// Creates a session on the first frames of a recording in progress.
 fn followed(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -163,12 +163,12 @@ fn followed(
     })?;
     announce(session.dataset());
     if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {
-        eprintln!("note: there is no split {split} to measure yet");
+        eprintln!("note: the split {split} does not exist yet; it is measured after training");
     }
     Ok(session)
 }
 
-/// A new run, or the one in a checkpoint if it was begun as asked.
+/// Prepares a new run, or the one of a checkpoint if its settings agree.
 fn start(args: &TrainArgs) -> Result<Start, Failure> {
     let Some(path) = &args.resume else { return Ok(Start::New(Box::new(method(args)?))) };
     let run = SavedRun::read(path)?;
@@ -178,10 +178,10 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }
 
-/// What a user should know before the first frame.
+/// Prints notes before the first frame.
 ///
 /// # Errors
-/// What the machine has no memory for, measuring included.
+/// The run, including measurements, would not fit in memory.
 fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
@@ -202,21 +202,21 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     };
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
-        "note: takes up to {} MB of memory for as many components as the model may have, and {} MB for frames",
+        "note: needs up to {} MB of memory for the model at its maximum number of components, and {} MB for frames",
         megabytes(memory.model),
         megabytes(memory.frames)
     );
     memory::check(memory, limit).map_err(|error| Failure::from(SessionError::from(error)))
 }
 
-const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another, `vbgs-studio calibrate DATASET` checks it";
+const KNOWN_CALIBRATION: &str = "no calibration is given: the published calibration of the Kinect's colour camera is used (see report.json); --calibration FILE.ron selects another, `vbgs-studio calibrate DATASET` checks it";
 
-/// Frames learnt over the whole run.
+/// Number of frames trained on, including resumed ones.
 fn learnt(session: &Session) -> usize {
     session.learner().frames() as usize
 }
 
-/// Where training starts from.
+/// Starting point of training.
 enum Start {
     New(Box<MethodRequest>),
     Saved(Box<SavedRun>, Box<ResumeRequest>),
@@ -231,7 +231,7 @@ impl Start {
     }
 }
 
-/// Whether a run can go on as asked, with what there is to say about it.
+/// Checks that a run can be resumed as requested, and prints warnings.
 fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     run.check(asked)?;
     if let Some(warning) = run.numerics_differ() {
@@ -240,12 +240,14 @@ fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     let trained = run.content.cursor.visited.len();
     let most = asked.max_frames.or(run.config.selection.max_frames);
     if most.is_some_and(|most| most <= trained) {
-        eprintln!("note: {trained} frames are trained already; --max-frames N trains up to N");
+        eprintln!(
+            "note: {trained} frames are trained already; --max-frames N trains up to N in total"
+        );
     }
     Ok(())
 }
 
-/// Trains until the frames end (true) or Ctrl-C (false); `after` is called after every frame.
+/// Trains until the last frame (true) or an interrupt (false); `after` is called after each frame.
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
@@ -260,7 +262,7 @@ pub fn train(
             bar.abandon();
             return Ok(false);
         }
-        // Asked for an end, nobody waits for a drive that does not answer.
+        // Returns regularly, so that an interrupt is handled even if the drive does not respond.
         let Some(step) = session.step_within(LOOK)? else { continue };
         session.take_doubts().iter().for_each(|doubt| progress::warn(&bar, doubt));
         match step {
@@ -287,16 +289,16 @@ pub fn train(
     Ok(true)
 }
 
-/// How long a frame that is not read yet is waited for before an interrupt is looked for.
+/// Interval at which interrupts are checked while waiting for a frame.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Names of the files in the output folder; the trajectory is of tracked poses.
+/// File names in the output folder; the trajectory is written for tracked poses.
 const TRAJECTORY: &str = "trajectory.txt";
 const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
-/// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
+/// Writes `checkpoint.vbgs` and `scene.ply` if any component is used; returns their names for a message.
 fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
     if session.learner().used() == 0 {
         return Ok("");
@@ -304,7 +306,7 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
     let checkpoint = args.out.join(CHECKPOINT);
     match interval(args) == AutosaveInterval::default() {
         true => session.save(&checkpoint)?,
-        // Like every save on the way: the one before stays.
+        // As for autosaves, the previous checkpoint is retained.
         false => session.save_keeping_old(&checkpoint)?,
     };
     session.settle();
@@ -322,7 +324,7 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 
-/// Writes `report.json` and prints the result.
+/// Writes `report.json` and prints a summary.
 fn save_report(
     session: &Session,
     args: &TrainArgs,
@@ -368,8 +370,8 @@ fn save_report(
     Ok(())
 }
 
-/// Names wild poses, and says if the poses mean something else than the layout says: hours of training
-/// would be lost.
+/// Warns about outlier poses and about poses that do not follow the layout's convention, which would waste
+/// hours of training.
 fn doubt_poses(dataset: &Dataset) {
     let split = dataset.training_split().ok();
     for wild in split.map_or_else(Vec::new, |split| wild_poses(&dataset.splits[split])) {
@@ -381,7 +383,7 @@ fn doubt_poses(dataset: &Dataset) {
     }
 }
 
-/// Says on stderr what is special about a dataset.
+/// Prints a dataset's notes and warnings to stderr.
 pub fn announce(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));

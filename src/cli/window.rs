@@ -1,4 +1,4 @@
-//! The window, and what happens where there is none.
+//! Opens the window; without one, falls back to headless training.
 
 use super::demo;
 use super::failure::Failure;
@@ -11,11 +11,10 @@ use vbgs_studio::app::state::{NoticeKind, Subject};
 use vbgs_studio::app::unattended::Unattended;
 use vbgs_studio::app::{self, WindowError};
 
-/// Folder of a run that lost its window.
+/// Output folder of a run that lost its window.
 const FOLDER: &str = "vbgs-unattended";
 
-/// Opens the window; the demo falls back to headless training where there is no display or no
-/// usable adapter.
+/// Opens the window. Falls back to training the demo headless if there is no display or usable adapter.
 pub fn run(
     path: Option<PathBuf>,
     calibration: Option<PathBuf>,
@@ -24,7 +23,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let adapter = adapter.map(AdapterChoice::parse);
     if let Some(choice) = &adapter {
-        // Asked before the window is: a wrong name is wrong usage, no reason to train the demo.
+        // Checked before the window opens: a wrong name is a usage error and must not start the demo.
         let unknown = |e: adapters::UnknownAdapter| Failure::Usage(format!("--{e}"));
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }
@@ -34,11 +33,11 @@ pub fn run(
     end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 
-/// What follows from how the window on `path`, or on the demo, ended.
+/// Handles the end of the window that was opened on `path` or on the demo.
 fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Failure> {
     match (ended, path) {
         (Ok(()), _) => Ok(()),
-        // Training the demo headless would hide that the program is at fault.
+        // Training the demo headless would hide the program's error.
         (Err(error @ WindowError::Crashed(_)), _) => Err(Failure::failed(error)),
         (Err(WindowError::Gone(error, run)), _) => go_on(&error, run),
         (Err(error), None) => demo::run(&error.to_string()),
@@ -49,9 +48,9 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
     }
 }
 
-/// Lets a run that lost its window train to its end and writes what it learned.
+/// Trains a run that lost its window to its end and writes its files.
 fn go_on(reason: &WindowError, run: Unattended) -> Result<(), Failure> {
-    output::line(format!("{reason}: the run goes on without a window into {FOLDER}/"));
+    output::line(format!("{reason}: the run continues without a window, output in {FOLDER}/"));
     output::create_folder(Path::new(FOLDER))?;
     let notices = run.finish(Path::new(FOLDER));
     match notices.iter().find(|(kind, _)| *kind == NoticeKind::Error) {
@@ -70,7 +69,7 @@ mod tests {
     use vbgs_studio::app::panic_report::PanicReport;
     use vbgs_studio::app::rescue::{Crash, CrashedThread, Rescue};
 
-    /// Exit codes cannot be compared, but printed.
+    /// Exit codes cannot be compared, but formatted.
     fn status(ended: Result<(), WindowError>, path: Option<PathBuf>) -> String {
         format!("{:?}", end(ended, path).map_or_else(Failure::report, |()| ExitCode::SUCCESS))
     }

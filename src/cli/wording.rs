@@ -1,5 +1,5 @@
-//! What the command line says of values of the library: by its options. The library names settings,
-//! which the window has too, by panels instead.
+//! Rewords the library's warnings and errors in terms of command-line options. The library names
+//! settings, which the window rewords in terms of its panels.
 
 use std::error::Error;
 use vbgs_studio::bench::findings::BenchError;
@@ -16,28 +16,28 @@ use vbgs_studio::train::setting::ConfigError;
 use vbgs_studio::train::setting::table::SettingLayer;
 use vbgs_studio::train::warnings::TrainingWarning;
 
-/// Settings of files that no option stands for.
+/// Settings that exist only in files.
 const NO_OPTIONS: [&str; 2] = ["operations", "closing"];
 
-/// A warning of a trained model.
+/// Formats a warning about a trained model.
 pub fn warning(warning: &TrainingWarning) -> String {
     match warning {
         TrainingWarning::OverBudget { points } => format!(
-            "{points} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"
+            "{points} points were dropped because the budget was exhausted; raise --budget, or increase --scale if depth is noisy"
         ),
         TrainingWarning::Coarsened { asked, scale } => format!(
-            "the budget is far too small for a structural scale of {asked}, which grew to {scale}; raise --budget, or begin with --scale {scale}, which is faster"
+            "the budget is too small for a structural scale of {asked}, which was increased to {scale}; raise --budget, or start with --scale {scale}, which is faster"
         ),
         TrainingWarning::OutOfReach { points } => format!(
-            "{points} points lie more than a million structural scales from the scene's origin and were left out: a wild pose puts them there (`info` names frames that have one), or depth of another unit; correct it, or widen --scale"
+            "{points} points lie more than a million structural scales from the scene's origin and were dropped; correct outlier poses (listed by `info`) or the depth unit, or increase --scale"
         ),
         TrainingWarning::Repaired { splats } => format!(
-            "what photographs had taught of {splats} splats was numerically unsound and was forgotten; these are what points say again. --photometric off leaves photographs out"
+            "photometric precisions of {splats} splats were not positive definite and were reset; these splats again follow from points alone. --photometric off disables training on photographs"
         ),
     }
 }
 
-/// An error with those of its causes that its own text does not already tell.
+/// Formats an error with those of its causes that its text does not include.
 pub fn error(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain() {
@@ -47,7 +47,7 @@ pub fn error(error: &anyhow::Error) -> String {
             && text.contains(&told)
         {
             text = text.replacen(&told, worded, 1);
-            // What lies below is part of it.
+            // Deeper causes are part of this text.
             break;
         }
         if !text.contains(&told) {
@@ -58,10 +58,10 @@ pub fn error(error: &anyhow::Error) -> String {
     text
 }
 
-/// The text of an error whose advice or subject is an option.
+/// Rewords an error that refers to a setting with an option; `None` for other errors.
 fn by_options(error: &(dyn Error + 'static)) -> Option<String> {
-    // The library's texts are edited, not written anew, since their numbers stand there alone. A
-    // sentence that is reworded there passes here as it is, without its option.
+    // The library's texts are edited rather than rewritten, because only they contain the numbers. A text
+    // that no longer matches is shown unchanged, without its option.
     let text = || error.to_string();
     if let Some(config) = error.downcast_ref() {
         Some(wrong_setting(config))
@@ -94,7 +94,7 @@ fn wrong_setting(error: &ConfigError) -> String {
     format!("{option}: expected {expected}, found {found}")
 }
 
-/// The option of a setting that files call by this name.
+/// Returns the option of a setting, given its name in files.
 fn option_of(setting: &str) -> String {
     let of_scene = SceneOverrides::TABLE.iter().map(|row| &row.about);
     let of_paper = PaperOverrides::TABLE.iter().map(|row| &row.about);
@@ -111,7 +111,7 @@ fn scene_error(error: &SceneError) -> Option<String> {
         SceneError::BelowNoise { .. } => {
             Some(error.to_string().replace("structural scale: ", "--scale: ").replace(
                 "set the depth scale and range in it",
-                "say so with --depth-scale and --depth-range",
+                "set --depth-scale and --depth-range",
             ))
         }
         SceneError::NoPoints(none) => Some(none.saying(&depth_advice(&none.advice))),
@@ -126,7 +126,7 @@ fn depth_advice(advice: &DepthAdvice) -> String {
             .to_string()
             .replace("the depth scale, the intrinsics", "--depth-scale, --intrinsics"),
         DepthAdvice::OtherUnit { unit, factor } => format!(
-            "the depths look like {unit} taken for metres: multiply --depth-scale by {factor}, or widen --depth-range"
+            "the depths appear to be {unit} read as metres: multiply --depth-scale by {factor}, or widen --depth-range"
         ),
         DepthAdvice::SetUnit => {
             "set the unit with --depth-scale, or widen --depth-range".to_owned()
@@ -138,7 +138,7 @@ fn calibrate_error(error: &CalibrateError) -> Option<String> {
     match error {
         CalibrateError::NothingInCommon { .. } => Some(error.to_string().replace(
             "ask for more of its frames or name another split",
-            "ask for more with --max-frames or name another split with --split",
+            "use more with --max-frames or name another split with --split",
         )),
         CalibrateError::TooManyExposures { .. } => Some(format!(
             "--{}",
@@ -170,8 +170,8 @@ mod tests {
         assert_eq!(config("scale_factor", "1"), "--scale-factor: expected 1, found 0");
         assert_eq!(config("closing", "1"), "closing: expected 1, found 0");
         assert_eq!(config("--with", "1"), "--with: expected 1, found 0");
-        let text = config("index", "grid, or precision f64: the tree measures distances in f64");
-        assert!(text.contains("or --precision f64: the tree"), "{text}");
+        let text = config("index", "grid, or precision f64: kd-tree computes distances in f64");
+        assert!(text.contains("or --precision f64: kd-tree"), "{text}");
     }
 
     #[test]
@@ -180,7 +180,7 @@ mod tests {
         let neutral = noise.to_string();
         let text = said(SessionError::from(noise));
         assert!(text.starts_with("--scale: expected at least"), "{text}");
-        assert!(text.ends_with("say so with --depth-scale and --depth-range"), "{text}");
+        assert!(text.ends_with("set --depth-scale and --depth-range"), "{text}");
         let points = |advice| {
             SceneError::from(NoUsableDepth {
                 dataset: "room".into(),
@@ -221,6 +221,6 @@ mod tests {
         let text = warning(&TrainingWarning::Coarsened { asked: 0.01, scale: 0.0141421 });
         assert!(text.contains("raise --budget") && text.contains("--scale 0.0141421,"), "{text}");
         let text = warning(&TrainingWarning::OutOfReach { points: 4 });
-        assert!(text.contains("`info` names") && text.contains("widen --scale"), "{text}");
+        assert!(text.contains("listed by `info`") && text.contains("increase --scale"), "{text}");
     }
 }

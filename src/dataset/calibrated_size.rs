@@ -1,17 +1,17 @@
-//! Whether a calibration's colour camera is of photographs like those that a dataset has.
+//! Compares the image size of a calibration's colour camera with a dataset's photographs.
 //!
-//! People make photographs smaller and keep the calibration of the large ones: a camera of another size is
-//! scaled to them ([`ColorCamera::at_size`]). Where their shape differs they were cropped, or another camera took
-//! them, and no scale is right.
+//! Photographs are often downscaled while the calibration of the originals is reused: a camera of the same
+//! aspect ratio is scaled ([`ColorCamera::at_size`]). Another aspect ratio means cropping or another
+//! camera; no scale is right then.
 
 use super::calibration::ColorCamera;
 use super::entry::DatasetSplit;
 use std::fmt;
 
-/// A colour camera of photographs of another size, scaled to those there are.
+/// A calibrated colour camera whose intrinsics are scaled to the size of the photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScaledCamera {
-    /// Columns and rows of the images that the calibration is of.
+    /// Columns and rows of the images that were calibrated.
     pub calibrated: [u32; 2],
     /// Columns and rows of the photographs.
     pub found: [u32; 2],
@@ -22,15 +22,15 @@ impl fmt::Display for ScaledCamera {
         let ([w, h], [width, height]) = (self.calibrated, self.found);
         write!(
             f,
-            "the calibration's colour camera is of images of {w}×{h} and is scaled to photographs of {width}×{height}"
+            "the calibration's colour camera is for images of {w}×{h} and is scaled to photographs of {width}×{height}"
         )
     }
 }
 
-/// A colour camera of images of another shape than the photographs.
+/// A calibrated colour camera whose images have another aspect ratio than the photographs.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or another size of its shape, found {}×{}; give a calibration of these photographs",
+    "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or a size of the same aspect ratio, found {}×{}; give a calibration of these photographs",
     found[0], found[1], calibrated[0], calibrated[1]
 )]
 pub struct OtherShape {
@@ -38,15 +38,15 @@ pub struct OtherShape {
     pub frame: String,
     /// Columns and rows of its photograph.
     pub found: [u32; 2],
-    /// Columns and rows of the images that the calibration is of.
+    /// Columns and rows of the images that were calibrated.
     pub calibrated: [u32; 2],
 }
 
 impl DatasetSplit {
-    /// How a calibration's colour camera is scaled to its photographs, if it has to be.
+    /// Returns the scaling that fits a calibration's colour camera to the photographs, if one is needed.
     ///
     /// # Errors
-    /// [`OtherShape`] of the first photograph that the camera cannot have taken.
+    /// [`OtherShape`] for the first photograph whose aspect ratio differs.
     pub fn scaling(&self, camera: &ColorCamera) -> Result<Option<ScaledCamera>, OtherShape> {
         let Some(calibrated) = camera.size else { return Ok(None) };
         let mut scaled = None;
@@ -64,7 +64,7 @@ impl DatasetSplit {
     }
 }
 
-/// Whether one is the other scaled: their sides are rounded to pixels.
+/// True if the aspect ratios agree up to the rounding of sides to whole pixels.
 fn have_one_shape(one: [u32; 2], other: [u32; 2]) -> bool {
     let ([w, h], [width, height]) = (one.map(i64::from), other.map(i64::from));
     (w * height - h * width).abs() < w.max(h).max(width).max(height)

@@ -1,14 +1,13 @@
-//! What the files of a recording do not say of its cameras: where the colour camera stands, how
-//! depth is biased, how bright each frame was exposed. A RON file that people may edit.
+//! Camera corrections that a recording's files lack: pose of the colour camera, depth bias, exposure of
+//! each frame. Stored as a RON file that users may edit.
 //!
-//! Nothing of it is applied when frames are loaded: a frame is what its files say, and the
-//! surface stage corrects it (`surface::planes` depth, `surface::color_lookup` colour). So
-//! evaluation compares with photographs as they were taken, and a search for better numbers needs
-//! no second decoding.
+//! Loading a frame applies none of them: a frame holds what its files hold, and the surface stage corrects
+//! it (depth in `surface::planes`, colour in `surface::color_lookup`). So evaluation compares with the
+//! original photographs, and a calibration search decodes each image once.
 //!
-//! Depth is scaled before the offset is added, `ℓ' = scale·ℓ + offset`, along whatever the files
-//! measure. The colour camera is told in the depth camera's frame because the poses of a
-//! recording are those of the depth camera.
+//! Corrected depth is `ℓ' = scale·ℓ + offset`, measured along the ray or the optical axis as in the files.
+//! The colour camera is expressed in the depth camera's frame because a recording's poses are the depth
+//! camera's.
 
 use super::files::read_settings;
 use crate::math::camera::{Camera, Intrinsics};
@@ -17,7 +16,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Corrections of a dataset's cameras; [`Calibration::NONE`] changes nothing.
+/// Corrections for a dataset's cameras; [`Calibration::NONE`] changes nothing.
 ///
 /// ```
 /// use vbgs_studio::dataset::calibration::Calibration;
@@ -30,16 +29,16 @@ use std::path::{Path, PathBuf};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-// People edit this file: a misspelt field must not become a correction that is silently left out.
+// Users edit this file: a misspelt field must not be a correction that is silently ignored.
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
-    /// The camera that took the colour images; `None` where they are registered to depth.
+    /// Camera of the colour images; `None` if they are registered to depth.
     pub color_camera: Option<ColorCamera>,
-    /// Added to every depth after scaling, world units, along whatever the files measure.
+    /// Added to every depth after scaling; world units, along the direction that the files measure.
     pub depth_offset: f64,
     /// Factor of every depth, positive.
     pub depth_scale: f64,
-    /// Gains of frames whose exposure is known; the others keep their colours.
+    /// Gains of frames with known exposure; other frames are unchanged.
     pub exposure: Vec<FrameGain>,
 }
 
@@ -51,13 +50,12 @@ pub struct ColorCamera {
     pub focal: [f64; 2],
     /// Principal point, pixels of the colour image.
     pub principal: [f64; 2],
-    /// Where it stands in the depth camera's frame (x right, y down, z forward), world units.
+    /// Position in the depth camera's frame (x right, y down, z forward), world units.
     pub offset: [f64; 3],
-    /// How it is turned against the depth camera: axis times angle in radians of the rotation that
-    /// takes its axes to those of the depth camera.
+    /// Rotation vector (axis times angle, radians) from the colour camera's axes to the depth camera's.
     #[serde(default)]
     pub rotation: [f64; 3],
-    /// Columns and rows of the colour image; `None` where it is of the depth image's size.
+    /// Columns and rows of the colour image; `None` if it has the depth image's size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
 }
@@ -78,15 +76,15 @@ pub enum CalibrationError {
     /// The file cannot be read.
     #[error("{}: expected a calibration file, found: {source}; check the path and its permissions", path.display())]
     Read {
-        /// The calibration file, as it was asked for.
+        /// The calibration file, as given.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The file is no calibration.
+    /// The file is not a calibration.
     #[error("{}: expected a calibration (RON, such as (depth_offset: 0.004)), found: {source}; correct this place", path.display())]
     Parse {
-        /// The calibration file, as it was asked for.
+        /// The calibration file, as given.
         path: PathBuf,
         /// Where parsing stopped and why.
         source: Box<ron::error::SpannedError>,
@@ -96,9 +94,9 @@ pub enum CalibrationError {
     Value {
         /// Name of the field.
         setting: String,
-        /// Legal values of the field, with their unit.
+        /// Allowed values of the field, with their unit.
         expected: &'static str,
-        /// The value that was read or given.
+        /// The value that was read or passed.
         found: String,
     },
     /// A calibration that cannot be written as RON.
@@ -107,14 +105,14 @@ pub enum CalibrationError {
 }
 
 impl Calibration {
-    /// Registered colour, depth as decoded, exposures as they are.
+    /// No corrections: registered colour, depth as decoded, no exposure gains.
     pub const NONE: Self =
         Self { color_camera: None, depth_offset: 0.0, depth_scale: 1.0, exposure: Vec::new() };
 
     /// Reads and checks a RON file.
     ///
     /// # Errors
-    /// [`CalibrationError`], all but its last variant.
+    /// [`CalibrationError`], all variants but the last.
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
         let text = read_settings(path)
             .map_err(|source| CalibrationError::Read { path: path.to_owned(), source })?;
@@ -125,19 +123,19 @@ impl Calibration {
         Ok(calibration)
     }
 
-    /// The text that [`Self::read`] reads.
+    /// Serialises to the text that [`Self::read`] parses.
     ///
     /// # Errors
-    /// [`CalibrationError::Value`] if it could not be read back.
+    /// [`CalibrationError::Value`] if a number is out of range.
     pub fn to_text(&self) -> Result<String, CalibrationError> {
         self.check()?;
         Ok(options().to_string_pretty(self, ron::ser::PrettyConfig::new())?)
     }
 
-    /// Whether every number lies in its range.
+    /// Checks that every number is in range.
     ///
     /// # Errors
-    /// [`CalibrationError::Value`] names the first that does not.
+    /// [`CalibrationError::Value`] for the first number that is not.
     pub fn check(&self) -> Result<(), CalibrationError> {
         let all = |setting: &str, values: &[f64], expected, is_legal: fn(f64) -> bool| match values
             .iter()
@@ -167,7 +165,7 @@ impl Calibration {
         Ok(())
     }
 
-    /// Gain of a frame by its name; 1 where none is known.
+    /// Gain of a frame by name; 1 if unknown.
     pub fn gain(&self, frame: &str) -> [f64; 3] {
         self.exposure.iter().find(|e| e.frame == frame).map_or([1.0; 3], |e| e.gain)
     }
@@ -179,13 +177,13 @@ impl Default for Calibration {
     }
 }
 
-/// `Some(..)` need not be written.
+// Lets users omit `Some(..)`.
 fn options() -> ron::Options {
     ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME)
 }
 
 impl ColorCamera {
-    /// The colour camera of the Kinect of 7-Scenes, whose colour images are not registered: found by minimising
+    /// Colour camera of the 7-Scenes Kinect, whose colour images are not registered. Found by minimising
     /// the variance of colour inside components (`dataset.md`, Colour camera).
     pub const KINECT: Self = Self {
         focal: [522.0, 522.0],
@@ -195,7 +193,7 @@ impl ColorCamera {
         size: None,
     };
 
-    /// The depth camera's own lens, sampled by an image of another size: what phones record.
+    /// The depth camera's lens for a colour image of another size, as phones record it.
     pub(super) fn resampled(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],
@@ -207,8 +205,8 @@ impl ColorCamera {
         camera.at_size(size)
     }
 
-    /// The same camera where its images are made larger or smaller; of a size that is not told, the numbers
-    /// are of this one.
+    /// Scales the intrinsics to images of another size. Without a stored size, the intrinsics are those of
+    /// `size`.
     pub fn at_size(self, size: [u32; 2]) -> Self {
         let [own_width, own_height] = self.size.unwrap_or(size).map(f64::from);
         let [width, height] = size.map(f64::from);
@@ -217,14 +215,14 @@ impl ColorCamera {
         Self { focal: [fx * sx, fy * sy], principal: [cx * sx, cy * sy], size: Some(size), ..self }
     }
 
-    /// The same lens where the depth camera stood at `depth` and this one at `color`, as of a camera that
-    /// moved between the two images.
+    /// Sets the extrinsics from the poses of the depth and colour image, for a camera that moved between
+    /// them.
     pub(super) fn standing(self, depth: &Pose, color: &Pose) -> Self {
         let (offset, turn) = depth.offset_to(color);
         Self { offset: offset.to_array(), rotation: turn.to_scaled_axis().to_array(), ..self }
     }
 
-    /// World pose and intrinsics where the depth camera is `depth`.
+    /// World pose and intrinsics, given the depth camera.
     pub fn beside(&self, depth: &Camera) -> Camera {
         let offset = DVec3::from_array(self.offset);
         Camera {
@@ -233,30 +231,29 @@ impl ColorCamera {
         }
     }
 
-    /// Intrinsics for images of its own size, or else of the depth camera's.
+    /// Intrinsics for the stored image size, or for the depth camera's if none is stored.
     pub(super) fn intrinsics(&self, depth: Intrinsics) -> Intrinsics {
         let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
         let [width, height] = self.size.unwrap_or([depth.width, depth.height]);
         Intrinsics { width, height, fx, fy, cx, cy }
     }
 
-    /// How its axes are turned against those of the depth camera.
+    /// Rotation from the colour camera's axes to the depth camera's.
     pub(super) fn turn(&self) -> DQuat {
         DQuat::from_scaled_axis(DVec3::from_array(self.rotation))
     }
 
-    /// Rotation from the depth camera's axes to its own.
     pub(super) fn color_from_depth(&self) -> DMat3 {
-        // `rotation` takes axes from colour to depth; points of the depth camera go the other way.
+        // `rotation` maps axes from colour to depth; points map the other way.
         DMat3::from_quat(self.turn().inverse())
     }
 
-    /// A point of the depth camera's frame in its own.
+    /// Transforms a point from the depth camera's frame to the colour camera's.
     pub fn turned(&self, point: DVec3) -> DVec3 {
         self.color_from_depth() * (point - DVec3::from_array(self.offset))
     }
 
-    /// Pixel coordinates (centres at +½) of a point of the depth camera's frame; `None` behind the
+    /// Projects a point of the depth camera's frame to pixel coordinates (centres at +½); `None` behind the
     /// camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         let p = self.turned(point);

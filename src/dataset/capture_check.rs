@@ -1,9 +1,8 @@
-//! What a recording's pictures and times say of how it was taken: frames much blurrier than their
-//! neighbours, jumps of brightness, gaps in time.
+//! Capture quality from photographs and timestamps: motion blur, brightness jumps, gaps in time.
 //!
-//! Every frame is judged by its neighbours alone: what is usual differs from camera to camera and
-//! from room to room. Of long recordings runs of consecutive frames are looked at, evenly spaced;
-//! times, which cost nothing, are looked at in all of them.
+//! Each frame is compared with its neighbours only, because typical values differ between cameras and
+//! rooms. Of long recordings, evenly spaced runs of consecutive frames are decoded; timestamps, which cost
+//! nothing, are checked in all frames.
 
 use super::entry::{DatasetSplit, FrameEntry};
 use super::sharpness::PictureMeasure;
@@ -11,26 +10,26 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
-/// Most frames whose pictures are looked at: two or three seconds of a phone's, on two cores.
+/// Limit of decoded photographs: two to three seconds for a phone's, on two cores.
 const MAX_FRAMES: usize = 160;
-/// Consecutive frames of a run.
+/// Consecutive frames per run.
 const RUN: usize = 8;
-/// Neighbours before and behind that a frame's sharpness is compared with, and the fewest in all.
+/// Neighbours before and after a frame that its sharpness is compared with, and the fewest in total.
 const REACH: usize = 3;
 const MIN_NEIGHBOURS: usize = 3;
-/// Sharpness below this share of the neighbours' median is blur. Of the 400 pictures of Lego, a chair
-/// and two Kinects' offices one lies below it, and that one is shaken.
+/// Sharpness below this share of the neighbours' median is blur. Among 400 photographs of Lego, a chair and
+/// two Kinect offices, one lies below, and it shows camera shake.
 const BLURRED: f64 = 0.5;
-/// A step of brightness is a jump from this factor on, and if it is so many times the usual step.
+/// A brightness step is a jump if it exceeds this factor and this multiple of the median step.
 const JUMP: f64 = 1.15;
 const TIMES_USUAL: f64 = 5.0;
-/// A gap is so many usual distances in time: two frames or more are missing.
+/// A gap exceeds this multiple of the median time step: at least two frames are missing.
 const GAP: f64 = 2.5;
 
-/// What was found in a split.
+/// Findings for one split.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaptureCheck {
-    /// Frames whose pictures were looked at.
+    /// Frames whose photographs were decoded.
     pub looked_at: usize,
     /// Frames of the split.
     pub frames: usize,
@@ -38,9 +37,9 @@ pub struct CaptureCheck {
     pub blurred: Vec<BlurredFrame>,
     /// Frames much brighter or darker than the one before.
     pub brightness_jumps: Vec<BrightnessJump>,
-    /// Median time between frames, seconds, where the recording tells times.
+    /// Median time between frames, seconds; `None` without timestamps.
     pub usual_step_s: Option<f64>,
-    /// Frames that come much later than the one before.
+    /// Frames much later than the one before, or earlier.
     pub gaps: Vec<TimeGap>,
 }
 
@@ -49,7 +48,7 @@ pub struct CaptureCheck {
 pub struct BlurredFrame {
     /// Name within the split.
     pub frame: String,
-    /// Its sharpness as a share of its neighbours' median.
+    /// Sharpness relative to the neighbours' median.
     pub share: f64,
 }
 
@@ -58,7 +57,7 @@ pub struct BlurredFrame {
 pub struct BrightnessJump {
     /// Name within the split.
     pub frame: String,
-    /// Its brightness over that of the frame before.
+    /// Ratio of its brightness to that of the frame before.
     pub factor: f64,
 }
 
@@ -67,19 +66,18 @@ pub struct BrightnessJump {
 pub struct TimeGap {
     /// Name within the split.
     pub frame: String,
-    /// Seconds since the frame before; negative where times go back.
+    /// Seconds since the frame before; negative if time goes backwards.
     pub seconds: f64,
 }
 
 impl CaptureCheck {
-    /// Whether anything was found.
+    /// True if nothing was found.
     pub fn is_clean(&self) -> bool {
         self.blurred.is_empty() && self.brightness_jumps.is_empty() && self.gaps.is_empty()
     }
 }
 
-/// Looks at a split. Frames without a photograph are passed over, and those that cannot be read: these are
-/// defects told elsewhere.
+/// Checks a split. Frames without a readable photograph are skipped; they are reported elsewhere.
 ///
 /// ```
 /// use vbgs_studio::dataset::capture_check;
@@ -105,14 +103,13 @@ pub fn check(split: &DatasetSplit) -> CaptureCheck {
     }
 }
 
-/// A frame that was looked at.
 struct Look<'a> {
     index: usize,
     name: &'a str,
     measure: PictureMeasure,
 }
 
-/// All frames, or runs of them evenly spaced.
+/// All frames, or evenly spaced runs of them.
 fn runs(n: usize) -> Vec<Range<usize>> {
     if n <= MAX_FRAMES {
         return std::iter::once(0..n).collect();
@@ -145,9 +142,9 @@ fn blurred(run: &[Look]) -> Vec<BlurredFrame> {
 
 fn jumps(runs: &[Vec<Look>]) -> Vec<BrightnessJump> {
     let steps = runs.iter().flat_map(|run| run.windows(2)).filter_map(|pair| match pair {
-        // A frame between them may not have been readable.
+        // An unreadable frame in between breaks the pair.
         [before, here] if here.index == before.index + 1 => {
-            // Black frames have no factor; half a code of 255 keeps them finite.
+            // Black frames have no ratio; half a code of 255 keeps it finite.
             let lifted = |look: &Look| look.measure.brightness + 0.5 / 255.0;
             Some((here.name, lifted(here) / lifted(before)))
         }
@@ -160,7 +157,7 @@ fn jumps(runs: &[Vec<Look>]) -> Vec<BrightnessJump> {
     far.map(|(frame, factor)| BrightnessJump { frame: frame.to_owned(), factor }).collect()
 }
 
-/// The usual distance in time, and the distances that are not.
+/// Median time step, and the steps that deviate from it.
 fn gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     let steps: Vec<(&str, f64)> = frames
         .array_windows()
@@ -173,7 +170,7 @@ fn gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     (Some(usual), gaps.collect())
 }
 
-/// The middle value; `None` of none.
+/// Median; `None` for an empty list.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

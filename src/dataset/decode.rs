@@ -1,4 +1,4 @@
-//! Image files to colour and depth arrays.
+//! Decodes image files to colour and depth arrays.
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
@@ -12,7 +12,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// How the depth files of a split are to be read.
+/// Storage of a split's depth files.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthEncoding {
     pub codes: CodeKind,
@@ -20,31 +20,30 @@ pub(super) struct DepthEncoding {
     pub trusted: [f64; 2],
     /// World units per metre.
     pub metre: f64,
-    /// What measured it, which a layout knows and a file does not say.
+    /// Kind of depth sensor, known from the layout and not from the file.
     pub sensor: Sensor,
 }
 
 impl DepthEncoding {
-    /// Whether lengths are a unit times what is stored.
+    /// True if a length is the stored value times a unit.
     pub fn has_unit(&self) -> bool {
         matches!(self.codes, CodeKind::Linear16(_) | CodeKind::ByContent(_))
     }
 }
 
-/// Pixel format and the rule that makes lengths of it.
+/// Pixel format and its conversion to lengths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CodeKind {
     /// First channel of an 8-bit image.
     Inverse8,
-    /// First channel of a 16-bit image, world units per step.
+    /// First channel of a 16-bit image; world units per step.
     Linear16(f64),
-    /// Whatever the content is, 16-bit codes or floats (PNG, TIFF, EXR, NPY); world units per one.
+    /// 16-bit codes or floats as found in the file (PNG, TIFF, EXR, NPY); world units per one.
     ByContent(f64),
-    /// Bare 32-bit floats of the camera's size, plain or packed by LZFSE; world units.
+    /// 32-bit floats without header, of the camera's size, plain or LZFSE-compressed; world units.
     BareFloats,
 }
 
-/// What an image says before its pixels.
 pub(super) struct ImageHeader {
     pub width: u32,
     pub height: u32,
@@ -54,7 +53,7 @@ pub(super) struct ImageHeader {
 /// Reads an image's header only.
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
-        // Not read whole: opening asks thousands of files for their size.
+        // Not read whole: opening a dataset reads thousands of headers.
         ByteSource::File(path) => header_of(BufReader::new(PatientFile::open(path)?)),
         _ => header_of(Cursor::new(source.read()?)),
     }
@@ -62,7 +61,7 @@ pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
 
 fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     guarded(|| {
-        // The content decides, not the name: a JPEG called `.png` is read as what it is.
+        // The content decides, not the name: a JPEG named `.png` is decoded as JPEG.
         let decoder = ImageReader::new(bytes).with_guessed_format()?.into_decoder()?;
         let (width, height) = decoder.dimensions();
         let color = decoder.color_type();
@@ -71,7 +70,7 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     })
 }
 
-/// Columns and rows of a depth file that tells them.
+/// Columns and rows of a depth file, from its header.
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
@@ -87,10 +86,10 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     Ok((width as u32, height as u32))
 }
 
-/// Decodes a colour image of a camera whose image has `size`.
+/// Decodes a colour image that must have `size` (columns, rows).
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
     let wrong = |found| FrameProblem::CameraSize { expected: size, found };
-    // Gray and RGB become opaque RGBA, so that nothing behind asks what the file held.
+    // Grey and RGB become opaque RGBA, so that later stages handle one format.
     let image = decode(&source.read()?, size, wrong)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let data = match image {
@@ -103,12 +102,12 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
     Ok(Image::from_vec(width, height, data))
 }
 
-/// The pixels of RGBA bytes, in the memory of these where that has no odd end.
+/// Converts RGBA bytes to pixels, without a copy if possible.
 fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
     try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 
-/// Decodes a depth file of a camera whose image has `size`; the format must be that of `encoding`.
+/// Decodes a depth file that must have `size` (columns, rows) and the format of `encoding`.
 pub(super) fn depth(
     source: &ByteSource,
     encoding: &DepthEncoding,
@@ -128,7 +127,7 @@ pub(super) fn depth(
     Ok(Depth { codes, kind, trusted, metre })
 }
 
-/// How sure a sensor is of every pixel, 0 to 2: a gray image or bare bytes of the camera's size.
+/// Decodes a sensor's confidence per pixel, 0 to 2: a grey image, or bytes without header of `size`.
 pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
     let bytes = source.read()?;
     let image = match image::guess_format(&bytes) {
@@ -149,7 +148,7 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
 fn inverse8(image: DynamicImage) -> Result<DepthCodes, FrameProblem> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let found = format!("{:?}", image.color());
-    // Exporters write gray depth into every colour channel; the first stands for all.
+    // Exporters write grey depth into every colour channel; the first one suffices.
     Ok(match image {
         DynamicImage::ImageLuma8(i) => {
             DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
@@ -191,23 +190,23 @@ fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64)
     DepthCodes::Linear16 { codes: Image::from_vec(width, height, data), unit }
 }
 
-/// Decodes an image if its header says that it has the size; the error of another is `wrong`. The
-/// default limits of the decoder bound what a header may make it allocate.
+/// Decodes an image if its header states `size`; `wrong` makes the error for another size. The decoder's
+/// default limits bound the memory that a header can request.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
     wrong: impl FnOnce((u32, u32)) -> FrameProblem,
 ) -> Result<DynamicImage, FrameProblem> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
-    // A decoder fills the rest of a truncated JPEG with grey and says nothing; a truncated PNG it
-    // refuses by itself, but after it took memory for all.
+    // Decoders silently fill the rest of a truncated JPEG with grey. A truncated PNG is an error of its
+    // decoder, but only after the memory is allocated.
     let format = reader.format();
     if format == Some(ImageFormat::Jpeg) && !jpeg_ends(bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
     guarded(|| {
         let decoder = reader.into_decoder()?;
-        // Asked before the pixels are: a small file may hold a thousand times its bytes of them.
+        // Checked before decoding: a small file may unpack to a thousand times its bytes.
         if decoder.dimensions() != size {
             return Err(wrong(decoder.dimensions()));
         }
@@ -223,18 +222,17 @@ fn decode(
     })
 }
 
-/// Image decoders are other people's code, fed with whatever a folder holds: one that panics on a
-/// damaged file costs that frame, neither the scene being learnt nor the program. Nothing that the
-/// panic could have left half done is used afterwards.
+/// Turns a panic of a third-party image decoder into an error of that frame. Nothing that the panic could
+/// have left half done is used afterwards.
 fn guarded<T>(read: impl FnOnce() -> Result<T, FrameProblem>) -> Result<T, FrameProblem> {
     catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(FrameProblem::DecoderCrash))
 }
 
-/// Whether a JPEG's end-of-image marker follows its first scan. Inside a scan every 0xFF byte is
+/// True if an end-of-image marker follows the first scan of a JPEG. Inside a scan every 0xFF byte is
 /// stuffed, so `FF D9` there cannot be data; thumbnails lie in segments before it.
 pub(super) fn jpeg_ends(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
-    // Behind the start-of-image marker, which carries no length.
+    // After the start-of-image marker, which has no length field.
     let mut at = 2;
     while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
         if marker == START_OF_SCAN {

@@ -1,9 +1,8 @@
-//! Depth of one frame: what is stored, and the rule that makes lengths of it.
+//! Depth of one frame: the stored values and their conversion to lengths.
 //!
-//! Depth is kept as the file stores it. The edge filter of the published algorithm is defined on
-//! 8-bit codes, the plane fit looks lengths up in a table of all codes, and the noise of a sensor
-//! follows from the step of its code: lengths alone would have lost all three. Depth that never was
-//! a file has no codes and is kept as the lengths themselves.
+//! Depth is retained as the file stores it. The edge filter of the published algorithm is defined on 8-bit
+//! codes, the plane fit uses a table of all codes, and a sensor's noise follows from its code step. Depth
+//! that was never a file has no codes and is stored as lengths.
 
 use super::distortion::Distortion;
 use super::error::FrameProblem;
@@ -16,7 +15,7 @@ pub const INVERSE8_RANGE: f64 = 8.0;
 /// Largest 16-bit code: a hole, as 0 is.
 pub const HOLE16: u16 = u16::MAX;
 
-/// What a depth value measures.
+/// Direction along which a depth value is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthKind {
     /// Distance from the camera's centre along the pixel's ray.
@@ -25,20 +24,20 @@ pub enum DepthKind {
     Z,
 }
 
-/// Depth codes as stored, with the rule that makes lengths of them. Codes are kept because the
-/// edge filter (`dataset.md`, Edge filter) is defined on them.
+/// Depth codes as stored, with their conversion to lengths. The edge filter (`dataset.md`, Edge filter) is
+/// defined on codes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DepthCodes {
-    /// `8·(1 − d/255)` world units, `d = 0` is no surface.
+    /// `8·(1 − d/255)` world units; `d = 0` is background, `d = 255` invalid.
     Inverse8(Image<u8>),
-    /// `d · unit` world units, `d = 0` and `d = 65535` are holes.
+    /// `d · unit` world units; `d = 0` and `d = 65535` are holes.
     Linear16 {
         /// The stored values.
         codes: Image<u16>,
         /// World units per code step, positive.
         unit: f64,
     },
-    /// Lengths in world units as they are; whatever is not finite and positive is a hole.
+    /// Lengths in world units; values that are not finite and positive are holes.
     Lengths(Image<f32>),
 }
 
@@ -47,12 +46,12 @@ pub enum DepthCodes {
 pub struct Depth {
     /// The stored values.
     pub codes: DepthCodes,
-    /// What they measure.
+    /// Direction of measurement.
     pub kind: DepthKind,
-    /// Open interval of lengths (of `kind`, world units) that training uses; values outside are
-    /// measured but unreliable.
+    /// Open interval of lengths (as `kind` measures, world units) that training uses; values outside are
+    /// unreliable.
     pub trusted: [f64; 2],
-    /// World units per metre, for what is known of sensors in metres.
+    /// World units per metre; converts sensor properties that are known in metres.
     pub metre: f64,
 }
 
@@ -66,7 +65,7 @@ impl Depth {
         }
     }
 
-    /// Length at a pixel in world units, `None` at a hole; the trusted interval is not applied.
+    /// Length at a pixel in world units, `None` at a hole; ignores the trusted interval.
     pub fn value_at(&self, column: usize, row: usize) -> Option<f64> {
         match &self.codes {
             DepthCodes::Inverse8(codes) => decode_inverse8(*codes.at(column, row)),
@@ -75,12 +74,12 @@ impl Depth {
         }
     }
 
-    /// Whether a length lies in the trusted interval.
+    /// True if a length lies in the trusted interval.
     pub fn trusts(&self, value: f64) -> bool {
         value > self.trusted[0] && value < self.trusted[1]
     }
 
-    /// Whether it fits a camera of this width and height and holds any surface.
+    /// Checks that it has the camera's width and height and at least one surface.
     pub(super) fn check(&self, camera: (u32, u32)) -> Result<(), FrameProblem> {
         let (width, height) = self.size();
         let depth = (width as u32, height as u32);
@@ -93,7 +92,7 @@ impl Depth {
         Ok(())
     }
 
-    /// Makes holes where `is_hole` says so of a pixel's place in the image.
+    /// Makes holes at the pixel indices for which `is_hole` holds.
     pub(super) fn punch(&mut self, is_hole: impl Fn(usize) -> bool) {
         fn punched<T: Copy>(data: &mut [T], hole: T, is_hole: impl Fn(usize) -> bool) {
             data.iter_mut().enumerate().filter(|(i, _)| is_hole(*i)).for_each(|(_, v)| *v = hole);
@@ -105,7 +104,7 @@ impl Depth {
         }
     }
 
-    /// Makes it what the pinhole `k` sees.
+    /// Resamples to the undistorted pinhole camera `k`.
     pub(super) fn straighten(&mut self, lens: &Distortion, k: &Intrinsics) {
         fn replace<T>(image: &mut Image<T>, new: impl Fn(&Image<T>) -> Option<Image<T>>) {
             if let Some(new) = new(image) {
@@ -115,7 +114,7 @@ impl Depth {
         let scaled = |factor: f64| if self.kind == DepthKind::Z { factor } else { 1.0 };
         match &mut self.codes {
             DepthCodes::Inverse8(codes) => {
-                // Along rays, whose length no turn of the camera changes.
+                // Ray distances do not change when the camera rotates.
                 replace(codes, |codes| lens.straighten_depth(k, codes, 0, |code, _| code));
             }
             DepthCodes::Linear16 { codes, .. } => {
@@ -132,7 +131,6 @@ impl Depth {
         }
     }
 
-    /// Whether there is no surface in the whole image.
     fn is_empty(&self) -> bool {
         match &self.codes {
             DepthCodes::Inverse8(codes) => {
@@ -148,18 +146,17 @@ impl Depth {
     }
 }
 
-/// Length of an 8-bit code; code 255 is the camera's centre, which no surface can be at.
+/// Length of an 8-bit code; code 255 is the camera centre, where no surface can be.
 pub(super) fn decode_inverse8(code: u8) -> Option<f64> {
     (1..255).contains(&code).then(|| INVERSE8_RANGE * (1.0 - f64::from(code) / 255.0))
 }
 
-/// Length of a 16-bit code of `unit` world units a step; 0 and [`HOLE16`] are holes.
+/// Length of a 16-bit code with `unit` world units per step; 0 and [`HOLE16`] are holes.
 pub(super) fn decode_linear16(code: u16, unit: f64) -> Option<f64> {
     (code != 0 && code != HOLE16).then(|| f64::from(code) * unit)
 }
 
-/// Length in memory. Sensors' drivers mark a missing return by 0, NaN, infinity or a negative number:
-/// all are holes.
+/// Length of a stored float. Drivers mark a missing return by 0, NaN, infinity or a negative number.
 pub(super) fn decode_length(length: f32) -> Option<f64> {
     (length.is_finite() && length > 0.0).then(|| f64::from(length))
 }
@@ -168,7 +165,7 @@ pub(super) fn decode_length(length: f32) -> Option<f64> {
 /// the distance (`dataset.md`, Sensors).
 pub(super) const SENSOR_NOISE: f64 = 0.003;
 
-/// Noise half-width of a metric depth camera, metres, at a depth of `value` metres.
+/// Noise half-width of a metric depth camera at a depth of `value` metres, in metres.
 #[inline(always)]
 pub(super) fn sensor_noise(value: f32) -> f32 {
     SENSOR_NOISE as f32 * (value * value).max(1.0)

@@ -1,9 +1,9 @@
-//! Lenses that bend straight lines, and images read row by row, made straight when a frame is loaded.
+//! Undistorts images when a frame is loaded: lens distortion and rolling shutter.
 //!
-//! Everything behind a frame is a pinhole, and stays one: the image is resampled to the pinhole of
-//! the same intrinsics, colours by the mean of four texels, depth by the nearest, since the mean of
-//! two surfaces is neither. Radial and tangential terms are those of Brown and Conrady as OpenCV
-//! has them: `r² = x² + y²`, `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²)`.
+//! Everything after loading assumes a pinhole camera. The image is resampled to the pinhole of the same
+//! intrinsics: colours bilinearly, depth by nearest neighbour, since the mean of two surfaces lies on
+//! neither. Radial and tangential terms follow Brown and Conrady in OpenCV's form: `r² = x² + y²`,
+//! `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²)`.
 
 use super::rolling_shutter::RollingShutter;
 use crate::math::camera::Intrinsics;
@@ -11,32 +11,31 @@ use crate::math::image::Image;
 use glam::{DVec2, Vec4};
 use rayon::prelude::*;
 
-/// What bends the images of a frame: a lens, and rows that were read at different times.
+/// Lens distortion and rolling shutter of a frame's images.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Distortion {
-    /// `k₁`, `k₂`, `k₃`, for slopes (pixels over focal length).
+    /// `k₁`, `k₂`, `k₃`, in normalised image coordinates (pixels over focal length).
     pub radial: [f64; 3],
     /// `p₁`, `p₂`.
     pub tangential: [f64; 2],
-    /// Of the photograph.
+    /// Rolling shutter of the photograph.
     pub color: RollingShutter,
-    /// Of the depth image.
+    /// Rolling shutter of the depth image.
     pub depth: RollingShutter,
 }
 
-/// A place in an image that was taken, pixels, and the factor on a depth along the axis there.
+/// Position in the recorded image, pixels, and the factor on depth along the optical axis there.
 struct Source {
     at: DVec2,
     factor: f64,
 }
 
 impl Distortion {
-    /// Whether the lens bends nothing.
     fn is_pinhole(&self) -> bool {
         (self.radial, self.tangential) == ([0.0; 3], [0.0; 2])
     }
 
-    /// Where the lens puts what a pinhole sees at a slope.
+    /// Maps a pinhole camera's normalised image coordinates to distorted ones.
     pub fn apply(&self, slope: DVec2) -> DVec2 {
         let DVec2 { x, y } = slope;
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
@@ -49,9 +48,8 @@ impl Distortion {
             )
     }
 
-    /// The colours that the pinhole `k` sees, transparent where its lens saw nothing, and those of the image's
-    /// edge where rows that were read late, or early, had passed what it sees. `None` if they are those of
-    /// the image.
+    /// Resamples the photograph to the pinhole `k`; `None` if nothing changes. Pixels outside the lens's
+    /// image are transparent; if only the rolling shutter moved them out, they repeat the image's edge.
     pub fn straighten_color(
         &self,
         k: &Intrinsics,
@@ -77,9 +75,9 @@ impl Distortion {
         })
     }
 
-    /// The nearest depths that the pinhole `k` sees, `hole` where the camera saw nothing; `None` if they
-    /// are those of the image. `along_axis` makes of a depth along the axis, as seen by its own row, the
-    /// one along the axis at the time of the middle row: it takes a value and a factor.
+    /// Resamples depth to the pinhole `k` by nearest neighbour; `None` if nothing changes. Pixels outside
+    /// the image become `hole`. `along_axis(value, factor)` converts depth along the optical axis of the
+    /// pixel's own row to that of the middle row.
     pub fn straighten_depth<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -92,7 +90,7 @@ impl Distortion {
         })
     }
 
-    /// `beyond` says whether values are asked for outside the image too.
+    /// `beyond` also samples outside the image.
     fn resample<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -115,7 +113,7 @@ impl Distortion {
                 let (slope, factor) = if is_still { (slope, 1.0) } else { shutter.apply(k, slope) };
                 let slope = if is_pinhole { slope } else { lens.apply(slope) };
                 let at = slope * focal + principal;
-                // So that NaN is outside.
+                // This form treats NaN as outside.
                 if beyond || at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all() {
                     *out = value(Source { at, factor });
                 }
@@ -141,7 +139,7 @@ mod tests {
         assert_eq!(hardly.straighten_color(&k, &image), Some(image));
     }
 
-    /// OpenCV's documentation, worked by hand at (0.2, −0.1).
+    /// Formula of OpenCV's documentation, worked by hand at (0.2, −0.1).
     #[test]
     fn terms_are_those_of_opencv() {
         let lens = Distortion {

@@ -1,15 +1,13 @@
-//! Flying pixels: depth that lies between two surfaces because a sensor or an image filter mixed
-//! them. Both rules look at the four opposite neighbour pairs of a pixel (horizontal, vertical, two
-//! diagonals; borders replicated) and drop the pixel if a pair jumps and the pixel lies well
-//! inside the jump.
+//! Flying pixels: depth between two surfaces that a sensor or an image filter mixed. Both rules compare a
+//! pixel with its four pairs of opposite neighbours (horizontal, vertical, two diagonals; borders
+//! replicated). They drop the pixel if a pair jumps and the pixel lies well inside the jump.
 //!
-//! * 8-bit codes (`dataset.md`, Edge filter): a jump is ≥ 6 levels, well inside is `[min + 2, max − 2]`; code 0
-//!   (background) takes part like any other.
-//! * Metric depth: that rule with the noise half-width `q` (`dataset.md`, Sensors) in place of a level,
-//!   which for 8-bit depth is one level: a jump is ≥ 6 q, well inside is `[min + 2 q, max − 2 q]`,
-//!   with `q` at the pixel's own depth. Small images see slanted surfaces jump from pixel to pixel,
-//!   so a jump must also exceed what a plane tilted by 80° shows across two pixels. Holes there are
-//!   missing measurements, so a pair with a hole says nothing.
+//! * 8-bit codes (`dataset.md`, Edge filter): a jump is ≥ 6 levels, well inside is `[min + 2, max − 2]`;
+//!   code 0 (background) is treated like any other.
+//! * Metric depth: the same rule with the noise half-width `q` (`dataset.md`, Sensors) at the pixel's own
+//!   depth in place of a level: a jump is ≥ 6 q, well inside is `[min + 2 q, max − 2 q]`. In small images
+//!   slanted surfaces jump from pixel to pixel, so a jump must also exceed the step of a plane tilted by
+//!   80° over two pixels. Holes are missing measurements, so a pair with a hole is ignored.
 
 use super::depth::sensor_noise;
 
@@ -21,7 +19,7 @@ const MARGIN: u8 = 2;
 /// `2·√2·tan 80°`.
 const STEEPEST_PLANE: f32 = 16.0;
 
-/// An image with a replicated border of one pixel, kept between frames.
+/// Image with a replicated border of one pixel; its memory is reused between frames.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Padded<T> {
     values: Vec<T>,
@@ -29,7 +27,7 @@ pub(super) struct Padded<T> {
 }
 
 impl<T: Copy> Padded<T> {
-    /// Copies `width` values per row through `convert` and replicates the borders.
+    /// Converts the values, `width` per row, and replicates the borders.
     pub fn fill<S: Copy>(&mut self, width: usize, data: &[S], mut convert: impl FnMut(S) -> T) {
         self.values.clear();
         self.stride = width + 2;
@@ -38,7 +36,7 @@ impl<T: Copy> Padded<T> {
         }
         let height = data.len() / width;
         self.values.reserve((height + 2) * self.stride);
-        // First and last row twice: at a border a pixel is its own neighbour and no edge.
+        // First and last row twice: at a border a pixel is its own neighbour and not an edge.
         for row in (0..height).take(1).chain(0..height).chain((0..height).last()) {
             let source = &data[row * width..(row + 1) * width];
             self.values.push(convert(source[0]));
@@ -47,27 +45,27 @@ impl<T: Copy> Padded<T> {
         }
     }
 
-    /// The three padded rows around row `row` of the image.
+    /// The padded rows above, at and below row `row` of the image.
     fn around(&self, row: usize) -> [&[T]; 3] {
         let at = |i: usize| &self.values[(row + i) * self.stride..(row + i + 1) * self.stride];
         [at(0), at(1), at(2)]
     }
 }
 
-/// Writes 1 where a pixel of the row is mixed, else 0.
+/// Writes 1 for each mixed pixel of the row, else 0.
 #[inline(always)]
 pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
     opposite_pairs(image, row, mixed, |a, d, b| {
         let (low, high) = (a.min(b), a.max(b));
-        // `&`, not `&&`: without branches a row is vector code.
+        // `&` instead of `&&`: without branches the row vectorises.
         (high - low >= JUMP)
             & (d >= low.saturating_add(MARGIN))
             & (d <= high.saturating_sub(MARGIN))
     });
 }
 
-/// Writes 1 where a pixel of a row of lengths (world units, `metre` of them a metre, 0 at holes) is
-/// mixed, else 0; `focal` in pixels.
+/// Writes 1 for each mixed pixel of a row of lengths, else 0. Lengths are in world units (0 at holes),
+/// `metre` in world units per metre, `focal` in pixels.
 #[inline(always)]
 pub(super) fn mixed_lengths(
     image: &Padded<f32>,
@@ -87,7 +85,7 @@ pub(super) fn mixed_lengths(
     });
 }
 
-/// Whole-row passes over slices of one length, which the compiler turns into vector code.
+/// Passes over whole rows of one length, which the compiler vectorises.
 #[inline(always)]
 fn opposite_pairs<T: Copy>(
     image: &Padded<T>,
@@ -114,7 +112,6 @@ fn opposite_pairs<T: Copy>(
 mod tests {
     use super::*;
 
-    /// The verdict on the middle pixel of a 3×3 image.
     fn middle<T: Copy>(image: [T; 9], judge: impl Fn(&Padded<T>, &mut [u8])) -> bool {
         let mut padded = Padded { values: Vec::new(), stride: 0 };
         padded.fill(3, &image, |v| v);

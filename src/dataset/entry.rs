@@ -1,7 +1,7 @@
-//! A frame that is listed but not yet decoded, and the splits it is listed in.
+//! Frames that are listed but not decoded, grouped in splits.
 //!
-//! Opening a dataset makes entries only: images are decoded when a frame is loaded, so that opening
-//! thousands of frames is quick and memory holds the frames in use alone.
+//! Opening a dataset creates entries only; images are decoded when a frame is loaded. So opening thousands
+//! of frames is fast, and memory holds only the frames in use.
 
 use super::calibration::ColorCamera;
 use super::decode::{self, DepthEncoding};
@@ -18,21 +18,21 @@ use crate::math::pose::Pose;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Without an evaluation split every so-many-th frame is held out of training.
+/// Without an evaluation split, every frame at this interval is held out of training.
 pub const HOLD_OUT_EVERY: usize = 8;
 
-/// Name of the split of those frames, in layouts that know no splits.
+/// Name of the split of those frames, in layouts without splits.
 pub const HELD_OUT: &str = "held-out";
 
-/// Frames that belong together: a training set, a validation set.
+/// Frames that belong together, such as a training or a validation set.
 #[derive(Clone, Debug)]
 pub struct DatasetSplit {
-    /// As in the files: `train`, `test`, `val`, `eval`; `all` where a dataset has no splits, and
-    /// `held-out` for those of `all` that training leaves out.
+    /// Name in the files: `train`, `test`, `val`, `eval`. Datasets without splits have `all`, and
+    /// `held-out` for the frames of `all` that training leaves out.
     pub name: String,
-    /// In the order of the dataset.
+    /// Frames in the dataset's order.
     pub frames: Vec<FrameEntry>,
-    /// Whether its frames have depth.
+    /// True if its frames have depth.
     pub has_depth: bool,
 }
 
@@ -43,38 +43,35 @@ pub struct FrameEntry {
     pub name: String,
     /// Intrinsics and pose of the camera that measures depth.
     pub camera: Camera,
-    /// The camera that took the photograph, where the files give it an image or a lens of its own;
-    /// `None` where photographs are registered to depth pixel by pixel.
+    /// Camera of the photograph if the files give it an image size or lens of its own; `None` if
+    /// photographs are registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
-    /// When it was taken, seconds on the recorder's clock, where the files tell.
+    /// Time of capture, seconds on the recorder's clock, if the files state it.
     pub time: Option<f64>,
     pub(super) source: FrameSource,
 }
 
-/// Where the pixels of an entry come from.
 #[derive(Clone, Debug)]
 pub(super) enum FrameSource {
-    /// Image files; depth where the split has it.
+    /// Image files; depth if the split has it.
     Files(Box<FrameFiles>),
-    /// The procedural room; `noise_stream` names the frame's depth noise, `None` is exact depth.
+    /// Procedural room; `noise_stream` selects the frame's depth noise, `None` is exact depth.
     Synthetic { scene: Arc<SyntheticScene>, noise_stream: Option<u64> },
 }
 
-/// The files of a frame.
 #[derive(Clone, Debug)]
 pub(super) struct FrameFiles {
     pub color: ByteSource,
     pub depth: Option<DepthSource>,
-    /// The lens of both cameras, and how they turned while they read their images.
+    /// Lens distortion of both cameras, and rolling shutter.
     pub lens: Distortion,
 }
 
-/// The depth of a frame.
 #[derive(Clone, Debug)]
 pub(super) struct DepthSource {
     pub file: ByteSource,
     pub encoding: DepthEncoding,
-    /// How sure the sensor is of every pixel, and from which value on it is believed.
+    /// Confidence of each pixel, and the least confidence that is used.
     pub confidence: Option<(ByteSource, u8)>,
 }
 
@@ -82,7 +79,7 @@ impl FrameEntry {
     /// Decodes the frame's images and checks that they agree with each other and with the camera.
     ///
     /// # Errors
-    /// A file that is missing, damaged or of another size or pixel format than its split.
+    /// A file that is missing, damaged, or of another size or pixel format than its split.
     pub fn load(&self) -> Result<Frame, FrameError> {
         match &self.source {
             FrameSource::Synthetic { scene, noise_stream } => {
@@ -90,7 +87,7 @@ impl FrameEntry {
             }
             FrameSource::Files(files) => {
                 let (color, depth) = match &files.color {
-                    // Grey of the depth's size, which its header alone may have said so far.
+                    // The grey stand-in has the depth's size, checked when the depth is decoded.
                     ByteSource::Grey(_) => {
                         let depth = self.depth(files)?;
                         (self.grey(), depth)
@@ -112,7 +109,7 @@ impl FrameEntry {
     /// Decodes the frame's photograph alone.
     ///
     /// # Errors
-    /// As [`Self::load`], of the photograph's file.
+    /// As [`Self::load`], for the photograph's file.
     pub fn load_color(&self) -> Result<Arc<Image<[u8; 4]>>, FrameError> {
         match &self.source {
             FrameSource::Synthetic { .. } => Ok(self.load()?.color),
@@ -120,10 +117,10 @@ impl FrameEntry {
         }
     }
 
-    /// Decodes the frame's depth alone; `None` in splits without.
+    /// Decodes the frame's depth alone; `None` in splits without depth.
     ///
     /// # Errors
-    /// As [`Self::load`], of the depth file.
+    /// As [`Self::load`], for the depth file.
     pub fn load_depth(&self) -> Result<Option<Depth>, FrameError> {
         match &self.source {
             FrameSource::Synthetic { .. } => Ok(self.load()?.depth),
@@ -131,23 +128,22 @@ impl FrameEntry {
         }
     }
 
-    /// World pose and intrinsics of the camera that took its photograph, given what a calibration
-    /// says of it.
+    /// World pose and intrinsics of the photograph's camera; `calibrated` takes precedence over the files.
     pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
         self.photo_camera_at(self.camera.pose, calibrated)
     }
 
-    /// The same where the camera that measures depth stood at `pose`.
+    /// The same for a depth camera at `pose`.
     pub fn photo_camera_at(&self, pose: Pose, calibrated: Option<&ColorCamera>) -> Camera {
         let camera = Camera { pose, ..self.camera };
         let Intrinsics { width, height, .. } = camera.intrinsics;
-        // That of its image, which decoding is held to.
+        // The photograph's size: decoding refuses any other.
         let size = self.color_camera.and_then(|color| color.size).unwrap_or([width, height]);
         let color = photographed_by(self.color_camera, calibrated, size);
         color.map_or(camera, |color| color.beside(&camera))
     }
 
-    /// Whether a photograph was taken, and not left out.
+    /// True if the frame has a photograph.
     pub(super) fn has_photograph(&self) -> bool {
         match &self.source {
             FrameSource::Files(files) => !matches!(files.color, ByteSource::Grey(_)),
@@ -168,7 +164,7 @@ impl FrameEntry {
         self.depth_source().map(|depth| depth.file.path())
     }
 
-    /// Every file that it is made of; of an archive or a video that file.
+    /// Every file of the frame; for members of an archive or frames of a video, that file.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
         let files = match &self.source {
             FrameSource::Files(files) => Some(files),
@@ -183,7 +179,7 @@ impl FrameEntry {
         })
     }
 
-    /// What measured the frame's depth; `None` in frames without depth.
+    /// Sensor of the frame's depth; `None` without depth.
     pub(super) fn sensor(&self) -> Option<Sensor> {
         match &self.source {
             FrameSource::Synthetic { scene, .. } => {
@@ -193,7 +189,7 @@ impl FrameEntry {
         }
     }
 
-    /// World units per metre; `None` in frames without depth.
+    /// World units per metre; `None` without depth.
     pub(super) fn metre(&self) -> Option<f64> {
         match &self.source {
             FrameSource::Synthetic { .. } => Some(1.0),
@@ -201,7 +197,7 @@ impl FrameEntry {
         }
     }
 
-    /// How its depth is stored; `None` in frames without depth files.
+    /// Storage of its depth; `None` without depth files.
     pub(super) fn depth_source(&self) -> Option<&DepthSource> {
         match &self.source {
             FrameSource::Files(files) => files.depth.as_ref(),
@@ -209,7 +205,7 @@ impl FrameEntry {
         }
     }
 
-    /// What stands for a photograph where there is none.
+    /// Stand-in for a missing photograph.
     fn grey(&self) -> Image<[u8; 4]> {
         let k = &self.camera.intrinsics;
         Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255])
@@ -220,8 +216,7 @@ impl FrameEntry {
             self.depth(files)?;
             return Ok(self.grey());
         }
-        // Intrinsics were taken from some images of the split or from metadata; every image must fit
-        // them.
+        // The intrinsics come from a few images of the split or from metadata; every image must fit them.
         let k = self.photo_camera(None).intrinsics;
         let size = (k.width, k.height);
         let color = decode::color(&files.color, size).map_err(|p| self.fail(&files.color, p))?;
@@ -239,7 +234,7 @@ impl FrameEntry {
         if let Some((map, least)) = confidence {
             let sure = decode::confidence(map, size).map_err(|p| self.fail(map, p))?;
             depth.punch(|i| sure.data.get(i).is_none_or(|sure| sure < least));
-            // Nothing may be left where the sensor trusts nothing: said of the depth.
+            // The confidence may have removed every pixel; that is reported as empty depth.
             depth.check(size).map_err(|p| self.fail(map, p))?;
         }
         depth.straighten(&files.lens, k);

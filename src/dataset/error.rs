@@ -1,23 +1,22 @@
-//! What can be wrong with a dataset, and with one frame of it. Every message names the file, what
-//! was expected, what was found and what to do.
+//! Errors and warnings of a dataset and of one frame. Every message states the file, what was expected,
+//! what was found and what to do.
 //!
-//! A defect of a frame is told apart from its place: [`FrameProblem`] is the defect, found by
-//! whoever decodes and who need not know the frame's name; [`FrameError`] adds file and frame
-//! where both are known. One bad frame never spoils the dataset, so only [`DatasetError`] ends an
+//! [`FrameProblem`] is a defect without its place, so that decoders need no frame name; [`FrameError`] adds
+//! file and frame. A bad frame never makes the whole dataset unusable: only [`DatasetError`] aborts
 //! opening.
 
 use crate::math::pose::PoseError;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Unpacks a recording's video, run inside its folder.
+/// Shell command that extracts a recording's video, run inside its folder.
 pub const VIDEO_BY_HAND: &str = "mkdir rgb && ffmpeg -noautorotate -i rgb.mp4 -fps_mode passthrough -q:v 2 -start_number 0 \
      rgb/%06d.jpg (-vsync in place of -fps_mode before ffmpeg 5.1)";
 
-/// Why a dataset cannot be used at all.
+/// Reason why a whole dataset cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
-    /// Nothing at that path.
+    /// The path does not exist.
     #[error(
         "{}: expected a dataset folder, found nothing at this path; check the spelling", path.display()
     )]
@@ -25,7 +24,7 @@ pub enum DatasetError {
         /// The path as it was given.
         path: PathBuf,
     },
-    /// A file where a folder was needed.
+    /// A file instead of a folder.
     #[error(
         "{}: expected a dataset folder, found a file; give the folder that holds it", path.display()
     )]
@@ -38,34 +37,34 @@ pub enum DatasetError {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// No format knows the folder.
+    /// No layout matches the folder.
     #[error(
         "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
     )]
     NotRecognised {
-        /// The folder that was to be opened.
+        /// The folder that was opened.
         path: PathBuf,
-        /// The layouts and what each is recognised by.
+        /// The layouts and the files that identify each.
         expected: String,
         /// A summary of what the folder holds.
         found: String,
     },
-    /// More than one format knows the folder.
+    /// More than one layout matches the folder.
     #[error(
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()
     )]
     TwoLayouts {
-        /// The folder that was to be opened.
+        /// The folder that was opened.
         path: PathBuf,
-        /// The layouts and what each was recognised by.
+        /// The layouts and the files that identified each.
         found: String,
     },
-    /// Text that is no JSON.
+    /// Text that is not JSON.
     #[error(
-        "{}: expected JSON, found: {source}; export the file again (JSON knows neither NaN nor infinity)", file.display()
+        "{}: expected JSON, found: {source}; export the file again (JSON has neither NaN nor infinity)", file.display()
     )]
     Json {
         /// The metadata file inside the dataset.
@@ -73,36 +72,36 @@ pub enum DatasetError {
         /// Where parsing stopped and why.
         source: serde_json::Error,
     },
-    /// A metadata file whose content does not have the right form.
+    /// A metadata file whose content has the wrong form.
     #[error("{}: expected {expected}, found {found}; {hint}", file.display())]
     Metadata {
         /// The metadata file inside the dataset.
         file: PathBuf,
-        /// What belongs there.
+        /// Expected content.
         expected: String,
-        /// What is there.
+        /// Content found.
         found: String,
         /// What to do.
         hint: String,
     },
-    /// Every frame was refused.
+    /// Every frame was skipped.
     #[error(
         "{}: expected at least one usable frame, found none in {skipped} listed; the first problem: {first}", path.display()
     )]
     NoUsableFrame {
-        /// Folder of the dataset, or its name where it has no files.
+        /// Folder of the dataset, or its name if it has no files.
         path: PathBuf,
-        /// Frames that were refused.
+        /// Number of skipped frames.
         skipped: usize,
-        /// The first refusal.
+        /// Problem of the first one.
         first: Box<FrameError>,
     },
-    /// Frames of a recording that is under way.
-    #[error("{}: expected a whole frame, found {frames} that are still written", path.display())]
+    /// Frames of an ongoing recording.
+    #[error("{}: expected a complete frame, found {frames} that are still being written", path.display())]
     Unfinished {
         /// Folder of the recording.
         path: PathBuf,
-        /// How many are listed with pose and depth.
+        /// Frames listed with pose and depth.
         frames: usize,
     },
     /// Training needs depth.
@@ -110,76 +109,76 @@ pub enum DatasetError {
         "{}: expected a split with depth images to train on, found only colour (splits: {splits}); add the depth images to one split", path.display()
     )]
     NoDepth {
-        /// Folder of the dataset, or its name where it has no files.
+        /// Folder of the dataset, or its name if it has no files.
         path: PathBuf,
         /// Names of the splits.
         splits: String,
     },
-    /// The split that should train cannot.
+    /// The split chosen for training cannot be used.
     #[error(
-        "{}: expected usable frames with depth in the split `{split}` to train on, found {found}; mend them, or name another split", path.display()
+        "{}: expected usable frames with depth in the split `{split}` to train on, found {found}; repair them, or choose another split", path.display()
     )]
     TrainingSplit {
-        /// Folder of the dataset, or its name where it has no files.
+        /// Folder of the dataset, or its name if it has no files.
         path: PathBuf,
         /// The split.
         split: String,
-        /// What there is.
+        /// What was found.
         found: String,
     },
-    /// A split that the user named does not exist.
-    #[error("{}: expected one of the splits {splits}, found the request `{asked}`; name one of them", path.display())]
+    /// A split given by the user does not exist.
+    #[error("{}: expected one of the splits {splits}, found `{asked}`; name one of them", path.display())]
     NoSuchSplit {
-        /// Folder of the dataset, or its name where it has no files.
+        /// Folder of the dataset, or its name if it has no files.
         path: PathBuf,
-        /// What was asked for.
+        /// Name that the user gave.
         asked: String,
-        /// What there is.
+        /// Names of the splits.
         splits: String,
     },
-    /// A sector of the camera's way leaves too few views.
+    /// The hold-out sector leaves too few views.
     #[error(
-        "{}: --hold-out sector: expected 2 frames to train on, a new view and a view from the side at least, found {training}, {new_views} and {from_the_side} (taken for {kind}, {frames} frames); {hint}, or leave the option out", path.display()
+        "{}: --hold-out sector: expected at least 2 training frames, 1 new view and 1 view from the side, found {training}, {new_views} and {from_the_side} (recognised as {kind}, {frames} frames); {hint}, or omit the option", path.display()
     )]
     Sector {
-        /// Folder of the dataset, or its name where it has no files.
+        /// Folder of the dataset, or its name if it has no files.
         path: PathBuf,
-        /// What the poses say it is.
+        /// Kind of recording, according to its poses.
         kind: &'static str,
         /// Frames of the training split.
         frames: usize,
-        /// Frames that would train.
+        /// Frames that would remain for training.
         training: usize,
-        /// Views on the way.
+        /// Held-out views on the camera path.
         new_views: usize,
-        /// Views off the way.
+        /// Held-out views off the camera path.
         from_the_side: usize,
         /// What to do.
         hint: &'static str,
     },
-    /// The depth scale or range that the user gave makes no sense.
+    /// A depth scale, depth range or other option given by the user is out of range.
     #[error("setting {setting}: expected {expected}, found {found}; correct it or leave it out")]
     Option {
-        /// Name of the option that was overridden.
+        /// Name of the option.
         setting: &'static str,
-        /// Legal values of the option, with their unit.
+        /// Allowed values of the option, with their unit.
         expected: &'static str,
         /// The value that was given.
         found: String,
     },
 }
 
-/// Why one frame cannot be used. At opening it becomes a [`Warning`], at loading an error.
+/// Reason why one frame cannot be used: a [`Warning`] at opening, an error at loading.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{}: frame {}: {}", abridged(&file.display().to_string()), abridged(frame), abridged(&problem.to_string())
 )]
 pub struct FrameError {
-    /// The file at fault.
+    /// The faulty file.
     pub file: PathBuf,
     /// Name of the frame.
     pub frame: String,
-    /// What is wrong.
+    /// The defect.
     #[source]
     pub problem: FrameProblem,
 }
@@ -189,7 +188,7 @@ pub struct FrameError {
 pub struct Warning {
     /// Split that lists the frame.
     pub split: String,
-    /// The frame, the file and what is wrong with it.
+    /// Frame, file and defect.
     pub error: Arc<FrameError>,
 }
 
@@ -199,24 +198,24 @@ impl std::fmt::Display for Warning {
     }
 }
 
-/// The defects a frame can have.
+/// Defects of a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameProblem {
     /// No colour image.
     #[error("expected a colour image {0}, found none; restore it or remove the frame")]
     MissingColor(String),
-    /// No depth image although the split has them.
+    /// No depth image although the split has depth.
     #[error(
         "expected a depth image {0}, found none; the frame is skipped: restore its depth or remove the frame"
     )]
     MissingDepth(String),
-    /// No map of confidence yet, although the recording has them.
-    #[error("expected a map of confidence {0}, found none yet; record it with the frame's depth")]
+    /// No confidence map yet, although the recording has them.
+    #[error("expected a confidence map {0}, found none yet; record it with the frame's depth")]
     MissingConfidence(String),
     /// A frame without a pose file.
     #[error("expected a pose file {0}, found none; restore it or remove the frame")]
     MissingPose(String),
-    /// A sequence that a split file lists.
+    /// A sequence listed in a split file does not exist.
     #[error(
         "expected a folder {0} with frames, found none; unpack the sequence beside the split file"
     )]
@@ -227,75 +226,75 @@ pub enum FrameProblem {
     /// Not an image, or a damaged one.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(#[from] image::ImageError),
-    /// A depth file of floats, or an image, that is damaged or of an unknown kind.
+    /// A damaged depth file, or one of an unknown format.
     #[error("expected {expected}, found {found}; copy or export the file again")]
     DepthFile {
-        /// What belongs there.
+        /// Expected content.
         expected: &'static str,
-        /// What is there.
+        /// Content found.
         found: String,
     },
     /// An archive whose directory or member is damaged.
     #[error("expected a whole zip archive, found: {0}; copy or export the recording again")]
     Archive(String),
-    /// A member of an archive that is larger than it says, or absurdly packed.
+    /// A member of an archive that is larger than stated, or compressed implausibly well.
     #[error(
         "expected a member of the size that the archive states and at most 256 MiB, found {packed} bytes that unpack to {unpacked} or more; do not trust this archive"
     )]
     ZipBomb {
         /// Bytes inside the archive.
         packed: u64,
-        /// Bytes that it says it has, or that it turned out to have.
+        /// Unpacked bytes, stated or found.
         unpacked: u64,
     },
-    /// A video that cannot be unpacked.
+    /// A video that cannot be decoded.
     #[error(
-        "expected a video that ffmpeg unpacks, found: {0}; unpack it by hand: {hand}", hand = VIDEO_BY_HAND
+        "expected a video that ffmpeg can decode, found: {0}; extract its frames by hand: {hand}", hand = VIDEO_BY_HAND
     )]
     Video(String),
     /// Two files or lines for one frame.
-    #[error("expected one of each frame, found {0} too; the first is used: remove the other")]
+    #[error("expected one of each frame, found {0} as well; the first is used: remove the other")]
     Doubled(String),
-    /// No pose near the time of a frame.
+    /// No pose close to the time of a frame.
     #[error(
         "expected a pose within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record poses for it or remove it"
     )]
     NoPoseInTime {
-        /// Of the frame's depth, seconds.
+        /// Time of the frame's depth, seconds.
         time: f64,
-        /// Largest difference, milliseconds.
+        /// Largest accepted difference, milliseconds.
         tolerance_ms: f64,
-        /// The nearest pose, in words.
+        /// Description of the nearest pose.
         found: String,
     },
-    /// No photograph near the time of a depth image.
+    /// No photograph close to the time of a depth image.
     #[error(
         "expected a colour image within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped"
     )]
     NoColorInTime {
-        /// Of the depth image, seconds.
+        /// Time of the depth image, seconds.
         time: f64,
-        /// Largest difference, milliseconds.
+        /// Largest accepted difference, milliseconds.
         tolerance_ms: f64,
-        /// The nearest image, in words.
+        /// Description of the nearest photograph.
         found: String,
     },
-    /// A line of a trajectory that is none.
+    /// A malformed line of a trajectory.
     #[error("expected {expected}, found {found} in line {line}; correct the line or remove it")]
     Line {
-        /// What belongs there.
+        /// Expected content.
         expected: &'static str,
-        /// What is there.
+        /// Content found.
         found: String,
         /// Number of the line, from 1.
         line: usize,
     },
-    /// A JPEG that stops early; decoders fill the rest with grey and say nothing.
+    /// A truncated JPEG; decoders would silently fill the rest with grey.
     #[error(
         "expected a whole JPEG image, found no end-of-image marker: the file is truncated; copy or export it again"
     )]
     TruncatedJpeg,
-    /// A file on which the decoder panics.
+    /// A file that makes the decoder panic.
     #[error(
         "expected a whole PNG or JPEG image, found one that crashes its decoder; copy or export the file again"
     )]
@@ -303,84 +302,84 @@ pub enum FrameProblem {
     /// A depth image of another pixel format.
     #[error("expected {expected} depth, found {found}; {hint}")]
     DepthFormat {
-        /// What the rest of the split has.
+        /// Format of the split.
         expected: &'static str,
-        /// What this file has.
+        /// Format of this file.
         found: String,
         /// What to do.
         hint: &'static str,
     },
-    /// Depth is not of the size that the frame's camera has.
+    /// Depth differs in size from the frame's camera.
     #[error(
         "expected depth of the camera's size {}x{}, found {}x{}; export both at one size", camera.0, camera.1, depth.0, depth.1
     )]
     SizeMismatch {
-        /// Width and height that the split's other images, or its metadata, give the camera.
+        /// Width and height of the camera, from the split's other images or its metadata.
         camera: (u32, u32),
         /// Width and height of the depth image.
         depth: (u32, u32),
     },
-    /// An image does not fit the camera.
+    /// An image differs in size from the camera.
     #[error(
         "expected an image of the camera's size {}x{}, found {}x{}; export all frames of a split at one size", expected.0, expected.1, found.0, found.1
     )]
     CameraSize {
-        /// Of the camera.
+        /// Width and height of the camera.
         expected: (u32, u32),
-        /// Of the file.
+        /// Width and height of the file.
         found: (u32, u32),
     },
-    /// Numbers that are no camera pose.
+    /// A matrix that is not a camera pose.
     #[error("pose: {0}; export the pose again or remove the frame")]
     Pose(#[from] PoseError),
-    /// Not even 16 numbers.
+    /// A pose that is not 16 numbers.
     #[error(
         "pose: expected 4 rows of 4 finite numbers, found {0}; export the pose again or remove the frame"
     )]
     PoseShape(String),
-    /// A frame entry without its fields.
+    /// A frame entry with missing or malformed fields.
     #[error("expected {expected}, found {found}; export the frame list again or remove the frame")]
     Entry {
-        /// What belongs there.
+        /// Expected content.
         expected: &'static str,
-        /// What is there.
+        /// Content found.
         found: String,
     },
-    /// A path that leads out of the dataset.
+    /// A path that leads outside the dataset.
     #[error(
         "expected a path inside the dataset folder, found `{0}` which leads outside; copy the file into the folder and use a relative path"
     )]
     Escapes(String),
-    /// A depth image without a single surface.
+    /// A depth image without any surface.
     #[error(
         "expected depth values, found only holes (0) in the whole image; the frame is skipped: export its depth again"
     )]
     NoDepthValues,
-    /// Intrinsics of a frame in memory that no camera has.
+    /// Intrinsics of an in-memory frame that no camera has.
     #[error("camera: expected {expected}, found {found}; {hint}")]
     Intrinsics {
-        /// What a camera has.
+        /// Allowed values.
         expected: String,
-        /// What was given.
+        /// Values given.
         found: String,
         /// What to do.
         hint: &'static str,
     },
-    /// A buffer in memory that does not hold the pixels of the camera's image.
+    /// An in-memory buffer of another size than the camera's image.
     #[error(
-        "expected {expected} {what} for the camera's {}x{} pixels, found {found}; hand over whole images without padding between rows", size.0, size.1
+        "expected {expected} {what} for the camera's {}x{} pixels, found {found}; pass whole images without padding between rows", size.0, size.1
     )]
     BufferSize {
-        /// What the buffer holds.
+        /// Contents of the buffer.
         what: &'static str,
         /// Width and height of the camera's image, pixels.
         size: (u32, u32),
-        /// Values that belong into it.
+        /// Expected number of values.
         expected: usize,
-        /// Values that it holds.
+        /// Number of values found.
         found: usize,
     },
-    /// A trusted interval of depth that holds no length.
+    /// An empty trusted interval of depth.
     #[error(
         "trusted depth: expected 0 ≤ near < far in world units, found {near} to {far}; correct it"
     )]
@@ -390,21 +389,20 @@ pub enum FrameProblem {
         /// Upper end of the interval, world units.
         far: f64,
     },
-    /// Points were asked of a frame without depth.
+    /// Points were requested from a frame without depth.
     #[error("expected a frame with depth, found colour only; choose a split with depth")]
     NoDepth,
-    /// A frame that is not there.
+    /// A frame number out of range.
     #[error("expected a frame number below {available}, found {asked}; choose another frame")]
     NoSuchFrame {
-        /// Frames in the split.
+        /// Number of frames in the split.
         available: usize,
-        /// What was asked for.
+        /// Frame number requested.
         asked: usize,
     },
 }
 
-/// Text that a dataset's files put into a message, which they may not fill: on one line, and of a long one
-/// its beginning and end.
+/// Limits text from files in a message: one line, and of long text its start and end.
 fn abridged(text: &str) -> String {
     const MOST: usize = 400;
     let plain: Vec<char> = text.chars().flat_map(on_one_line).collect();

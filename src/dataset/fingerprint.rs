@@ -1,9 +1,9 @@
-//! What a dataset is recognised by, without decoding an image.
+//! Fingerprint that identifies a dataset without decoding images.
 //!
-//! Names, cameras and how depth is read of every frame; the size of every file; and bytes of some of
-//! them. Reading all would take minutes where opening takes a second, and who edits images rarely
-//! leaves the size of every file as it was. Fingerprints of older versions lack the last three, which
-//! are then not compared.
+//! It covers names, cameras and depth encoding of every frame, the size of every file, and samples of some
+//! files' bytes. Reading all bytes would take minutes where opening takes a second, and edited images
+//! rarely retain their sizes. Fingerprints of older versions lack the last three parts, which are then not
+//! compared.
 
 use super::decode::{CodeKind, DepthEncoding};
 use super::depth::DepthKind;
@@ -15,37 +15,31 @@ use serde::{Deserialize, Serialize};
 use std::io::{Read, Result as IoResult, Seek, SeekFrom};
 use std::path::Path;
 
-/// Frames whose bytes are looked at, evenly spaced.
+/// Evenly spaced frames whose bytes are sampled.
 const SAMPLED_FRAMES: usize = 32;
-/// Places of a file that are looked at, evenly spaced from its start to its end, and bytes at each.
+/// Evenly spaced samples of a file, from its start to its end, and bytes per sample.
 const SAMPLED_PLACES: u64 = 3;
 const SAMPLED_BYTES: u64 = 1 << 14;
 
-/// Marks of one split of a dataset.
+/// Fingerprint of one split of a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fingerprint {
-    /// Layout of the files.
     layout: String,
-    /// The split.
     split: String,
-    /// Its frames.
     frames: usize,
-    /// Columns and rows of the first frame.
     size: [u32; 2],
     /// CRC-32 over names, cameras and poses, in order.
     poses: u32,
-    /// The first frame and the sizes of its files.
     first: FrameMark,
-    /// The last one.
     last: FrameMark,
-    /// CRC-32 over what makes numbers of the files: the size of every image, lenses, the colour camera,
-    /// units and trusted intervals of depth, least confidence.
+    /// CRC-32 over everything that affects decoding: size of every image, lens, colour camera, unit and
+    /// trusted interval of depth, least confidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     reading: Option<u32>,
     /// CRC-32 over the size of every file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sizes: Option<u32>,
-    /// CRC-32 over bytes of some files.
+    /// CRC-32 over the sampled bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     content: Option<u32>,
 }
@@ -58,18 +52,19 @@ struct FrameMark {
 }
 
 impl Fingerprint {
-    /// Layout of the files; `None` of files by a newer program.
+    /// Layout of the files; `None` if written by a newer version with an unknown layout.
     pub fn layout(&self) -> Option<Layout> {
         Layout::named(&self.layout)
     }
 
-    /// Of a split, which has at least one frame.
+    /// Computes the fingerprint of a split with at least one frame.
     pub fn of(dataset: &Dataset, split: usize) -> Self {
         Self::of_first(dataset, split, usize::MAX)
     }
 
-    /// Of a split as it was when it had `n` frames, if frames were only ever appended.
-    #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with a frame at least")]
+    /// Computes the fingerprint of the first `n` frames: that of the split before later frames were
+    /// appended.
+    #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with at least one frame")]
     pub fn of_first(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];
         let frames = &split.frames[..n.clamp(1, split.frames.len())];
@@ -104,12 +99,12 @@ impl Fingerprint {
         }
     }
 
-    /// Frames of the split.
+    /// Number of frames in the split.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// What differs first from the dataset `found`, in words.
+    /// Describes the first difference to `found`, the fingerprint of another dataset.
     pub fn difference(&self, found: &Self) -> Option<String> {
         let differ = |what: &str, expected: &dyn std::fmt::Debug, found: &dyn std::fmt::Debug| {
             Some(format!("{what} (expected {expected:?}, found {found:?})"))
@@ -129,7 +124,7 @@ impl Fingerprint {
         } else if self.poses != found.poses {
             Some("cameras or poses".to_owned())
         } else if differs(self.reading, found.reading) {
-            Some("what the files say of size, lens or depth, such as its unit".to_owned())
+            Some("size, lens or depth encoding in the files, such as the unit of depth".to_owned())
         } else if differs(self.sizes, found.sizes) {
             Some("sizes of image files".to_owned())
         } else if differs(self.content, found.content) {
@@ -140,12 +135,11 @@ impl Fingerprint {
     }
 }
 
-/// Whether both are known and are not the same.
+/// True if both are known and differ.
 fn differs(a: Option<u32>, b: Option<u32>) -> bool {
     a.zip(b).is_some_and(|(a, b)| a != b)
 }
 
-/// A checksum of numbers.
 struct Crc(crc32fast::Hasher);
 
 impl Crc {
@@ -178,7 +172,7 @@ fn read_by(crc: &mut Crc, frame: &FrameEntry) {
     let FrameFiles { lens, depth, color: _ } = &**files;
     crc.reals(lens.radial.into_iter().chain(lens.tangential));
     let Some(depth) = depth else { return };
-    // What measured it is a setting of the run, which holds it.
+    // The sensor setting is stored with the run.
     let DepthEncoding { codes, kind, trusted, sensor: _, metre: _ } = depth.encoding;
     let (code, unit) = match codes {
         CodeKind::Inverse8 => (0, 1.0),
@@ -202,7 +196,7 @@ fn content(frames: &[FrameEntry]) -> u32 {
         (0..n).filter_map(|i| frames.get(i * frames.len() / n)).cloned().collect();
     crc(&sampled, |crc, frame| {
         frame.files().for_each(|file| {
-            // A file that cannot be read has no content; its size says so too.
+            // An unreadable file has no content; its size is recorded as unknown.
             let _ = sample(file, &mut crc.0);
         });
     })
@@ -244,7 +238,7 @@ mod tests {
         Fingerprint::of(&dataset, dataset.training_split().unwrap())
     }
 
-    /// One byte of one image of ten, whose size stays; a file that has grown; another unit.
+    /// Changes one byte of one of ten images, then the file's size, and the unit of depth.
     #[test]
     fn what_changes_the_numbers_changes_the_fingerprint() {
         let folder = tempfile::tempdir().unwrap();
@@ -275,7 +269,7 @@ mod tests {
         std::fs::write(&file, bytes).unwrap();
         assert_eq!(difference(&plain), None);
 
-        // Of an older version.
+        // Fingerprint of an older version.
         let older = Fingerprint { reading: None, sizes: None, content: None, ..before.clone() };
         assert_eq!(older.difference(&of(folder.path(), &scaled)), None);
         let text = serde_json::to_string(&older).unwrap();

@@ -1,11 +1,11 @@
-//! Reading a dataset's folder without ever leaving it.
+//! Reads a dataset's folder without ever leaving it.
 //!
-//! A dataset may come from anywhere, and its frame lists name files. What they name is read only
-//! if it lies inside the folder: parents and absolute paths are refused by their text, links by
-//! where they lead. A folder is listed once and then asked by name.
+//! Datasets are untrusted, and their frame lists contain paths. Such a path is read only if it lies inside
+//! the folder: parents and absolute paths are refused by their text, links by their target. Each folder is
+//! listed once; later queries use the listing.
 //!
-//! A recording may still grow. Then a line counts once it is ended, and frames that were taken
-//! before are passed over, so that a look at a long recording costs little more than its listing.
+//! A recording may still grow. Then only terminated lines count, and frames that were taken before are
+//! skipped, so that polling a long recording costs little more than listing its folder.
 
 use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
@@ -17,18 +17,17 @@ use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// No pose, split or intrinsics file is longer; the rest of a longer one is not read.
+/// Limit for pose, split and intrinsics files; the rest of a longer file is ignored.
 const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 
-/// Trajectories and frame lists of a day's recording are shorter.
+/// Limit for trajectories and frame lists; those of a day-long recording are shorter.
 const TEXT_LIMIT: u64 = 256 << 20;
 
 /// The root of a dataset.
 pub(super) struct Folder {
-    /// As the user gave it; messages and file paths start with it.
+    /// Path as the user gave it; messages and file paths start with it.
     pub path: PathBuf,
     canonical: PathBuf,
-    /// What the root holds.
     pub listing: FolderListing,
     only_file: Option<String>,
     recorded: Recorded,
@@ -37,19 +36,18 @@ pub(super) struct Folder {
     unread: RefCell<Option<DatasetError>>,
 }
 
-/// How far a recording has come.
+/// State of an ongoing recording.
 #[derive(Clone, Default)]
 pub(super) struct Recorded {
-    /// Whether files may still grow.
+    /// True if files may still grow.
     pub is_growing: bool,
-    /// Names of frames that were taken before and are not asked for again.
+    /// Names of frames that were taken before; they are not read again.
     pub taken: Arc<HashSet<String>>,
 }
 
-/// What one folder holds, by name.
+/// Entries of one folder, by name.
 pub(super) struct FolderListing {
-    // Sorted: a system lists a folder in any order, and frames without a list come in that of
-    // names.
+    // Sorted: the system lists a folder in any order, and frames without a list are ordered by name.
     entries: BTreeMap<String, EntryKind>,
 }
 
@@ -57,15 +55,15 @@ pub(super) struct FolderListing {
 enum EntryKind {
     File,
     Folder,
-    /// Followed, and checked, only when it is used.
+    /// Resolved and checked only when used.
     Link,
 }
 
 impl Folder {
-    /// Opens and lists the root of a recording that has come so far.
+    /// Opens and lists the root folder, or the folder of an archive.
     pub fn open(path: &Path, recorded: Recorded) -> Result<Self, DatasetError> {
         let read = |source| DatasetError::Read { path: path.to_owned(), source };
-        // Resolved once: where links lead is compared with where the folder really is.
+        // Resolved once: the targets of links are compared with the real path.
         let canonical = match path.canonicalize() {
             Ok(canonical) => canonical,
             Err(e) if e.kind() == ErrorKind::NotFound => {
@@ -73,7 +71,7 @@ impl Folder {
             }
             Err(e) => return Err(read(e)),
         };
-        // Asked once and out loud: a disk that does not tell is no answer that it is no folder.
+        // A disk error here is returned: it does not mean that the path is no folder.
         let kind = std::fs::metadata(&canonical).map_err(read)?;
         if kind.is_file() && Archive::is_one(&canonical).map_err(read)? {
             return Self::of_file(path, &canonical);
@@ -94,7 +92,7 @@ impl Folder {
         })
     }
 
-    /// The folder of an archive, as if it held nothing else.
+    /// A folder that contains nothing but the given archive.
     fn of_file(path: &Path, canonical: &Path) -> Result<Self, DatasetError> {
         let not_a_folder = || DatasetError::NotAFolder { path: path.to_owned() };
         let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(not_a_folder)?;
@@ -112,22 +110,21 @@ impl Folder {
         })
     }
 
-    /// Whether files may still grow: what is not there yet may come.
+    /// True if files may still grow: missing files may follow.
     pub fn is_growing(&self) -> bool {
         self.recorded.is_growing
     }
 
-    /// Whether a frame was taken before.
+    /// True if the frame was taken before.
     pub fn has_taken(&self, frame: &str) -> bool {
         self.recorded.taken.contains(frame)
     }
 
-    /// Whether any frame was taken before.
     pub fn has_taken_any(&self) -> bool {
         !self.recorded.taken.is_empty()
     }
 
-    /// Folders that were listed and texts that were read, as far as their frames go beyond one.
+    /// Folders that were listed and texts that were read: a change of one of them calls for another poll.
     pub fn asked(&self) -> Vec<PathBuf> {
         let folders =
             self.listed.borrow().keys().map(|relative| self.path.join(relative)).collect();
@@ -135,12 +132,12 @@ impl Folder {
         [vec![self.path.clone()], folders, texts].concat()
     }
 
-    /// The archive that was opened in place of a folder.
+    /// Name of the archive, if one was opened instead of a folder.
     pub fn only_file(&self) -> Option<&str> {
         self.only_file.as_deref()
     }
 
-    /// What a folder below the root holds; it is listed when it is first asked for.
+    /// Lists a folder below the root; later calls return the stored listing.
     pub fn list(&self, relative: &Path) -> Result<Rc<FolderListing>, FrameProblem> {
         if let Some(listing) = self.listed.borrow().get(relative) {
             return Ok(Rc::clone(listing));
@@ -150,7 +147,7 @@ impl Folder {
         Ok(listing)
     }
 
-    /// The path of a listed file, checked if it is a link.
+    /// Path of a listed file; links are checked.
     pub fn file(
         &self,
         folder: &Path,
@@ -158,16 +155,16 @@ impl Folder {
         name: &str,
     ) -> Result<PathBuf, FrameProblem> {
         let relative = folder.join(name);
-        // Only a link can lead out: `folder` was checked when it was listed, and `name` is listed.
-        // Resolving every frame's path would ask the system once a file.
+        // Only a link can lead outside: `folder` was checked when it was listed, and `name` is listed.
+        // Resolving every frame's path would cost a system call per file.
         if listing.entries.get(name) == Some(&EntryKind::Link) {
             self.inside(&relative)?;
         }
         Ok(self.path.join(relative))
     }
 
-    /// The lines of a list below the root; of one that may still grow those that are ended: the
-    /// last number of a line that is not could lack digits.
+    /// Reads a list below the root. While the recording grows, only terminated lines count: the last number
+    /// of an unterminated line may lack digits.
     pub fn lines(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let (file, mut text) = self.text(name)?;
         if self.is_growing() {
@@ -176,12 +173,12 @@ impl Folder {
         Ok((file, text))
     }
 
-    /// The start of a text below the root by which a layout may be told; empty where there is none.
+    /// Reads the start of a text in the root that may identify a layout; empty if there is none.
     pub fn peek(&self, name: &str) -> String {
         self.peek_by(name, read_small_text)
     }
 
-    /// The same to its end.
+    /// The same for the whole text.
     pub fn peek_whole(&self, name: &str) -> String {
         self.peek_by(name, read_text)
     }
@@ -195,14 +192,13 @@ impl Folder {
         })
     }
 
-    /// Keeps why a file of the root was not read that a layout might have been told by. One that is not
-    /// there, or a link that leads nowhere, is no file that anything could be told by, and neither is what
-    /// is no text.
+    /// Stores the reason why a file of the root, which could identify a layout, was not read. Missing
+    /// files, broken links and files that are not text could not identify one and are ignored.
     pub fn not_read(&self, name: &str, problem: FrameProblem) {
         let is_told = match &problem {
             FrameProblem::Read(e) => match e.kind() {
                 ErrorKind::NotFound | ErrorKind::NotADirectory => false,
-                // Errors that the system has no number for are of what is no text or far too long.
+                // Errors without a system error code concern files that are not text or too long.
                 _ => e.raw_os_error().is_some(),
             },
             FrameProblem::Escapes(_) => true,
@@ -214,13 +210,13 @@ impl Folder {
         }
     }
 
-    /// What kept the first file from being read that a layout might have been told by. Whatever was
-    /// recognised without it may be another recording: of images without their poses, say.
+    /// Takes the error of the first file that could have identified a layout but was not read. The layout
+    /// recognised without it may be wrong: images without their poses, for example.
     pub fn unread(&self) -> Option<DatasetError> {
         self.unread.take()
     }
 
-    /// The text of a metadata file below the root, whole.
+    /// Reads a whole metadata file below the root.
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let file = self.path.join(name);
         self.texts.borrow_mut().insert(file.clone());
@@ -232,14 +228,14 @@ impl Folder {
         }
     }
 
-    /// The path of a file that metadata names.
+    /// Path of a file named by metadata.
     ///
     /// # Errors
-    /// A path that leads out of the folder, or to nothing: [`FrameProblem::Read`].
+    /// A path that leads outside the folder, or to nothing ([`FrameProblem::Read`]).
     pub fn named(&self, text: &str) -> Result<PathBuf, FrameProblem> {
         let relative = relative_path(text)?;
-        // As for listed files: only a link needs a look at where it leads. What is not listed by this
-        // very name may be all the same, where systems do not tell large letters from small ones.
+        // As for listed files, only a link has to be resolved. An unlisted name may exist nevertheless:
+        // some file systems ignore case.
         let parent = relative.parent().and_then(|parent| self.list(parent).ok());
         let name = relative.file_name().and_then(|name| name.to_str());
         let kind = parent.zip(name).and_then(|(listing, name)| listing.entries.get(name).copied());
@@ -249,7 +245,7 @@ impl Folder {
         Ok(self.path.join(relative))
     }
 
-    /// Whether there is a folder of that name in the root; a link that leads to one counts.
+    /// True if the root contains a folder of that name, or a link to one.
     pub fn has_folder(&self, name: &str) -> bool {
         match self.listing.entries.get(name) {
             Some(EntryKind::Folder) => true,
@@ -258,7 +254,7 @@ impl Folder {
         }
     }
 
-    /// Names of the folders in the root; links that lead to folders count.
+    /// Names of the folders in the root, including links to folders.
     pub fn subfolders(&self) -> Vec<String> {
         self.listing.entries.keys().filter(|name| self.has_folder(name)).cloned().collect()
     }
@@ -283,10 +279,10 @@ impl FolderListing {
                 (true, _, _) => EntryKind::Link,
                 (_, true, _) => EntryKind::Folder,
                 (_, _, true) => EntryKind::File,
-                // FIFOs and devices hold no frames: whoever opens one may wait for ever.
+                // FIFOs and devices contain no frames, and opening a FIFO may block forever.
                 _ => continue,
             };
-            // What is no UTF-8 no metadata can name.
+            // Metadata cannot name a file that is not UTF-8.
             if let Ok(name) = entry.file_name().into_string() {
                 entries.insert(name, kind);
             }
@@ -294,17 +290,17 @@ impl FolderListing {
         Ok(Self { entries })
     }
 
-    /// Whether there is a file (or link) of that name.
+    /// True if there is a file or link of that name.
     pub fn has_file(&self, name: &str) -> bool {
         matches!(self.entries.get(name), Some(EntryKind::File | EntryKind::Link))
     }
 
-    /// Names of files and links, ascending.
+    /// Names of files and links in ascending order.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.entries.iter().filter(|(_, k)| **k != EntryKind::Folder).map(|(n, _)| n.as_str())
     }
 
-    /// A few words on the content, for messages.
+    /// Short description of the contents, for messages.
     pub fn summary(&self) -> String {
         let n_folders = self.entries.values().filter(|k| **k == EntryKind::Folder).count();
         let mut names: Vec<&str> = self.entries.keys().take(4).map(String::as_str).collect();
@@ -319,7 +315,7 @@ impl FolderListing {
     }
 }
 
-/// What is wrong with a file of metadata that is not read.
+/// Converts the problem of an unreadable metadata file to an error.
 fn refused(file: PathBuf, problem: FrameProblem) -> DatasetError {
     let found = match problem {
         FrameProblem::Read(source) => return DatasetError::Read { path: file, source },
@@ -334,13 +330,13 @@ fn refused(file: PathBuf, problem: FrameProblem) -> DatasetError {
     }
 }
 
-/// Turns a path from a dataset file into a clean relative one.
+/// Converts a path from a dataset file to a normalised relative path.
 pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
     let escapes = || FrameProblem::Escapes(text.to_owned());
     // Lists exported on Windows name their files with backslashes.
     let forward = text.replace('\\', "/");
     if forward.as_bytes().get(1) == Some(&b':') {
-        return Err(escapes()); // a Windows drive is no component elsewhere
+        return Err(escapes()); // other systems do not parse a Windows drive
     }
     let mut clean = PathBuf::new();
     for component in Path::new(&forward).components() {
@@ -355,15 +351,15 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
     Ok(clean)
 }
 
-/// A whole text file; bytes that are no UTF-8 become replacement characters.
+/// Reads a whole text file; invalid UTF-8 becomes replacement characters.
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes_of(path, TEXT_LIMIT)?).into_owned())
 }
 
-/// The start of a small text file; bytes that are no UTF-8 become replacement characters.
+/// Reads the start of a small text file; invalid UTF-8 becomes replacement characters.
 pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
     let mut bytes = Vec::new();
-    // Bounded: what a foreign dataset calls a pose may be of any length.
+    // Bounded: a pose file of an untrusted dataset may be of any length.
     open_file(path)?.take(SMALL_TEXT_LIMIT).read_to_end(&mut bytes)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }

@@ -1,8 +1,7 @@
-//! One frame in memory: camera, colour and depth, already checked.
+//! One frame in memory: camera, colour and depth.
 //!
-//! Whoever makes a frame checks it: [`FrameEntry::load`](super::FrameEntry::load) what files hold,
-//! [`Frame::from_memory`] what a program hands over. What reads a frame relies on that and looks
-//! for holes only.
+//! Frames are checked on creation, by [`FrameEntry::load`](super::FrameEntry::load) for files and by
+//! [`Frame::from_memory`] for buffers. Code that reads a frame relies on it and handles only holes.
 
 pub use super::depth::{Depth, DepthCodes, DepthKind};
 
@@ -16,54 +15,52 @@ use glam::{DMat4, DVec3};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// A frame whose parts agree: depth has the camera's size, colour that of its own camera or else the
-/// same, and the pose is rigid.
+/// A consistent frame: depth has the size of its camera, colour the size of its own camera (the depth
+/// camera's if there is none), and the pose is rigid.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Name within the split.
     pub name: String,
     /// Intrinsics and pose of the camera that measured depth.
     pub camera: Camera,
-    /// The camera that took the colours, where the files give it an image or a lens of its own;
-    /// `None` where colours are registered to depth pixel by pixel.
+    /// Camera of the colours if the files give it an image size or lens of its own; `None` if colours are
+    /// registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
-    /// sRGB-encoded straight (not premultiplied) RGBA bytes; alpha is 255 where the file has none.
-    /// Shared, since what learns from the picture keeps it longer than the frame.
+    /// sRGB-encoded straight (not premultiplied) RGBA bytes; alpha is 255 if the file has none. Shared,
+    /// since photometric training retains the picture longer than the frame.
     pub color: Arc<Image<[u8; 4]>>,
     /// Depth, in splits that have it.
     pub depth: Option<Depth>,
 }
 
-/// Colour bytes of a frame that is already in memory: sRGB-encoded, rows from the top, without
-/// padding between rows.
+/// Colour bytes of an in-memory frame: sRGB-encoded, rows from the top, no padding between rows.
 #[derive(Clone, Copy, Debug)]
 pub enum ColorBuffer<'a> {
     /// Red, green and blue of every pixel; all pixels are opaque.
     Rgb8(&'a [u8]),
-    /// Red, green, blue and straight alpha of every pixel; pixels that are not opaque make no points.
+    /// Red, green, blue and straight alpha of every pixel; pixels that are not opaque yield no points.
     Rgba8(&'a [u8]),
 }
 
-/// Depth of a frame that is already in memory, registered to its intrinsics.
+/// Depth of an in-memory frame, registered to its intrinsics.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthBuffer<'a> {
-    /// Length of every pixel in world units (metres, if the poses are metric), rows from the top,
-    /// without padding. NaN, infinite, zero and negative lengths are holes.
+    /// Length of every pixel in world units (metres, if the poses are metric), rows from the top, no
+    /// padding. NaN, infinite, zero and negative lengths are holes.
     pub lengths: &'a [f32],
-    /// Whether a length runs along the optical axis or along the pixel's ray.
+    /// Direction of measurement: along the optical axis or along the pixel's ray.
     pub kind: DepthKind,
-    /// Open interval of lengths that training uses; `[0.0, f64::INFINITY]` trusts all.
+    /// Open interval of lengths that training uses; `[0.0, f64::INFINITY]` accepts all.
     pub trusted: [f64; 2],
 }
 
 impl Frame {
-    /// A frame of what a program already holds: images in memory, a pinhole camera and its pose, a
-    /// camera-to-world matrix in OpenCV axes (x right, y down, z forward).
+    /// Makes a frame from images in memory, a pinhole camera and its pose: a camera-to-world matrix in
+    /// OpenCV axes (x right, y down, z forward).
     ///
     /// # Errors
-    /// Intrinsics that no camera has; a matrix that is no rigid pose (NaN, scale, mirror image); a
-    /// buffer of another size than the camera's; depth that is a hole everywhere, or whose trusted
-    /// interval is empty.
+    /// Intrinsics that no camera has; a matrix that is not a rigid pose (NaN, scale, mirror image); a
+    /// buffer of another size than the camera's; depth without any surface, or an empty trusted interval.
     ///
     /// ```
     /// use glam::DMat4;
@@ -109,7 +106,7 @@ impl Frame {
         color: ColorBuffer,
         depth: Option<DepthBuffer>,
     ) -> Result<Self, FrameProblem> {
-        // The camera first: buffers are measured against its size.
+        // The camera first: the buffers are compared with its size.
         intrinsics::check(&intrinsics).map_err(|defect| {
             let IntrinsicsDefect { expected, found, hint } = defect;
             FrameProblem::Intrinsics { expected, found, hint }
@@ -122,28 +119,27 @@ impl Frame {
         Ok(Self { name: name.to_owned(), camera, color_camera: None, color, depth })
     }
 
-    /// The camera that took the colours: what a calibration says, else what the files say; `None`
-    /// where colours are registered to depth.
+    /// Camera of the colours: the calibrated one, else that of the files; `None` if colours are registered
+    /// to depth.
     pub fn photographed_by(&self, calibrated: Option<&ColorCamera>) -> Option<ColorCamera> {
         let size = [self.color.width, self.color.height].map(|n| n as u32);
         photographed_by(self.color_camera, calibrated, size)
     }
 
-    /// World pose and intrinsics of the camera that took the colours, for the photograph's size.
+    /// World pose and intrinsics of the colours' camera, for the photograph's size.
     pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
         let color = self.photographed_by(calibrated);
         color.map_or(self.camera, |color| color.beside(&self.camera))
     }
 
-    /// Whether nothing shines through a pixel of the depth image. Photographs by another camera hold
-    /// no such mask.
+    /// True if a pixel of the depth image is opaque. Photographs of another camera have no such mask.
     pub fn is_opaque(&self, pixel: usize) -> bool {
         self.color_camera.is_some()
             || self.color.data.get(pixel).is_some_and(|rgba| rgba[3] == u8::MAX)
     }
 
-    /// The frame with a colour for every depth pixel: its own where colours are registered, else
-    /// what its colour camera shows there, transparent where that sees nothing.
+    /// Registers colours to depth pixels: unchanged if they are registered already, else sampled from the
+    /// photograph; transparent outside its image.
     pub fn registered(&self) -> Cow<'_, Self> {
         let (Some(color_camera), Some(depth)) = (self.color_camera, &self.depth) else {
             return Cow::Borrowed(self);
@@ -160,7 +156,7 @@ impl Frame {
         Cow::Owned(Self { color: color.into(), color_camera: None, ..self.clone() })
     }
 
-    /// The nearest texel to a point of the depth camera's frame.
+    /// Nearest texel to a point in the depth camera's frame.
     fn color_of(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
         let at = camera.project(point)?;
         let is_inside = at.min_element() >= 0.0
@@ -169,26 +165,26 @@ impl Frame {
         is_inside.then(|| *self.color.at(at.x as usize, at.y as usize))
     }
 
-    /// The depth that points are to be made of.
+    /// Depth from which points are made.
     ///
     /// # Errors
-    /// [`FrameProblem::NoDepth`] of a frame with colour only.
+    /// [`FrameProblem::NoDepth`] for a frame with colour only.
     pub(super) fn depth_to_use(&self) -> Result<&Depth, FrameError> {
         self.depth.as_ref().ok_or_else(|| FrameError {
-            // A frame in memory no longer knows its files; its name stands for them.
+            // The frame's name replaces the file, which a frame in memory does not store.
             file: self.name.clone().into(),
             frame: self.name.clone(),
             problem: FrameProblem::NoDepth,
         })
     }
 
-    /// Depth along the optical axis in world units, 0 at holes, for evaluation and plane fits;
-    /// `None` in frames without depth. The trusted interval is not applied.
+    /// Depth along the optical axis in world units, 0 at holes, for evaluation and plane fits; `None`
+    /// without depth. Ignores the trusted interval.
     pub fn depth_z(&self) -> Option<Image<f32>> {
         self.depth_as(DepthKind::Z)
     }
 
-    /// Depth in world units measured as asked, whatever the file holds; otherwise as
+    /// Depth in world units along the direction `kind`, whatever the file holds; otherwise as
     /// [`Self::depth_z`].
     pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
@@ -250,7 +246,7 @@ fn check_length(
     }
 }
 
-/// The camera that took a photograph of this size: what a calibration says is preferred to what files say.
+/// Camera of a photograph of this size; the calibrated one takes precedence over that of the files.
 pub(super) fn photographed_by(
     recorded: Option<ColorCamera>,
     calibrated: Option<&ColorCamera>,
@@ -259,7 +255,7 @@ pub(super) fn photographed_by(
     calibrated.copied().or(recorded).map(|camera| camera.at_size(size))
 }
 
-/// How much longer a length of `kind` is than the depth z at a pixel (1 for z itself).
+/// Ratio of a length of `kind` to the depth z at a pixel (1 for z itself).
 pub(super) fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
     match kind {
         DepthKind::RayDistance => k.ray(column, row).length(),

@@ -1,11 +1,10 @@
-//! A recording whose files are still written: looked at again and again, each time for the frames that
-//! became whole since.
+//! A recording that is still being written: polled repeatedly, each time for the frames completed since.
 //!
-//! A look reads the folder as opening does, but passes over the frames that were taken before, ahead of
-//! their poses and headers: what is left is the listing and the text of lists. Whether a look is worth
-//! it tell the times and lengths of the folders and lists that the last one asked for, a few calls of
-//! the system. Events of the system (inotify and its kin) would name the files, but reach neither over
-//! networks nor into containers, and a poll would be needed beside them.
+//! A poll reads the folder like opening, but skips frames that were taken before, before their poses and
+//! headers are read. What remains is listing folders and reading lists. Modification times and sizes of the
+//! folders and lists of the last poll decide whether to poll again. File system events (such as inotify)
+//! would name the files, but do not work over networks or into containers, so polling would be needed
+//! anyway.
 
 use super::Dataset;
 use super::entry::{FrameEntry, HELD_OUT};
@@ -19,40 +18,39 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The file that a recorder writes last: everything before it is whole.
+/// File that a recorder writes last: everything else is complete then.
 pub const END_MARKER: &str = "recording.done";
 
-/// Seconds for which a frame that is not whole holds back those behind it, so that all are learnt in
-/// their order.
+/// Seconds for which an incomplete frame delays the frames after it, so that all are trained in order.
 const PATIENCE_S: f64 = 1.0;
 
 /// A recording that may still grow.
 pub struct GrowingRecording {
     path: PathBuf,
     options: LoadOptions,
-    /// Name of the split that is taken, from the first look on or as asked.
+    /// Name of the split, once known from the options or the first frames.
     split: Option<String>,
     layout: Option<Layout>,
     taken: Arc<HashSet<String>>,
-    /// When frames were first seen of which files are not whole, seconds.
+    /// Times at which incomplete frames were first listed, seconds.
     unfinished: HashMap<String, f64>,
-    /// What files looked like that were whole and could not be read all the same.
+    /// File marks of frames that were complete but could not be read.
     failed: HashMap<String, FrameMarks>,
-    /// What the last look read, as it was before.
+    /// Paths that the last poll read, with their marks from before.
     asked: Vec<(PathBuf, Option<FileMark>)>,
-    /// Whether that had changed since the look before: it may have changed again within a tick of the
-    /// file system's clock.
+    /// True if they had changed since the poll before. They may have changed again within one tick of the
+    /// file system's clock, so another poll is due.
     is_fresh: bool,
-    /// Whether something was listed that is no frame yet.
+    /// True if the last poll found an entry that is not a complete frame yet.
     is_unresolved: bool,
 }
 
 impl GrowingRecording {
-    /// A recording of which nothing was taken; `split` is the one wanted, if not the one with depth.
-    /// The folder need not be there.
+    /// Starts a recording of which no frame was taken. Takes the frames of `split`, by default the split
+    /// with depth. The folder need not exist yet.
     ///
     /// # Errors
-    /// An option out of its range, and a file in place of a folder.
+    /// An option out of range, or a file in place of a folder.
     pub fn new(
         path: &Path,
         options: &LoadOptions,
@@ -65,12 +63,13 @@ impl GrowingRecording {
         Ok(Self::begin(path, *options, split))
     }
 
-    /// The recording that a dataset was opened from, all of whose frames in `split` are taken; `None`
-    /// for frames that come from no folder. The drive is asked nothing, which may have fallen silent since.
+    /// Continues the recording that a dataset was opened from; all its frames in `split` count as taken.
+    /// `None` if the frames come from no folder. Does not access the drive, which may no longer respond.
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|_| dataset.is_folder)?;
         let name = &dataset.splits.get(split)?.name;
-        // All looks have one origin: zero too, which options leave out, is settled.
+        // All polls share one origin. A zero origin, which the options leave open, is therefore fixed as
+        // well.
         let mut growing = Self::begin(path, dataset.options.settled(), Some(name));
         growing.take(dataset);
         Some(growing)
@@ -91,33 +90,33 @@ impl GrowingRecording {
         }
     }
 
-    /// The folder.
+    /// Folder of the recording.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether the recorder wrote its last file.
+    /// True if the recorder has written its end marker.
     pub fn has_ended(&self) -> bool {
         self.path.join(END_MARKER).exists()
     }
 
-    /// Whether folders or lists are not as they were at the last look.
+    /// True if folders or lists have changed since the last poll.
     pub fn has_changed(&self) -> bool {
         self.is_fresh || self.asked.iter().any(|(path, mark)| FileMark::of(path) != *mark)
     }
 
-    /// Whether something was there at the last look that is no whole frame yet, and may become one
-    /// without a change of a folder or list.
+    /// True if the last poll found an entry that is not a complete frame yet. It may become one without a
+    /// change of a folder or list.
     pub fn is_unresolved(&self) -> bool {
         self.is_unresolved
     }
 
-    /// Frames of the split that became whole and were not taken before, in their order, as a dataset
-    /// that may hold none. If the recording grows no more all are, and what is wrong with others is
-    /// told. `now_s` are seconds on any clock that does not go back.
+    /// Polls for frames of the split that became complete and were not taken before, in order. The returned
+    /// dataset may have no frames. Once the recording has ended (`is_growing` false), all frames are
+    /// returned and defects become warnings. `now_s` is a monotonic time in seconds.
     ///
     /// # Errors
-    /// What opening the folder can meet, most of which time mends.
+    /// Any error of opening the folder; most vanish as the recording grows.
     pub fn look(&mut self, is_growing: bool, now_s: f64) -> Result<Dataset, DatasetError> {
         let found = self.read(is_growing);
         self.is_unresolved = match &found {
@@ -130,12 +129,12 @@ impl GrowingRecording {
             return Err(DatasetError::TwoLayouts { path: self.path.clone(), found });
         }
         let split = self.split_of(&dataset);
-        // Frames that are still written are refused for now; what others hold is not what trains.
+        // Every frame may still be incomplete; the other splits must not be used for training instead.
         if is_growing && matches!(split, Err(DatasetError::TrainingSplit { .. })) {
             dataset.splits.clear();
         }
         if let Ok(at) = split.as_ref().copied() {
-            // Of the frames that are taken, not of those that were found.
+            // Frames are held out of those taken, not of those found.
             let held_out = dataset.splits.iter_mut().filter(|split| split.name == HELD_OUT);
             held_out.for_each(|split| split.frames.clear());
             if let Some(split) = dataset.splits.get_mut(at) {
@@ -154,7 +153,7 @@ impl GrowingRecording {
         Ok(dataset)
     }
 
-    /// Why a look found no frame.
+    /// Explains why a poll found no frame.
     pub fn why_empty(&self, found: Dataset) -> DatasetError {
         match self.unfinished.len() {
             0 => no_usable_frame(&self.path, found.warnings),
@@ -162,13 +161,13 @@ impl GrowingRecording {
         }
     }
 
-    /// Takes what a look has found: these frames are not found again. Their number.
+    /// Marks the frames of a poll as taken, so that later polls skip them; returns their number.
     pub fn take(&mut self, found: &Dataset) -> usize {
         let split = self.split_of(found).ok().and_then(|at| found.splits.get(at));
         let Some(split) = split else { return 0 };
         if !split.frames.is_empty() {
             self.layout = Some(found.layout);
-            // The first frames decide where the origin lies.
+            // The first frames determine the local origin.
             self.options =
                 LoadOptions { local_origin: found.options.settled().local_origin, ..self.options };
             self.split = Some(split.name.clone());
@@ -178,15 +177,15 @@ impl GrowingRecording {
         split.frames.len()
     }
 
-    /// Whether any frame was taken.
+    /// True if any frame was taken.
     pub fn has_begun(&self) -> bool {
         !self.taken.is_empty()
     }
 
-    /// Position of the split that is taken.
+    /// Index of the split whose frames are taken.
     ///
     /// # Errors
-    /// There is none of that name, or none with depth.
+    /// No split of that name, or none with depth.
     pub fn split_of(&self, dataset: &Dataset) -> Result<usize, DatasetError> {
         match &self.split {
             Some(name) => dataset.split_named(name),
@@ -194,7 +193,7 @@ impl GrowingRecording {
         }
     }
 
-    /// Gives back a frame that could not be read: it is found again when its files no longer look so.
+    /// Returns a frame that could not be read; it is found again once its files differ from `marks`.
     pub fn give_back(&mut self, frame: String, marks: FrameMarks) {
         if Arc::make_mut(&mut self.taken).remove(&frame) {
             self.failed.insert(frame, marks);
@@ -203,7 +202,7 @@ impl GrowingRecording {
     }
 
     fn read(&mut self, is_growing: bool) -> Result<Dataset, DatasetError> {
-        // Before anything is read: what changes meanwhile is found by the next look.
+        // Marks are read first, so that the next poll detects changes made during this one.
         let marks = self.asked.iter().map(|(path, _)| (path.clone(), FileMark::of(path)));
         let marks: HashMap<PathBuf, Option<FileMark>> = marks.collect();
         self.is_fresh = self.asked.iter().any(|(path, mark)| marks.get(path) != Some(mark));
@@ -219,7 +218,7 @@ impl GrowingRecording {
         dataset
     }
 
-    /// The frames that are whole, up to one that others have to wait for.
+    /// The complete frames, up to the first incomplete one that still delays the others.
     fn whole(&mut self, frames: Vec<FrameEntry>, now_s: f64) -> Vec<FrameEntry> {
         let is_first = self.taken.is_empty();
         let mut whole = Vec::new();
@@ -232,8 +231,8 @@ impl GrowingRecording {
             }
             self.is_unresolved = true;
             let since = *self.unfinished.entry(frame.name).or_insert(now_s);
-            // Of a recording that was begun before, nothing is held back: what is not whole by now may
-            // never be.
+            // In a recording that began before, the first poll delays nothing: files incomplete by now may
+            // never be completed.
             if !is_first && !has_failed && now_s - since < PATIENCE_S {
                 break;
             }
@@ -242,7 +241,7 @@ impl GrowingRecording {
     }
 }
 
-/// Frames that can be learnt; the others are told.
+/// Returns the frames with depth; the others become warnings.
 fn with_depth(
     frames: Vec<FrameEntry>,
     split: &str,

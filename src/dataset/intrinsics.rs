@@ -1,21 +1,21 @@
-//! Intrinsics that no camera has.
+//! Checks of intrinsics.
 
 use super::error::DatasetError;
 use crate::math::camera::Intrinsics;
 
-/// What is wrong with intrinsics, in the words of a message.
+/// Parts of a message about invalid intrinsics.
 pub(super) struct IntrinsicsDefect {
     pub expected: String,
     pub found: String,
     pub hint: &'static str,
 }
 
-/// Whether a pinhole camera can have this field of view: between 0.1 and 179 degrees.
+/// True if a pinhole camera can have this field of view: between 0.1 and 179 degrees.
 pub(super) fn is_sane_field_of_view(degrees: f64) -> bool {
     degrees > 0.1 && degrees < 179.0
 }
 
-/// The intrinsics that a user gives in place of a dataset's, for images of a size.
+/// Intrinsics given by the user, for images of `size` (columns, rows).
 ///
 /// # Errors
 /// [`DatasetError::Option`] if no camera has them.
@@ -26,14 +26,14 @@ pub(super) fn given(
     let k = Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy };
     check(&k).map_err(|defect| DatasetError::Option {
         setting: "intrinsics",
-        expected: "focal lengths and a principal point in pixels that a camera of this size has",
+        expected: "focal lengths and principal point in pixels, for images of this size",
         found: defect.found,
     })?;
     Ok(k)
 }
 
-/// Refuses intrinsics that no camera has. Both bounds catch mistakes of unit rather than odd lenses:
-/// degrees written for radians, metres for pixels, a matrix that belongs to images of another size.
+/// Refuses intrinsics that no camera has. Both bounds catch errors of unit rather than unusual lenses:
+/// degrees for radians, metres for pixels, or a matrix for images of another size.
 pub(super) fn check(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
     let fov_y = 2.0 * (0.5 * f64::from(k.height) / k.fy).atan();
     for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", fov_y)] {

@@ -1,30 +1,32 @@
-//! The place that a far world is moved to, so that 32-bit positions resolve it.
+//! Local origin of worlds far from zero, so that 32-bit positions resolve them.
 //!
-//! Map coordinates put a room millions of metres from zero, where `f32` steps by half a metre. Poses are
-//! `f64` and lose nothing: cameras are handed out relative to a place beside the first of them, and all
-//! that follows, from training to drawing, works there without knowing. Worlds near zero stay as they are,
-//! to the bit. What is written says the place, and what is opened beside a model takes the model's.
+//! Map coordinates put a room millions of metres from zero, where `f32` has a step of half a metre. Poses
+//! are
+//! `f64`: cameras are returned relative to a place near the first one, without loss, and everything after,
+//! from training to rendering, works in these coordinates. Worlds near zero are unchanged to the bit. Files
+//! store the origin, and a dataset opened with a model takes the model's.
 
 use super::entry::{DatasetSplit, FrameEntry};
 use super::options::FARTHEST_SENSED;
 use super::wild_poses::wild_poses;
 use glam::DVec3;
 
-/// Distance from zero beyond which a world is far, in depths that sensors reach: `f32` rounds by less than
-/// 2⁻¹⁸ of such a depth below, a hundredth of a structural scale.
+/// Distance from zero beyond which a world is far, in multiples of the largest sensed depth. Below it,
+/// `f32` rounds by less than 2⁻¹⁸ of such a depth, a hundredth of the structural scale.
 const FAR: f64 = 64.0;
-/// The same in spreads of the cameras: a world as wide as it is far gains nothing by being moved.
+/// Least distance in spreads of the cameras: moving a world as wide as it is far gains nothing.
 const FAR_BESIDE_SPREAD: f64 = 8.0;
 
-/// Where cameras are told relative to, and what a user should know of it.
+/// Origin of the returned camera poses, and a notice for the user.
 pub(super) struct LocalOrigin {
-    /// In the world of the files, world units.
+    /// In the files' world frame, world units.
     pub place: DVec3,
     pub note: Option<String>,
 }
 
 impl LocalOrigin {
-    /// As asked for, or as the distance of the cameras from zero asks for; `metre` in world units.
+    /// Uses the given origin, or chooses one by the cameras' distance from zero; `metre` is world units per
+    /// metre.
     pub fn of(split: &DatasetSplit, metre: f64, asked: Option<[f64; 3]>) -> Self {
         let Some(asked) = asked.map(DVec3::from_array) else {
             let place = far_place(split, metre, DVec3::ZERO).unwrap_or(DVec3::ZERO);
@@ -39,30 +41,30 @@ impl LocalOrigin {
 fn moved(place: DVec3) -> String {
     let ([x, y, z], distance) = (place.to_array(), place.length());
     format!(
-        "the cameras lie {distance:.0} world units from zero, where 32-bit positions are coarse: positions are kept relative to the local origin ({x}, {y}, {z})"
+        "the cameras lie {distance:.0} world units from zero, where 32-bit positions are coarse: positions are stored relative to the local origin ({x}, {y}, {z})"
     )
 }
 
 fn mismatched(asked: DVec3, far: DVec3) -> String {
     let ([x, y, z], distance) = (asked.to_array(), far.length());
     format!(
-        "the cameras lie {distance:.0} world units from the local origin ({x}, {y}, {z}) of the model beside them: expected cameras near it; pictures and figures are coarse or of another place; take a checkpoint, PLY or GLB that was trained on this dataset"
+        "the cameras lie {distance:.0} world units from the local origin ({x}, {y}, {z}) of the model beside them: expected cameras near it; pictures and metrics are imprecise or show another place; use a checkpoint, PLY or GLB trained on this dataset"
     )
 }
 
-/// A place beside the first sound camera in whole metres, relative to `origin`, if that is far from it.
+/// Position near the first valid camera in whole metres, relative to `origin`, if it is far from `origin`.
 fn far_place(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
     let centre = first_sound(split)?;
     let from_origin = centre - origin;
     let distance = from_origin.length();
     let is_far = distance > FAR * FARTHEST_SENSED * metre
         && distance > FAR_BESIDE_SPREAD * spread(split, centre);
-    // Whole metres: numbers that files and people can hold, and no phase for lattices that another unit
-    // would change.
+    // Whole metres: short numbers for files and users, and the phase of lattices does not depend on the
+    // unit.
     is_far.then(|| (from_origin / metre).round() * metre)
 }
 
-/// Where the first camera stands whose pose can be.
+/// Position of the first camera whose pose is not an outlier.
 fn first_sound(split: &DatasetSplit) -> Option<DVec3> {
     let wild = wild_poses(split);
     let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
@@ -70,7 +72,7 @@ fn first_sound(split: &DatasetSplit) -> Option<DVec3> {
     Some(split.frames.get(first)?.camera.pose.centre())
 }
 
-/// Median distance of the cameras from a place.
+/// Median distance of the cameras from a position.
 fn spread(split: &DatasetSplit, centre: DVec3) -> f64 {
     let distance = |frame: &FrameEntry| frame.camera.pose.centre().distance(centre);
     let mut distances: Vec<f64> = split.frames.iter().map(distance).collect();

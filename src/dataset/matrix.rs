@@ -1,18 +1,18 @@
-//! Camera matrices from text and JSON.
+//! Parses and formats camera matrices.
 
 use super::error::FrameProblem;
 use glam::{DMat4, DVec4};
 use serde_json::Value;
 
-/// Reads exactly `N` whitespace- or comma-separated numbers. `nan` and `inf` pass: the pose check
-/// names them with row and column.
+/// Parses exactly `N` numbers separated by whitespace or commas. Accepts `nan` and `inf`: the pose check
+/// reports them with row and column.
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let mut values = [0.0; N];
     let mut count = 0;
     let is_separator = |c: char| c.is_whitespace() || c == ',';
     for token in text.split(is_separator).filter(|t| !t.is_empty()) {
         let value = token.parse().map_err(|_| format!("`{}`", shorten(token)))?;
-        // Counted to the end, so that the message can say how many numbers there are.
+        // Counted to the end, so that the message can state the number found.
         if let Some(slot) = values.get_mut(count) {
             *slot = value;
         }
@@ -21,13 +21,13 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     if count == N { Ok(values) } else { Err(format!("{count} numbers")) }
 }
 
-/// Row-major text of a 4×4 matrix.
+/// Parses the row-major text of a 4×4 matrix.
 pub(super) fn from_text(text: &str) -> Result<DMat4, FrameProblem> {
     let values = numbers::<16>(text).map_err(FrameProblem::PoseShape)?;
     Ok(from_rows(&values))
 }
 
-/// A JSON array of 4 (or 3) rows of 4 numbers.
+/// Parses a JSON array of 4 (or 3) rows of 4 numbers.
 pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let wrong = |found: String| Err(FrameProblem::PoseShape(found));
     let Some(value) = value else {
@@ -37,7 +37,7 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
         return wrong(describe(value));
     };
     let mut values = [0.0; 16];
-    // Three rows are an affine matrix whose last row was left out.
+    // Three rows are an affine matrix without its last row.
     values[15] = 1.0;
     for (i, (row, values)) in rows.iter().zip(values.as_chunks_mut::<4>().0).enumerate() {
         let Some(row) = row.as_array().filter(|row| row.len() == 4) else {
@@ -53,7 +53,7 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     Ok(from_rows(&values))
 }
 
-/// What a JSON value is, in a few words.
+/// Describes a JSON value for a message.
 pub(super) fn describe(value: &Value) -> String {
     match value {
         Value::Null => "null".to_owned(),
@@ -69,18 +69,18 @@ pub(super) fn describe(value: &Value) -> String {
 }
 
 fn shorten(text: &str) -> String {
-    // A message must not repeat a damaged file.
+    // A message must not reproduce a damaged file.
     text.chars().take(24).collect()
 }
 
 fn from_rows(values: &[f64; 16]) -> DMat4 {
-    // Files hold rows, glam takes columns.
+    // Files store rows, glam takes columns.
     DMat4::from_cols_array(values).transpose()
 }
 
-/// Row-major text of a matrix with all digits, one row per line.
+/// Formats a matrix row by row, one row per line, without loss.
 pub(super) fn to_text(matrix: &DMat4) -> String {
-    // `{:e}` writes the fewest digits that read back as the same number.
+    // `{:e}` writes the fewest digits that parse to the same number.
     let row = |r: DVec4| format!("{:e} {:e} {:e} {:e}\n", r.x, r.y, r.z, r.w);
     (0..4).map(|i| row(matrix.row(i))).collect()
 }

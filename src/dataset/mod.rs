@@ -1,25 +1,25 @@
-//! Posed RGB-D frames from folders, from memory, and from a procedural scene that needs neither.
+//! Posed RGB-D frames from folders, from memory, and from a procedural scene.
 //!
-//! A format reads the metadata and poses of one layout (recognised by content, never by name) and
-//! names each frame's files; everything after that, from decoding to points, is common to all.
-//! Opening never decodes images. A bad frame becomes a [`Warning`] at opening or a
-//! [`FrameError`](error::FrameError) at loading, never a panic, and the other frames remain usable.
+//! A format reads the metadata and poses of one layout (recognised by content, never by name) and lists
+//! each frame's files; all later steps, from decoding to points, are common to all. Opening never decodes
+//! images. A bad frame becomes a [`Warning`] at opening or a [`FrameError`](error::FrameError) at loading,
+//! never a panic, and the other frames remain usable.
 //!
-//! | question | file |
+//! | question | module |
 //! |---|---|
-//! | which layouts are known, how is one added? | [`formats`] |
-//! | how do files become a frame, how does a program hand one over? | [`frame`], [`depth`] |
-//! | where does a depth pixel become a point? | [`surface`] (preset `scene`), [`unproject`] (`paper`) |
-//! | which frames train, which measure? | [`splits`] |
+//! | which layouts are supported, how is one added? | [`formats`] |
+//! | how do files or buffers become a frame? | [`frame`], [`depth`] |
+//! | how does a depth pixel become a point? | [`surface`] (preset `scene`), [`unproject`] (`paper`) |
+//! | which frames are for training, which for evaluation? | [`splits`] |
 //! | what corrects the cameras? | [`calibration`] |
-//! | do poses mean what the layout says? | [`pose_check`] |
-//! | was it shaken, did exposure jump, are frames missing? | [`capture_check`] |
-//! | how are frames taken while they are recorded? | [`growing`] |
+//! | do poses follow the layout's convention? | [`pose_check`] |
+//! | is the recording blurred, did exposure jump, are frames missing? | [`capture_check`] |
+//! | how is a recording in progress followed? | [`growing`] |
 //!
-//! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
+//! No threads are started here: the prefetcher in `pipeline` calls [`Dataset::load`].
 #![doc = include_str!("dataset.md")]
-// Files come from anywhere: a number in one must never be an index that is not there. What works on
-// pixels works on images whose size was checked when they were decoded.
+// Files are untrusted: a number read from one must not index unchecked. Pixel code runs on images whose
+// size was checked when they were decoded.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]
 
 pub mod calibrated_size;
@@ -35,7 +35,7 @@ pub mod range;
 pub mod splits;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 pub mod surface;
-#[expect(clippy::indexing_slicing, reason = "makes frames: reads none")]
+#[expect(clippy::indexing_slicing, reason = "generates frames, reads no files")]
 pub mod synthetic;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 pub mod unproject;

@@ -1,4 +1,4 @@
-//! An opened dataset: its splits, what was refused, and what is known of its cameras.
+//! An opened dataset: splits, skipped frames, options, and properties of its cameras.
 
 use super::archive::Archive;
 use super::calibration::Calibration;
@@ -23,31 +23,31 @@ use std::sync::Arc;
 pub struct Dataset {
     /// Last part of the path, or the name of the procedural scene.
     pub name: String,
-    /// The folder or archive; `None` for the procedural scene.
+    /// Folder or archive; `None` for the procedural scene.
     pub path: Option<PathBuf>,
-    /// Whether it was read from a folder, to which frames may be added.
+    /// True if it was read from a folder, to which frames may be added.
     pub is_folder: bool,
-    /// How it is stored.
+    /// Layout of the files.
     pub layout: Layout,
-    /// Which content the layout was recognised by.
+    /// Content that identified the layout.
     pub recognised_by: String,
-    /// At least one, none of them empty.
+    /// Splits with at least one frame each; at least one split.
     pub splits: Vec<DatasetSplit>,
-    /// Frames that were listed but cannot be used.
+    /// Frames that are listed but cannot be used.
     pub warnings: Vec<Warning>,
-    /// What a user should know although nothing is wrong.
+    /// Notices for the user that are not defects.
     pub notes: Vec<String>,
-    /// Range of positions where the layout defines one; see [`super::range::estimate`].
+    /// Range of positions if the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,
-    /// What was overridden when it was opened, and where the cameras' origin lies if not at zero.
+    /// Options it was opened with; the local origin is set here if it is not zero.
     pub options: LoadOptions,
 }
 
 /// Opens a dataset folder: recognises the layout and reads metadata and poses.
 ///
 /// # Errors
-/// A folder that cannot be read, is of no known layout, or has no usable frame; metadata that no
-/// camera has; an option outside its range.
+/// A folder that cannot be read, has no known layout, or has no usable frame; metadata that no camera has;
+/// an option out of range.
 ///
 /// ```
 /// use vbgs_studio::dataset::synthetic::SyntheticParams;
@@ -66,7 +66,7 @@ pub struct Dataset {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
-    // Before any file is touched: a wrong option is wrong usage, whatever the folder holds.
+    // Before any file is read: an invalid option is wrong usage, whatever the folder holds.
     options.check()?;
     let dataset = read(&Folder::open(path, Recorded::default())?, path, options)?;
     match dataset.splits.is_empty() {
@@ -75,7 +75,7 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
     }
 }
 
-/// What a folder holds, which may be no frame.
+/// Reads a folder; the dataset may have no frames.
 pub(super) fn read(
     folder: &Folder,
     path: &Path,
@@ -88,7 +88,7 @@ pub(super) fn read(
         reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
     }
     check_used(options, &parsed.splits)?;
-    // Of the resolved path: `.` has no last part of its own.
+    // Of the resolved path: `.` has no last component.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
     let mut dataset = Dataset {
         name: name.unwrap_or_else(|| "dataset".to_owned()),
@@ -96,7 +96,7 @@ pub(super) fn read(
         is_folder: folder.only_file().is_none(),
         layout,
         recognised_by,
-        // What chooses a split or its first frame need not ask whether there is one.
+        // Splits are not empty, so that code may take the first frame of one.
         splits: parsed.splits.into_iter().filter(|s| !s.frames.is_empty()).collect(),
         warnings: parsed.warnings,
         notes: parsed.notes,
@@ -106,21 +106,21 @@ pub(super) fn read(
     let metre = dataset.metre();
     if metre != 1.0 {
         dataset.notes.push(format!(
-            "scale and range of depth say {metre} world units to the metre: what is known of the sensor, its noise among it, is taken so"
+            "depth scale and depth range imply {metre} world units to the metre; sensor properties such as noise are scaled accordingly"
         ));
     }
     move_origin(&mut dataset);
     Ok(dataset)
 }
 
-/// Tells cameras, and what is known of where things are, relative to the local origin.
+/// Converts cameras and the known range to coordinates relative to the local origin.
 fn move_origin(dataset: &mut Dataset) {
     let split = dataset.splits.get(dataset.training_split().unwrap_or(0));
     let Some(split) = split else { return };
     let asked = dataset.options.local_origin;
     let LocalOrigin { place, note } = LocalOrigin::of(split, dataset.metre(), asked);
     dataset.notes.extend(note);
-    // Left out where it is zero: near worlds keep their bits, and what is saved of them its bytes.
+    // `None` for a zero origin: nearby worlds and files saved from them stay unchanged to the byte.
     dataset.options.local_origin = (place != DVec3::ZERO).then_some(place.to_array());
     if place == DVec3::ZERO {
         return;
@@ -131,7 +131,7 @@ fn move_origin(dataset: &mut Dataset) {
     dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(place));
 }
 
-/// Refuses options that nothing in the files asks for: whoever gave them believes otherwise.
+/// Refuses options that have no effect on these files: the user expects one.
 fn check_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), DatasetError> {
     let depths = || splits.iter().flat_map(|split| &split.frames).filter_map(|f| f.depth_source());
     if depths().next().is_none() {
@@ -148,42 +148,42 @@ fn check_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), Data
     if !is_used(options.confidence.is_some(), &|depth| depth.confidence.is_some()) {
         return Err(DatasetError::Option {
             setting: "confidence",
-            expected: "a recording whose sensor tells it",
-            found: "none of its maps".to_owned(),
+            expected: "a recording with confidence maps",
+            found: "none".to_owned(),
         });
     }
     Ok(())
 }
 
-/// Whether a file is an archive that [`open`] takes in place of a folder, told by its content.
+/// True if a file is an archive that [`open`] accepts in place of a folder, judged by its content.
 pub fn is_archive(path: &Path) -> bool {
-    // What a disk does not tell, whoever reads the file next is told.
+    // The next reader of the file reports a disk error.
     Archive::is_one(path).unwrap_or(false)
 }
 
-/// Reads poses anew, as if their matrices meant something else than the layout says.
+/// Reinterprets poses by another convention than the layout's.
 fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseConvention) {
     for frame in splits.iter_mut().flat_map(|split| &mut split.frames) {
-        // A sound pose has a sound matrix in every convention.
+        // A rigid pose is rigid in every convention.
         if let Ok(pose) = asked.pose(stated.matrix(&frame.camera.pose)) {
             frame.camera.pose = pose;
         }
     }
 }
 
-/// Leaves all cameras at the origin: where they stood is for tracking to find.
+/// Sets all poses to the identity: tracking estimates them.
 fn forget_poses(parsed: &mut ParsedFolder) {
     for frame in parsed.splits.iter_mut().flat_map(|split| &mut split.frames) {
         frame.camera.pose = Pose::IDENTITY;
     }
-    // What is known of where things are is known of the recorded poses' world.
+    // The known range refers to the recorded poses' world.
     parsed.known_range = None;
 }
 
-/// Every frame was refused, or none is listed.
+/// Error of a dataset without a usable frame.
 pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
     let skipped = warnings.len();
-    // Nobody else holds the warnings yet, so that the first error can be taken out of its `Arc`.
+    // The warnings are not shared yet, so the first error can be taken out of its `Arc`.
     match warnings.into_iter().next().and_then(|w| Arc::into_inner(w.error)) {
         Some(first) => {
             DatasetError::NoUsableFrame { path: path.to_owned(), skipped, first: Box::new(first) }
@@ -198,8 +198,11 @@ pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetErr
 }
 
 impl Dataset {
-    /// Loads one frame: decodes its images and checks that they agree with each other and with
-    /// the camera. `split` and `index` are positions in [`Dataset::splits`] and [`DatasetSplit::frames`].
+    /// Loads one frame: decodes its images and checks that they agree with each other and with the camera.
+    /// `split` and `index` are indices into [`Dataset::splits`] and [`DatasetSplit::frames`].
+    ///
+    /// # Errors
+    /// As [`FrameEntry::load`], and an index out of range.
     pub fn load(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
         let frames = self.splits.get(split).map_or(&[][..], |s| s.frames.as_slice());
         match frames.get(index) {
@@ -212,8 +215,8 @@ impl Dataset {
         }
     }
 
-    /// Loads a frame that settings are chosen by. Twice: what a disk refuses once is learnt from later, and
-    /// settings would differ for no reason that anybody is told. What it goes on to refuse is told.
+    /// Loads a frame from which settings are estimated. Retries once, because a passing disk error would
+    /// change the settings silently; a lasting one is logged.
     pub(crate) fn load_sampled(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
         let loaded = self.load(split, index).or_else(|_| self.load(split, index));
         if let Err(error) = &loaded
@@ -224,11 +227,11 @@ impl Dataset {
         loaded
     }
 
-    /// Takes up what a look at the growing recording found: the frames of `split` are appended, other
+    /// Adds the frames that a poll of the growing recording found: frames of `split` are appended, other
     /// splits replaced.
     pub fn grow(&mut self, split: usize, found: Self) {
         for mut new in found.splits.into_iter().filter(|new| !new.frames.is_empty()) {
-            // Counted below: a look sees new frames alone.
+            // Extended below: a poll finds new frames only.
             if new.name == HELD_OUT {
                 new.frames.clear();
             }
@@ -244,8 +247,7 @@ impl Dataset {
         self.hold_out(split);
     }
 
-    /// Brings the split of the views that training on `split` leaves out, if there is one, up to its
-    /// frames.
+    /// Extends the held-out split to the current frames of `split`, the training split.
     pub(super) fn hold_out(&mut self, split: usize) {
         let held_out = self.splits.iter().position(|split| split.name == HELD_OUT);
         let Some(at) = held_out.filter(|at| *at != split) else { return };
@@ -256,8 +258,8 @@ impl Dataset {
         }
     }
 
-    /// What its layout knows of the cameras without a calibration: the colour camera of a Kinect
-    /// where depth has the published Kinect's intrinsics. `None` where nothing is known.
+    /// Calibration known from the layout: the colour camera of a Kinect if depth has the published Kinect
+    /// intrinsics. `None` if nothing is known.
     pub fn known_calibration(&self) -> Option<Calibration> {
         let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
         let mut known = self.layout.known_calibration(&depth_camera)?;
@@ -267,32 +269,30 @@ impl Dataset {
         Some(known)
     }
 
-    /// Where the origin of its cameras lies in the world of the files, world units: zero unless that is
-    /// too far away for 32-bit positions.
+    /// Origin of the camera poses in the files' world, world units; zero unless that is too far away for
+    /// 32-bit positions.
     pub fn local_origin(&self) -> DVec3 {
         self.options.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
-    /// Direction that points up in the world, as far as the cameras of a split tell.
+    /// Up direction of the world, estimated from the cameras of a split.
     pub fn up(&self, split: usize) -> DVec3 {
         let frames = self.splits.get(split).into_iter().flat_map(|split| &split.frames);
         mean_up(frames.map(|frame| &frame.camera.pose))
     }
 
-    /// Whether its world is known to be in metres.
+    /// True if world units are known to be metres.
     pub fn is_metric(&self) -> bool {
         self.layout.is_metric() && self.metre() == 1.0
     }
 
-    /// World units per metre, as far as the user says: 1 unless scale and range of depth are in another
-    /// unit.
+    /// World units per metre, from the user's options: 1 unless depth scale and range are in another unit.
     pub fn metre(&self) -> f64 {
         let mut frames = self.splits.iter().flat_map(|s| &s.frames);
         frames.find_map(FrameEntry::metre).unwrap_or(1.0)
     }
 
-    /// The sensor that its depth is from, as the first frame with depth tells; exact depth where
-    /// no frame has any.
+    /// Sensor of the first frame with depth; exact depth if no frame has any.
     pub fn sensor(&self) -> Sensor {
         let mut frames = self.splits.iter().flat_map(|s| &s.frames);
         frames.find_map(|frame| frame.sensor()).unwrap_or(Sensor::Exact { noise: 0.0 })

@@ -1,51 +1,51 @@
-//! What a user may override when a dataset is opened.
+//! Options for opening a dataset.
 
 use super::error::DatasetError;
 use super::pose_convention::PoseConvention;
 
-/// What a user may override when a dataset is opened.
+/// Options for opening a dataset; unset ones follow the dataset's files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LoadOptions {
-    /// World units per step of 16-bit depth, instead of what the dataset says.
+    /// World units per step of 16-bit depth; overrides the dataset's.
     pub depth_scale: Option<f64>,
-    /// Nearest and farthest depth that training trusts, world units, instead of the layout's.
+    /// Nearest and farthest depth that training uses, world units; overrides the layout's.
     pub depth_range: Option<[f64; 2]>,
-    /// What the recording's pose matrices mean, instead of what its layout says.
+    /// Convention of the recording's pose matrices; overrides the layout's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseConvention>,
-    /// `fx`, `fy`, `cx`, `cy` of the depth image in pixels, instead of what the dataset says or, in
-    /// layouts that do not say it, of the known cameras.
+    /// `fx`, `fy`, `cx`, `cy` of the depth image in pixels; override the dataset's, or the known camera's
+    /// in layouts without intrinsics.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<[f64; 4]>,
-    /// Least confidence, 0 to 2, of depth that is used, where a sensor tells it; 1 without.
+    /// Least confidence, 0 to 2, of depth that is used, if the sensor records it; 1 by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence: Option<u8>,
-    /// Whether recordings without readable photographs are to be opened all the same, in grey.
+    /// Opens recordings without readable photographs too, in grey.
     #[serde(default, skip_serializing_if = "is_false")]
     pub geometry_only: bool,
-    /// Whether poses are left to tracking: recorded ones are ignored, and none are needed.
+    /// Leaves poses to tracking: recorded ones are ignored, and none are needed.
     #[serde(default, skip_serializing_if = "is_false")]
     pub track: bool,
-    /// Place of the world that cameras are told relative to, world units: that of the model beside them.
-    /// Without, zero or, of a world too far from it for 32-bit positions, one beside the first camera.
+    /// Origin of camera poses in the files' world, world units: that of a model shown with the dataset. By
+    /// default zero, or a place near the first camera in worlds too far from zero for 32-bit positions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub local_origin: Option<[f64; 3]>,
 }
 
-/// Distances that depth sensors measure, metres: what a range of depth is compared with.
+/// Range of depth sensors, metres; depth ranges are compared with it.
 const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
-/// The far end of it.
+/// Largest depth of depth sensors, metres.
 pub(super) const FARTHEST_SENSED: f64 = 5.0;
-/// The step of most sensors' codes, metres.
+/// Code step of most sensors, metres.
 const MILLIMETRE: f64 = 0.001;
-/// By how much better a range must fit where a unit that no layout has is to be believed.
+/// Penalty factor for a unit that no layout uses.
 const UNLIKELY: f64 = 3.0;
 
 fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// A range of depth as a multiple of that of sensors, by its middle where it has two ends.
+/// Ratio of a depth range to the sensors' range; geometric means are compared if it has two ends.
 fn in_sensor_ranges([near, far]: [f64; 2]) -> Option<f64> {
     let [least, most] = SENSOR_RANGE;
     match (near > 0.0, far.is_finite()) {
@@ -57,30 +57,30 @@ fn in_sensor_ranges([near, far]: [f64; 2]) -> Option<f64> {
 }
 
 impl LoadOptions {
-    /// World units per metre, as scale and range of depth say together, where a layout's own step is
-    /// `unit` metres; 1 unless both are given. A scale alone may correct the step of a file whose world
-    /// is in metres, and a range tells which: it is where sensors measure. Where neither the layout's
-    /// step nor a world in metres, centimetres or millimetres fits it, steps may be millimetres, as
-    /// most sensors' are, in a world of any unit.
+    /// World units per metre, from depth scale and depth range together; 1 unless both are set. `unit` is
+    /// the layout's code step in metres. A scale alone may only correct the code step in a metric world;
+    /// the range resolves this, since it must match the range of sensors. Candidates are metres, the
+    /// layout's own step, centimetres and millimetres; millimetre steps in a world of any unit are the
+    /// fallback.
     pub(super) fn metre(&self, unit: f64) -> f64 {
         let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
         let Some(ratio) = in_sensor_ranges(range) else { return 1.0 };
         let off = |(metre, unlikely): &(f64, f64)| unlikely * (ratio / metre).max(metre / ratio);
-        // Metres come first: of equals they are the likelier.
+        // Metres come first: `min_by` returns the first of equals.
         let units = [1.0, scale / unit, 100.0, 1000.0].map(|metre| (metre, 1.0));
         let units = units.into_iter().chain([(scale / MILLIMETRE, UNLIKELY)]);
         units.min_by(|a, b| off(a).total_cmp(&off(b))).map_or(1.0, |(metre, _)| metre)
     }
 
-    /// These options for opening beside what was opened with them: the origin stays where it was, zero
-    /// included.
+    /// Options for opening another dataset in the same coordinates: fixes the local origin, also if it is
+    /// zero.
     pub fn settled(&self) -> Self {
         Self { local_origin: Some(self.local_origin.unwrap_or_default()), ..*self }
     }
 
-    /// Whether every number lies in its range.
+    /// Checks that every number is in range.
     pub(super) fn check(&self) -> Result<(), DatasetError> {
-        // Both are negated, so that NaN is refused too; an infinite far end is legal.
+        // Both conditions are negated, so that NaN is refused too; an infinite far end is allowed.
         if let Some(scale) = self.depth_scale.filter(|s| !(s.is_finite() && *s > 0.0)) {
             return Err(DatasetError::Option {
                 setting: "depth scale",
@@ -134,7 +134,7 @@ mod tests {
                 LoadOptions { depth_scale: scale, depth_range: range, ..LoadOptions::default() };
             options.metre(0.001)
         };
-        assert_eq!(metre(None, Some([300.0, 4000.0])), 1.0, "the layout says metres");
+        assert_eq!(metre(None, Some([300.0, 4000.0])), 1.0, "the layout is in metres");
         assert_eq!(metre(Some(1.0), None), 1.0);
         assert_eq!(metre(Some(1.0), Some([300.0, 4000.0])), 1000.0);
         assert_eq!(metre(Some(0.1), Some([30.0, 400.0])), 100.0);

@@ -1,56 +1,56 @@
-//! How often a recording that grows is looked at. Times are those since any beginning: whoever looks
-//! has the clock.
+//! Poll rate for a growing recording. Times are relative to an arbitrary start; the caller provides the
+//! clock.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Least time between two questions whether a look is worth it: less than a frame of a camera.
+/// Least time between two checks for changes: less than a camera's frame.
 const TICK: Duration = Duration::from_millis(20);
-/// Time between two looks for what no folder or list tells of, such as a file that was half there.
+/// Time between polls for changes that no folder or list shows, such as a file that was incomplete.
 const RETRY: Duration = Duration::from_millis(50);
-/// After so long without a frame nothing is in a hurry.
+/// After this time without a new frame, polling slows down.
 const QUIET: Duration = Duration::from_secs(10);
 const QUIET_TICK: Duration = Duration::from_millis(100);
 const QUIET_RETRY: Duration = Duration::from_secs(1);
-/// Looks that tell what the next one takes.
+/// Recent polls from which the cost of the next is estimated.
 const LATEST: usize = 8;
-/// A look may take so small a part of the time.
+/// Polls take at most one part in `SHARE` of the time.
 const SHARE: u32 = 20;
 
-/// When a recording was looked at.
+/// Schedule of the polls.
 #[derive(Default)]
 pub struct LookPace {
     asked: Option<Duration>,
     looked: Option<Duration>,
-    /// Of the latest looks, as far as there were so many.
+    /// Durations of the latest polls, at most `LATEST`.
     costs: VecDeque<Duration>,
     grown: Duration,
 }
 
 impl LookPace {
-    /// Time until the next question.
+    /// Time until the next check for changes.
     pub fn rest(&self, now: Duration) -> Duration {
         let tick = if self.is_quiet(now) { QUIET_TICK } else { TICK };
         let left = |least: Duration, since: Option<Duration>| {
             since.map_or(Duration::ZERO, |since| (since + least).saturating_sub(now))
         };
-        // Of the quickest: the others were interrupted by whatever else the machine does.
+        // The fastest recent poll: slower ones were delayed by other load.
         let cost = self.costs.iter().min().copied().unwrap_or_default();
         left(tick, self.asked).max(left(SHARE * cost, self.looked))
     }
 
-    /// The question is asked.
+    /// Records that a check for changes was made.
     pub fn ask(&mut self, now: Duration) {
         self.asked = Some(now);
     }
 
-    /// Whether it is worth a look that something may have changed that no folder or list tells of.
+    /// True if a poll is due for changes that no folder or list shows.
     pub fn retries(&self, now: Duration) -> bool {
         let retry = if self.is_quiet(now) { QUIET_RETRY } else { RETRY };
         self.looked.is_none_or(|looked| now >= looked + retry)
     }
 
-    /// A look was made, and whether it found frames.
+    /// Records a poll: its start and end, and whether it found frames.
     pub fn looked(&mut self, begun: Duration, now: Duration, has_grown: bool) {
         self.looked = Some(now);
         if self.costs.len() == LATEST {
@@ -87,7 +87,7 @@ mod tests {
         }
         assert_eq!(pace.rest(ms(110)), ms(200), "looks have become slow");
         assert!(!pace.retries(ms(159)) && pace.retries(ms(160)));
-        // Nothing came for long.
+        // A long time without new frames.
         pace.ask(ms(20_000));
         assert_eq!(pace.rest(ms(20_000)), ms(100));
         pace.looked(ms(20_000), ms(20_000), false);

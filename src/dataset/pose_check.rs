@@ -1,10 +1,9 @@
-//! Whether poses mean what a layout says, told without any truth: depth of a frame, moved by both
-//! poses into a neighbour, must lie on what the neighbour measured.
+//! Checks the pose convention without ground truth: depth of a frame, transformed by both poses into a
+//! neighbouring frame, must match the neighbour's depth.
 //!
-//! A wrong convention still loads, and a model of it is mush. So the other conventions and units of
-//! depth are tried on the same pairs of frames, and one that explains them far better is named. Pairs
-//! are chosen so that the camera moved: where it stood still everything agrees with everything, and
-//! where it only turned every unit does.
+//! A wrong convention loads without an error and yields a useless model. So other conventions and depth
+//! units are tried on the same pairs of frames; one that fits far better is suggested. The camera must have
+//! moved within a pair: without motion every reading fits, and with pure rotation every unit does.
 
 use super::entry::{DatasetSplit, FrameEntry};
 use super::frame::length_per_z;
@@ -16,62 +15,61 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use strum::IntoEnumIterator;
 
-/// Pairs that are looked at, evenly spaced.
+/// Evenly spaced pairs that are compared.
 const MAX_PAIRS: usize = 8;
-/// Frames between the two of a pair, until the camera has moved enough.
+/// Frame distances tried for a pair, until the camera has moved enough.
 const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
-/// Movement of a pair that is enough: of the camera, as a share of the depth it sees, and its turn in
-/// radians.
+/// Sufficient motion of a pair: translation as a share of the depth, or rotation in radians.
 const MOVED: [f64; 2] = [0.05, 0.1];
-/// Frames of a recording that grows after which its poses can be checked: fewer hardly moved.
+/// Frames of a growing recording after which its poses can be checked; earlier the camera has hardly moved.
 pub const ENOUGH_FRAMES: usize = 33;
 /// Samples along a row or column of depth.
 const SAMPLES: usize = 36;
-/// Depths agree if they differ by at most this share.
+/// Largest relative difference of matching depths.
 const TOLERANCE: f64 = 0.04;
-/// Of all samples this share must fall into the neighbour's image, or as many count as do not agree.
+/// Least share of samples that must project into the neighbour's image; missing ones count as mismatches.
 const MIN_OVERLAP: f64 = 0.25;
-/// Units of depth tried, as factors: confused millimetres, the scales of TUM and Replica, centimetres.
+/// Factors of depth that are tried: millimetres, the scales of TUM and Replica, centimetres.
 const UNITS: [f64; 11] =
     [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
-/// By how much another reading must agree better before it is named, and how well it must agree.
+/// Least gain in agreement of another reading, and its least agreement.
 const BETTER: [f64; 2] = [0.2, 0.5];
 
-/// What the pairs say of the poses.
+/// Result of the comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseCheck {
-    /// Pairs of frames that were compared.
+    /// Number of compared pairs of frames.
     pub pairs: usize,
-    /// As the recording was opened.
+    /// Reading used when the recording was opened.
     pub opened: PoseTrial,
-    /// Whether the user said what its pose matrices mean, and not its layout.
+    /// True if the user set the pose convention, false if it is the layout's.
     pub is_asked: bool,
-    /// What explains the pairs best; `opened` itself unless another does far better.
+    /// Best reading; equals `opened` unless another is far better.
     pub best: PoseTrial,
 }
 
-/// One reading of the poses and of depth, and how well it explains the pairs.
+/// One reading of poses and depth, and how well it fits the pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseTrial {
-    /// What pose matrices mean.
+    /// Convention of the pose matrices.
     pub poses: PoseConvention,
-    /// Factor of depth as the recording was opened.
+    /// Factor on the depth as opened.
     pub unit: f64,
-    /// Share of samples that lie on what the neighbour measured, 0 to 1.
+    /// Share of samples that match the neighbour's depth, 0 to 1.
     pub agreement: f64,
-    /// Median distance from what the neighbour measured, world units along the optical axis.
+    /// Median distance from the neighbour's depth, world units along the optical axis.
     pub error: f64,
 }
 
 impl PoseCheck {
-    /// Whether another reading is the better one.
+    /// True if another reading is better than the one used.
     pub fn is_doubtful(&self) -> bool {
         self.best != self.opened
     }
 }
 
-/// Compares frames of a split with their neighbours; `None` without two frames of depth, and where
-/// poses are left to tracking: nothing was said of them.
+/// Compares frames of a split with their neighbours. `None` without two frames with depth, or if poses are
+/// left to tracking.
 ///
 /// ```
 /// use vbgs_studio::dataset::{PoseConvention, pose_check};
@@ -102,7 +100,7 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     Some(PoseCheck { pairs: pairs.len(), opened, is_asked, best: best.unwrap_or(opened) })
 }
 
-/// Samples of one frame, in its camera, and the neighbour that must have seen them.
+/// Samples of one frame in its camera's axes, and a neighbour that should contain them.
 struct FramePair {
     samples: Vec<DVec3>,
     from: Pose,
@@ -117,7 +115,7 @@ fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
     (0..anchors).filter_map(|i| pair(split.frames.get(i * n / anchors..)?)).collect()
 }
 
-/// The first frame and the nearest behind it from which the camera has moved.
+/// Pairs the first frame with the nearest later one from which the camera has moved.
 fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
     let first = frames.first()?;
     let depth = depth_z(first)?;
@@ -129,7 +127,7 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
         let to = other.camera.pose;
         let turn = to.rotation().transpose() * from.rotation();
         let angle = (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0);
-        // One of both: a wrong pose may turn where the camera went straight.
+        // Either suffices: a wrong pose may rotate where the camera moved straight.
         from.centre().distance(to.centre()) > MOVED[0] * usual || angle.acos() > MOVED[1]
     };
     let candidates = || GAPS.iter().filter_map(|gap| frames.get(*gap));
@@ -157,7 +155,7 @@ fn stride(side: usize) -> usize {
     (side / SAMPLES).max(1)
 }
 
-/// Trusted depth along the optical axis, 0 elsewhere; `None` if there is none or it cannot be read.
+/// Trusted depth along the optical axis, 0 elsewhere; `None` without readable depth.
 fn depth_z(entry: &FrameEntry) -> Option<Image<f64>> {
     let depth = entry.load_depth().ok().flatten()?;
     let (width, height) = depth.size();

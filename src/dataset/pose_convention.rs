@@ -1,14 +1,14 @@
-//! What the 4×4 matrices of a recording mean: the camera's axes, and which way they go.
+//! Conventions of a recording's 4×4 pose matrices: camera axes and direction of the transform.
 //!
-//! Every layout has one convention, and exporters get it wrong: a recording written with OpenGL axes
-//! where the layout says OpenCV loads without an error and learns mush. All of them are rigid and
-//! can be undone, so that a pose read by one is read by another without its file.
+//! Every layout has one convention, and exporters get it wrong: a recording with OpenGL axes in an OpenCV
+//! layout loads without an error and yields a useless model. All conventions are rigid and invertible, so a
+//! pose read by one can be converted to another without its file.
 
 use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec4};
 use serde::{Deserialize, Serialize};
 
-/// Meaning of a recording's pose matrices.
+/// Convention of a recording's pose matrices.
 ///
 /// ```
 /// use vbgs_studio::dataset::PoseConvention;
@@ -26,36 +26,36 @@ use serde::{Deserialize, Serialize};
 pub enum PoseConvention {
     /// Camera to world, x right, y down, z forward.
     Opencv,
-    /// Camera to world, x right, y up, looking along −z.
+    /// Camera to world, x right, y up, viewing along −z.
     Opengl,
     /// World to camera, x right, y down, z forward.
     OpencvWorldToCamera,
-    /// World to camera, x right, y up, looking along −z.
+    /// World to camera, x right, y up, viewing along −z.
     OpenglWorldToCamera,
-    /// Camera to world, x forward, y left, z up: the body of a robot.
+    /// Camera to world, x forward, y left, z up, as for the body of a robot.
     Robot,
 }
 
 impl PoseConvention {
-    /// The name that options and messages give it, such as `opencv-world-to-camera`.
+    /// Name in options and messages, such as `opencv-world-to-camera`.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// The pose that a matrix means.
+    /// Converts a matrix of this convention to a pose.
     ///
     /// # Errors
-    /// A matrix that is no rigid motion.
+    /// A matrix that is not a rigid motion.
     pub fn pose(self, matrix: DMat4) -> Result<Pose, PoseError> {
         let axes = self.axes();
         match self.is_world_to_camera() {
             false => Pose::from_opencv(matrix * axes),
-            // Checked before it is inverted: the message tells the numbers of the file.
+            // Checked before the inversion, so that the error reports the numbers of the file.
             true => Pose::from_opencv(inverse(&Pose::from_opencv(matrix)?) * axes),
         }
     }
 
-    /// The matrix that means a pose.
+    /// Converts a pose to a matrix of this convention.
     pub fn matrix(self, pose: &Pose) -> DMat4 {
         let world_from_camera = pose.to_opencv() * self.axes().transpose();
         match self.is_world_to_camera() {
@@ -68,7 +68,7 @@ impl PoseConvention {
         matches!(self, Self::OpencvWorldToCamera | Self::OpenglWorldToCamera)
     }
 
-    /// A point of the camera in OpenCV's axes, told in these.
+    /// Transform from OpenCV camera axes to those of this convention.
     fn axes(self) -> DMat4 {
         match self {
             Self::Opencv | Self::OpencvWorldToCamera => DMat4::IDENTITY,

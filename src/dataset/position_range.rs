@@ -3,29 +3,29 @@
 use crate::math::normalization::Normalization;
 use glam::DVec3;
 
-/// A box of world positions; points outside are legal.
+/// A box of world positions; points outside are allowed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionRange {
     lo: DVec3,
     hi: DVec3,
-    /// Where the range is from, for reports.
+    /// Origin of the range, for reports.
     pub source: String,
 }
 
 impl PositionRange {
-    /// `None` unless finite with `lo < hi` on every axis.
+    /// Creates a range; `None` unless finite with `lo < hi` on every axis.
     pub fn new(lo: DVec3, hi: DVec3, source: &str) -> Option<Self> {
         let sound = lo.is_finite() && hi.is_finite() && lo.cmplt(hi).all();
         sound.then(|| Self { lo, hi, source: source.to_owned() })
     }
 
-    /// `[−1, 1]³`.
+    /// The cube `[−1, 1]³`.
     pub fn nerf_synthetic() -> Self {
         let source = "the [-1, 1] cube of NeRF-synthetic scenes".to_owned();
         Self { lo: DVec3::NEG_ONE, hi: DVec3::ONE, source }
     }
 
-    /// The same box told relative to another origin.
+    /// The same box relative to another origin.
     pub fn relative_to(self, origin: DVec3) -> Self {
         Self { lo: self.lo - origin, hi: self.hi - origin, ..self }
     }
@@ -40,7 +40,7 @@ impl PositionRange {
         self.hi
     }
 
-    /// The affine map that gives a uniform law on the box mean 0 and variance 1 on every axis.
+    /// Affine map that gives a uniform distribution on the box mean 0 and variance 1 on every axis.
     pub fn normalization(&self) -> Normalization {
         Normalization::from_range(self.lo, self.hi)
     }

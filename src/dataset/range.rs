@@ -1,4 +1,4 @@
-//! The range of positions that normalises a dataset (`dataset.md`, Position range).
+//! Position range by which a dataset is normalised (`dataset.md`, Position range).
 
 use super::error::FrameError;
 use super::opened::Dataset;
@@ -7,33 +7,36 @@ use super::unproject::{CameraConvention, camera_point};
 use super::wild_poses::wild_poses;
 use glam::DVec3;
 
-/// Frames looked at, evenly spaced over the split.
+/// Evenly spaced frames that are sampled.
 const MAX_FRAMES: usize = 12;
-/// Every so-many-th column and row of a frame.
+/// Step between sampled columns and rows.
 const STRIDE: usize = 8;
 /// Share of points cut off at each end of each axis.
 const TAIL: f64 = 0.01;
-/// Added to the half-width.
+/// Added to the half-width, as a share.
 const MARGIN: f64 = 0.05;
 
-/// The range of a split: what the layout defines, else from up to 12 evenly spaced frames: per axis
-/// the 1 % and 99 % quantiles of every eighth column and row of trusted depth, then a cube of the
-/// largest half-width plus 5 % around the axes' centres, so that no axis is stretched. Decodes
-/// those frames; ones that fail to load are passed over as long as another loads.
+/// Position range of a split: the layout's, else an estimate from up to 12 evenly spaced frames. Per axis
+/// it takes the 1 % and 99 % quantiles of every eighth column and row of trusted depth. The result is a
+/// cube around the axes' centres with the largest half-width plus 5 %, so that no axis is stretched.
+/// Decodes those frames; frames that fail to load are skipped as long as another one loads.
+///
+/// # Errors
+/// No sampled frame loads, or none has trusted depth.
 pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeError> {
     if let Some(range) = &dataset.known_range {
         return Ok(range.clone());
     }
     let wild = dataset.splits.get(split).map_or_else(Vec::new, wild_poses);
     let n_frames = dataset.splits.get(split).map_or(0, |s| s.frames.len());
-    // A twelfth of the points is far more than the quantiles cut off.
+    // One of twelve frames has more points than the quantiles cut off, so outlier poses are excluded.
     let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
     let sound: Vec<usize> = (0..n_frames).filter(is_sound).collect();
     let n_sampled = sound.len().min(MAX_FRAMES);
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
     for at in (0..n_sampled).filter_map(|i| sound.get(i * sound.len() / n_sampled)) {
-        // A damaged frame must not keep a recording from training: others tell the range too.
+        // A damaged frame must not prevent training: other frames yield a range too.
         if let Err(error) = sample(dataset, split, *at, &mut axes) {
             failure = Some(error);
         }
@@ -44,7 +47,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
             1 => String::new(),
             n => format!(" and {} more frames", n - 1),
         };
-        range.source.push_str(&format!(", wild poses left out: {}{others}", first.frame));
+        range.source.push_str(&format!(", outlier poses left out: {}{others}", first.frame));
     }
     match (range, failure) {
         (Some(range), _) => Ok(range),
@@ -53,7 +56,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     }
 }
 
-/// Why no range can be found.
+/// Reason why no range can be estimated.
 #[derive(Debug, thiserror::Error)]
 pub enum RangeError {
     /// No sampled frame loads.
@@ -61,13 +64,13 @@ pub enum RangeError {
         "expected at least one usable frame, found none among {n_sampled} sampled; the last one's problem: {last}"
     )]
     Frames {
-        /// Number of frames that were tried.
+        /// Number of frames tried.
         n_sampled: usize,
-        /// The last one's problem.
+        /// Problem of the last one.
         #[source]
         last: Box<FrameError>,
     },
-    /// The frames load but hold no spread-out trusted depth.
+    /// The frames load but contain no trusted depth, or depth at one point only.
     #[error(
         "depth: expected surfaces within the trusted depth range, found none in the sampled frames; widen the depth range or choose another split"
     )]
@@ -84,13 +87,13 @@ fn sample(
     let Some(depth) = &frame.depth else { return Ok(()) };
     let (width, height) = depth.size();
     let k = &frame.camera.intrinsics;
-    // From the middle of the first stride on: no sample lies on the rim of the image.
+    // From the middle of the first stride: no sample lies on the border of the image.
     for row in (STRIDE / 2..height).step_by(STRIDE) {
         for column in (STRIDE / 2..width).step_by(STRIDE) {
             let value = depth.value_at(column, row).filter(|v| depth.trusts(*v));
             let Some(value) = value else { continue };
-            // Exact whatever the run's convention: the published one holds for Blender layouts
-            // alone, whose range is known and never estimated.
+            // Always exact: the published convention applies to Blender layouts only, whose range is known
+            // and never estimated.
             let local = camera_point(k, CameraConvention::Exact, depth.kind, [column, row], value);
             let world = frame.camera.pose.transform_point(local);
             for (axis, v) in axes.iter_mut().zip(world.to_array()) {
@@ -107,11 +110,11 @@ fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
     for (axis, centre) in axes.iter_mut().zip(&mut centre) {
         let last = axis.len().checked_sub(1)?;
         axis.sort_unstable_by(f64::total_cmp);
-        // Quantiles, not extremes: a few wrong depths would otherwise set the box.
+        // Quantiles, not extremes: a few wrong depths would determine the box.
         let cut = (last as f64 * TAIL) as usize;
         let (low, high) = (axis.get(cut)?, axis.get(last.checked_sub(cut)?)?);
         *centre = 0.5 * (low + high);
-        // One width for all axes: a Gaussian that is round in the world stays round.
+        // One width for all axes: a Gaussian that is isotropic in the world stays isotropic.
         half_width = half_width.max(0.5 * (high - low));
     }
     let half = DVec3::splat(half_width * (1.0 + MARGIN));

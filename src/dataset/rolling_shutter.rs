@@ -1,39 +1,38 @@
-//! Images read row by row by a camera that turns meanwhile.
+//! Rolling shutter: images read row by row while the camera rotates.
 //!
-//! A Kinect of the first kind takes most of the time between two frames to read one (Ringaby and Forssén,
-//! "Scan rectification for structured light range sensors with rolling shutters", ICCV 2011). A camera
-//! that turns by 65° a second turns by two degrees between the first row and the last, or 18 pixels.
-//! What a row shows is taken for what the camera saw at the time of the middle row: along the ray
-//! `d + τ ω×d` of its own ray `d`, with `τ` the row's time after the middle's and `ω` the rate of turning.
-//! How far the camera moved meanwhile is left out: at two metres 20 cm a second are a pixel.
+//! A Kinect v1 needs most of the time between two frames to read one (Ringaby and Forssén, "Scan
+//! rectification for structured light range sensors with rolling shutters", ICCV 2011). At 65° a second,
+//! the camera rotates by two degrees, or 18 pixels, between the first and the last row. Rows are resampled
+//! to the time of the middle row: along `d + τ ω×d` for a row's ray `d`, with `τ` the row's time after the
+//! middle row and `ω` the angular velocity. Translation is neglected: at 2 m, 20 cm a second are one pixel.
 
 use crate::math::camera::Intrinsics;
 use glam::{DVec2, DVec3};
 
-/// Seconds in which a Kinect of the first kind reads a photograph.
+/// Readout time of a Kinect v1 photograph, seconds.
 pub(super) const KINECT_COLOR: f64 = 0.0261;
-/// Seconds in which it reads a depth image.
+/// Readout time of a Kinect v1 depth image, seconds.
 pub(super) const KINECT_DEPTH: f64 = 0.0305;
 
-/// How a camera turned while it read an image.
+/// Camera rotation during the readout of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RollingShutter {
-    /// Axis times angle from the first row to the last, radians, in the camera's axes (x right, y down).
+    /// Rotation vector from the first to the last row, radians, in camera axes (x right, y down).
     pub turn: DVec3,
 }
 
 impl RollingShutter {
-    /// Whether rows are less than half a pixel apart from where they belong.
+    /// True if every row is displaced by less than half a pixel.
     pub fn is_none(&self, k: &Intrinsics) -> bool {
         self.turn.length() * k.fx.max(k.fy) < 1.0
     }
 
-    /// The slope along which a row saw what the camera sees along `slope` at the middle row's time; and
-    /// the factor on a depth along the axis that was measured there.
+    /// Direction (x/z, y/z) at which a row recorded what the camera sees along `slope` at the time of the
+    /// middle row, and the factor on depth along the optical axis measured there.
     pub fn apply(&self, k: &Intrinsics, slope: DVec2) -> (DVec2, f64) {
         let ray = slope.extend(1.0);
         let across = self.turn.cross(ray);
-        // The row itself follows from where it saw the ray: to second order in the turn.
+        // The row depends on the unknown direction; the estimate is exact to second order in the rotation.
         let rows = 1.0 / f64::from(k.height);
         let middle = (slope.y * k.fy + k.cy) * rows - 0.5;
         let row = middle / (1.0 + k.fy * rows * (across.y - slope.y * across.z));
@@ -56,7 +55,7 @@ mod tests {
         for slope in [DVec2::new(0.3, -0.35), DVec2::new(-0.2, 0.3), DVec2::new(0.4, 0.0)] {
             let (at, factor) = shutter.apply(&k, slope);
             let row = (at.y * k.fy + k.cy) / f64::from(k.height) - 0.5;
-            // A point that the row saw 2 units ahead, in the axes of the middle's camera.
+            // A point that the row recorded 2 units ahead, in the axes of the middle row's camera.
             let turned = DQuat::from_scaled_axis(row * shutter.turn) * (2.0 * at.extend(1.0));
             assert!((turned.truncate() / turned.z - slope).length() < 3e-4, "{turned}");
             assert!((2.0 * factor - turned.z).abs() < 1e-3, "{factor} {turned}");

@@ -1,5 +1,5 @@
-//! Views off the camera's way (`eval.md`, From the side): a sector of a recording or around an object
-//! trains, and what lies beyond it is measured.
+//! Hold-out by sector (`eval.md`, From the side): trains on a sector of a recording or around an object and
+//! measures views outside it.
 
 use super::error::DatasetError;
 use super::opened::Dataset;
@@ -8,32 +8,32 @@ use crate::math::pose::Pose;
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// Frames of a recording that train, in fifths of its way.
+/// Training share of a recording, in fifths of its frames.
 const TRAINING_FIFTHS: usize = 3;
-/// Where the views from the side begin, in thirds of the way: the gap keeps them off learned frames.
+/// Start of the side views, in thirds of the frames: the gap separates them from training frames.
 const SIDE_THIRDS: usize = 2;
-/// Azimuth from the first frame within which an object's frames train, degrees.
+/// Azimuth from the first frame within which an object's frames are trained, degrees.
 const TRAINING_AZIMUTH: f64 = 60.0;
-/// Azimuth up to which views of an object are from the side, degrees: its far side was never learned.
+/// Largest azimuth of side views, degrees: beyond it, the object's far side was never trained.
 const SIDE_AZIMUTH: f64 = 110.0;
-/// Least frames that train.
+/// Least number of training frames.
 const MIN_TRAINING: usize = 2;
 
-/// Share of the cameras that must have an object in front of them.
+/// Share of the cameras that must face the object.
 const IN_FRONT: f64 = 0.95;
-/// Largest median distance of optical axes from an object's centre, in distances of the cameras.
+/// Largest median distance of optical axes from the object's centre, relative to the camera distance.
 const MISS: f64 = 0.1;
-/// Least azimuth that cameras around an object span, degrees.
+/// Least range of azimuth of cameras around an object, degrees.
 const MIN_SPAN: f64 = 120.0;
-/// Least determinant of the mean projection off the axes: parallel axes meet nowhere.
+/// Least determinant of the mean projection off the axes: parallel axes have no common point.
 const MIN_DETERMINANT: f64 = 1e-6;
 
 impl Dataset {
-    /// The views of evaluation, given how frames are held out and the split that trains.
+    /// Views for evaluation, by the hold-out method and the training split.
     ///
     /// # Errors
-    /// [`DatasetError::Sector`] if a sector leaves a group without views, or fewer than two frames to
-    /// train on.
+    /// [`DatasetError::Sector`] if a sector leaves a group of views empty, or fewer than two training
+    /// frames.
     pub fn evaluation_by(
         &self,
         hold_out: HoldOut,
@@ -56,7 +56,7 @@ impl Dataset {
         if training.len() < MIN_TRAINING || new_views.frames.is_empty() || side.frames.is_empty() {
             let (kind, hint) = match ring {
                 Some(_) => ("an object", "add views at up to 110 degrees from the first frame"),
-                None => ("a recording", "give a longer recording"),
+                None => ("a recording", "use a longer recording"),
             };
             return Err(DatasetError::Sector {
                 path: self.shown(),
@@ -78,7 +78,7 @@ impl Dataset {
         frames.map(|frame| frame.camera.pose).collect()
     }
 
-    /// A sector of azimuth; views are photographs of the split for evaluation, if there is one.
+    /// Splits by azimuth; views come from the evaluation split, if there is one.
     fn object(&self, training_split: usize, poses: &[Pose], ring: &Ring) -> Parts {
         let within = |poses: &[Pose], is_within: fn(f64) -> bool| -> Vec<usize> {
             let azimuths = poses.iter().map(|pose| ring.azimuth(pose).abs().to_degrees());
@@ -103,7 +103,7 @@ impl Dataset {
         };
         let name = self.splits.get(split).map_or("", |split| split.name.as_str());
         let why = format!(
-            "a sector of an object: {} of {} frames train, within {TRAINING_AZIMUTH} degrees of the first one's azimuth; {} new views of `{name}` there, {} from the side at up to {SIDE_AZIMUTH} degrees",
+            "a sector of an object: {} of {} frames train, within {TRAINING_AZIMUTH} degrees of azimuth from the first one; {} new views of `{name}` there, {} from the side at up to {SIDE_AZIMUTH} degrees",
             training.len(),
             poses.len(),
             new_views.len(),
@@ -113,7 +113,7 @@ impl Dataset {
     }
 }
 
-/// Frames that train, and both groups of views.
+/// Training frames and both groups of views.
 struct Parts {
     training: Vec<usize>,
     new_views: ViewGroup,
@@ -134,13 +134,13 @@ impl Parts {
     }
 }
 
-/// The beginning of a walk trains; its end is the side.
+/// Trains on the start of a camera path and measures its end.
 fn recording(split: usize, n_frames: usize) -> Parts {
     let (training, new_views) = thinned((0..n_frames * TRAINING_FIFTHS / 5).collect());
     let first = (n_frames * SIDE_THIRDS).div_ceil(3);
     let side: Vec<usize> = (first..n_frames).collect();
     let why = format!(
-        "a sector of a recording: {} of {n_frames} frames train; {} new views, every {HOLD_OUT_EVERY}th of the first 60 %; {} views from the side, after two thirds of the way",
+        "a sector of a recording: {} of {n_frames} frames train; {} new views, every {HOLD_OUT_EVERY}th of the first 60 %; {} views from the side, after two thirds of the recording",
         training.len(),
         new_views.len(),
         side.len(),
@@ -148,7 +148,7 @@ fn recording(split: usize, n_frames: usize) -> Parts {
     Parts::new(split, training, (new_views, side), why)
 }
 
-/// Frames without every eighth, and those.
+/// Separates every eighth frame: the others, and those.
 fn thinned(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
     let numbered = frames.into_iter().enumerate();
     let (held_out, training): (Vec<_>, Vec<_>) =
@@ -157,15 +157,15 @@ fn thinned(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
     (frames(training), frames(held_out))
 }
 
-/// Cameras around an object that look inward.
+/// Cameras around an object, facing inward.
 struct Ring {
     centre: DVec3,
-    /// Unit vectors across the axis: towards the first camera, and a quarter turn from there.
+    /// Unit vectors perpendicular to the up axis: towards the first camera, and a quarter turn further.
     horizon: [DVec3; 2],
 }
 
 impl Ring {
-    /// `None` if the poses are those of a camera that walks.
+    /// `None` if the cameras do not surround an object.
     fn around(poses: &[Pose], up: DVec3) -> Option<Self> {
         let centre = meeting_point(poses)?;
         let from_centre = |pose: &Pose| pose.centre() - centre;
@@ -188,13 +188,13 @@ impl Ring {
         (ring.span(poses) > MIN_SPAN.to_radians()).then_some(ring)
     }
 
-    /// Azimuth of a camera from the first one's, −π to π.
+    /// Azimuth relative to the first camera, −π to π.
     fn azimuth(&self, pose: &Pose) -> f64 {
         let [x, y] = self.horizon.map(|axis| (pose.centre() - self.centre).dot(axis));
         y.atan2(x)
     }
 
-    /// The smallest arc that holds all azimuths.
+    /// Smallest arc that contains all azimuths.
     fn span(&self, poses: &[Pose]) -> f64 {
         let mut azimuths: Vec<f64> = poses.iter().map(|pose| self.azimuth(pose)).collect();
         azimuths.sort_by(f64::total_cmp);
@@ -205,7 +205,7 @@ impl Ring {
     }
 }
 
-/// The point nearest to all optical axes in the least squares; `None` if they are nearly parallel.
+/// Least-squares intersection of all optical axes; `None` if they are nearly parallel.
 fn meeting_point(poses: &[Pose]) -> Option<DVec3> {
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for pose in poses {
@@ -225,7 +225,7 @@ mod tests {
     use super::*;
     use crate::dataset::synthetic::{self, SyntheticParams};
 
-    /// Cameras `step` degrees apart that look at the origin, `miss` off it.
+    /// Cameras at intervals of `step` degrees, aimed `miss` beside the origin.
     fn orbit(n: usize, start: f64, step: f64, miss: f64) -> Vec<Pose> {
         let pose = |i: usize| {
             let (sin, cos) = (start + step * i as f64).to_radians().sin_cos();
@@ -236,13 +236,13 @@ mod tests {
         (0..n).map(pose).collect()
     }
 
-    /// Cameras that walk along a wall, facing it.
+    /// Cameras that move along a wall, facing it.
     fn walk(n: usize) -> Vec<Pose> {
         let eye = |i: usize| DVec3::new(0.1 * i as f64, 0.05 * (i as f64).sin(), 1.0);
         (0..n).map(|i| Pose::look_at(eye(i), eye(i) + DVec3::Y, DVec3::Z).unwrap()).collect()
     }
 
-    /// A dataset with these poses in `train` and, where there are any, `eval`.
+    /// A dataset with these poses in `train` and, if not empty, `eval`.
     fn dataset(train: &[Pose], eval: &[Pose]) -> Dataset {
         let (n_train, n_eval) = (train.len(), eval.len());
         let params =
@@ -268,7 +268,7 @@ mod tests {
         let [side] = &alone.from_the_side[..] else { panic!("one group") };
         assert_eq!((side.split, &side.frames), (0, &(20..30).collect()));
         assert_eq!(side.name, Some(ViewGroupName::FromTheSide));
-        // A split for evaluation changes nothing.
+        // An evaluation split changes nothing.
         let beside = sector(&dataset(&walk(30), &walk(5)));
         assert_eq!(beside, alone);
     }
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn an_object_trains_a_sector_of_azimuth() {
         let alone = sector(&dataset(&orbit(40, 40.0, 9.0, 0.0), &[]));
-        // The first frame and six on each side of it, of which every eighth is a new view.
+        // The first frame and six on each side, of which every eighth is a new view.
         assert_eq!(alone.new_views.frames, [0, 35]);
         let trained = [1, 2, 3, 4, 5, 6, 34, 36, 37, 38, 39];
         assert_eq!(alone.training.as_deref(), Some(&trained[..]));

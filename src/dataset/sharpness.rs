@@ -1,30 +1,30 @@
-//! How sharp and how bright a picture is, each as one number.
+//! Sharpness and brightness of a photograph, one number each.
 //!
-//! Sharpness is the energy of the finest differences against that of differences four pixels wide.
-//! Blur takes the first and leaves the second, while what is in the picture changes both alike: so
-//! frames of one camera compare though they show different things. Plain energy of gradients, which
-//! was tried first, calls every look at a bare wall blurred.
+//! Sharpness is the ratio of the energy of single-pixel differences to that of differences four pixels
+//! wide. Blur reduces the former and retains the latter, while the depicted scene changes both alike. So
+//! frames of one camera are comparable even if they show different things. Plain gradient energy was tried
+//! first; it calls every view of a bare wall blurred.
 
 use crate::math::image::Image;
 
-/// Pictures are averaged down to at most so many columns: what phones smooth at full size says little
-/// of blur, and time counts.
+/// Photographs are averaged down to at most this width: phones smooth at full size, which hides blur, and
+/// smaller images are faster.
 const MAX_COLUMNS: usize = 640;
-/// Pixels of the coarse differences, along each side.
+/// Side of the blocks for coarse differences, pixels.
 const COARSE: usize = 4;
 
-/// What one picture says.
+/// Sharpness and brightness of one photograph.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PictureMeasure {
-    /// Energy of fine differences over that of coarse ones; comparable within one camera only. `None`
-    /// of a picture without any detail.
+    /// Ratio of fine to coarse difference energy; comparable within one camera only. `None` without any
+    /// detail.
     pub sharpness: Option<f64>,
-    /// Mean of the encoded luma, 0 to 1, over opaque pixels.
+    /// Mean encoded luma over opaque pixels, 0 to 1.
     pub brightness: f64,
 }
 
 impl PictureMeasure {
-    /// Of a photograph; what is transparent counts as black for sharpness.
+    /// Measures a photograph; transparent pixels count as black for sharpness.
     pub fn of(photograph: &Image<[u8; 4]>) -> Self {
         let luma = photograph.map(|&[r, g, b, a]| {
             let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
@@ -34,13 +34,13 @@ impl PictureMeasure {
         let total: f64 = luma.data.iter().map(|&v| f64::from(v)).sum();
         let fine = blocks(&luma, photograph.width.div_ceil(MAX_COLUMNS).max(1));
         let [energy, coarse] = [energy(&fine), energy(&blocks(&fine, COARSE))];
-        // A step of a hundredth of a code: below that there is rounding, not detail.
+        // A step of a hundredth of a code: anything below is rounding, not detail.
         let has_detail = coarse > 1e-9;
         Self { sharpness: has_detail.then(|| energy / coarse), brightness: total / opaque.max(1.0) }
     }
 }
 
-/// Means of whole blocks.
+/// Means of whole blocks of `side`×`side` pixels.
 fn blocks(picture: &Image<f32>, side: usize) -> Image<f32> {
     if side == 1 {
         return picture.clone();
@@ -55,7 +55,7 @@ fn blocks(picture: &Image<f32>, side: usize) -> Image<f32> {
     small
 }
 
-/// Mean square of the differences between neighbours along both sides; 0 without neighbours.
+/// Mean squared difference to the left and upper neighbours; 0 without neighbours.
 fn energy(picture: &Image<f32>) -> f64 {
     let Image { width, height, data } = picture;
     let (mut sum, mut n) = (0.0, 0usize);

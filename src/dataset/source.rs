@@ -1,4 +1,4 @@
-//! Where the bytes of an image are: a file, a member of an archive, a frame of a video.
+//! Sources of an image's bytes: a file, a member of an archive, a frame of a video.
 
 use super::archive::Archive;
 use super::error::FrameProblem;
@@ -7,28 +7,25 @@ use super::video::Video;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Where the bytes of an image are.
 #[derive(Clone, Debug)]
 pub(super) enum ByteSource {
-    /// A file of its own.
+    /// A separate file.
     File(PathBuf),
-    /// A member of an archive; `shown` is what messages call it.
+    /// A member of an archive; `shown` is its path in messages.
     Member { archive: Arc<Archive>, name: String, shown: PathBuf },
     /// A frame of a video, counted from 0.
     VideoFrame { video: Arc<Video>, index: usize },
-    /// No photograph was recorded, and none is wanted: grey stands for it. The file is that of the
-    /// depth.
+    /// Grey stand-in for a photograph that was not recorded; the file is the depth file.
     Grey(PathBuf),
 }
 
 impl ByteSource {
-    /// A member of an archive.
     pub fn member(archive: &Arc<Archive>, name: &str) -> Self {
         let shown = archive.path().join(name);
         Self::Member { archive: Arc::clone(archive), name: name.to_owned(), shown }
     }
 
-    /// The file that messages name.
+    /// The path shown in messages.
     pub fn path(&self) -> &Path {
         match self {
             Self::File(path) | Self::Grey(path) => path,
@@ -37,7 +34,7 @@ impl ByteSource {
         }
     }
 
-    /// The file on the disk that holds it.
+    /// The file on disk that contains the bytes.
     pub fn container(&self) -> &Path {
         match self {
             Self::Member { archive, .. } => archive.path(),
@@ -45,7 +42,6 @@ impl ByteSource {
         }
     }
 
-    /// All bytes.
     pub fn read(&self) -> Result<Vec<u8>, FrameProblem> {
         match self {
             Self::File(path) | Self::Grey(path) => Ok(bytes_of(path, MAX_IMAGE_BYTES)?),

@@ -1,4 +1,4 @@
-//! Which split trains and which evaluates.
+//! Choice of the splits for training and evaluation.
 
 use super::entry::DatasetSplit;
 use super::error::DatasetError;
@@ -10,95 +10,98 @@ use strum::{Display, EnumString, VariantNames};
 
 pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
-/// Preferred training splits among those with depth.
+/// Names of training splits among those with depth, in order of preference.
 const TRAINING_NAMES: [&str; 2] = ["train", "test"];
-/// Preferred evaluation splits; `test` only counts where something else trains.
+/// Names of evaluation splits, in order of preference; the training split is excluded.
 const EVALUATION_NAMES: [&str; 3] = ["val", "eval", "test"];
 
-/// Split of true pictures from free viewpoints.
+/// Name of the split of ground-truth images from free viewpoints.
 const FREE: &str = "free";
 
-/// Which frames are held out of training.
+/// Method by which frames are held out of training.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames,
 )]
 pub enum HoldOut {
-    /// Every eighth, where the dataset has no split for evaluation.
+    /// Every eighth frame, if the dataset has no evaluation split.
     #[default]
     #[serde(rename = "every-8th")]
     #[strum(serialize = "every-8th")]
     Every8th,
-    /// A sector of the camera's way (`eval.md`, From the side).
+    /// A sector of the camera path (`eval.md`, From the side).
     #[serde(rename = "sector")]
     #[strum(serialize = "sector")]
     Sector,
 }
 
 impl HoldOut {
-    /// Whether it is the default, which files leave out.
+    /// True for the default, which files omit.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// Where the views of a group lie.
+/// Location of a group's views relative to the camera path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display)]
 pub enum ViewGroupName {
-    /// On the camera's way, between learned frames.
+    /// On the camera path, between training frames.
     #[serde(rename = "new views")]
     #[strum(serialize = "new views")]
     NewViews,
-    /// Off the camera's way.
+    /// Off the camera path.
     #[serde(rename = "from the side")]
     #[strum(serialize = "from the side")]
     FromTheSide,
 }
 
-/// Views of one split that are measured together.
+/// Views of one split that are evaluated together.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ViewGroup {
-    /// Where they lie; `None` for a split that a user named.
+    /// Location of the views; `None` for a split named by the user.
     pub name: Option<ViewGroupName>,
-    /// Position in [`Dataset::splits`].
+    /// Index into [`Dataset::splits`].
     pub split: usize,
-    /// Positions in [`DatasetSplit::frames`].
+    /// Indices into [`DatasetSplit::frames`].
     pub frames: Vec<usize>,
 }
 
 impl ViewGroup {
-    /// The same as split and positions.
+    /// Index of the split and indices of its frames.
     pub fn views(&self) -> (usize, &[usize]) {
         (self.split, &self.frames)
     }
 }
 
-/// The views a model is measured on.
+/// Views for the evaluation of a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Evaluation {
-    /// Views on the camera's way.
+    /// Views on the camera path.
     pub new_views: ViewGroup,
-    /// Groups of views off the way, none of them empty; often there are none.
+    /// Groups of views off the camera path, none of them empty; often there are none.
     pub from_the_side: Vec<ViewGroup>,
-    /// Positions of the training split's frames that train; `None` for all of them.
+    /// Indices of the training split's frames that are trained; `None` for all.
     pub training: Option<Vec<usize>>,
     /// The choice in one sentence, for the user.
     pub why: String,
 }
 
 impl Evaluation {
-    /// All groups, the new views first.
+    /// All groups, new views first.
     pub fn into_groups(self) -> Vec<ViewGroup> {
         std::iter::once(self.new_views).chain(self.from_the_side).collect()
     }
 }
 
-/// Positions of the frames that train where every eighth of a split is held out.
+/// Indices of the training frames if every eighth is held out.
 pub fn without_every_8th(n_frames: usize) -> Vec<usize> {
     (0..n_frames).filter(|i| !i.is_multiple_of(HOLD_OUT_EVERY)).collect()
 }
 
 impl Dataset {
-    /// Position of a named split.
+    /// Index of the split of a name.
+    ///
+    /// # Errors
+    /// [`DatasetError::NoSuchSplit`].
     pub fn split_named(&self, name: &str) -> Result<usize, DatasetError> {
         self.splits.iter().position(|s| s.name == name).ok_or_else(|| DatasetError::NoSuchSplit {
             path: self.shown(),
@@ -107,12 +110,12 @@ impl Dataset {
         })
     }
 
-    /// Position of the split that training takes unless told otherwise: the one with depth
-    /// (NeRF-synthetic: `test`), `train` first if several have it.
+    /// Index of the default training split: the one with depth (NeRF-synthetic: `test`), `train` first if
+    /// several have it.
     ///
     /// # Errors
-    /// [`DatasetError::NoDepth`]; [`DatasetError::TrainingSplit`] where a split that should train has no
-    /// usable frame: what is left may be the views that the scene is to be measured on.
+    /// [`DatasetError::NoDepth`]; [`DatasetError::TrainingSplit`] if the preferred training split has no
+    /// usable frame, because the remaining split may be the one for evaluation.
     pub fn training_split(&self) -> Result<usize, DatasetError> {
         let refuse = |split: &str, found: String| {
             Err(DatasetError::TrainingSplit { path: self.shown(), split: split.to_owned(), found })
@@ -139,7 +142,7 @@ impl Dataset {
         }
     }
 
-    /// The first problem of a split that was listed and has no usable frame, and how many it has.
+    /// First problem of a split without usable frames, and the number of its skipped frames.
     fn refused_whole(&self, name: &str) -> Option<(String, usize)> {
         if self.find(|s| s.name == name).is_some() {
             return None;
@@ -149,21 +152,20 @@ impl Dataset {
         Some((first, 1 + refused.count()))
     }
 
-    /// What messages call it.
+    /// Path or name shown in messages.
     pub(super) fn shown(&self) -> PathBuf {
         self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
 
-    /// The default views of evaluation, given the split that trains: `val`, `eval` or `test` if it is
-    /// another split, else every eighth frame of the training split. A split `free` is measured beside
-    /// them.
+    /// Default views for evaluation: `val`, `eval` or `test` if it is not the training split, else every
+    /// eighth frame of the training split. A split `free` is evaluated in addition.
     pub fn evaluation(&self, training_split: usize) -> Evaluation {
         let new_views = |split, frames| {
             let name = Some(ViewGroupName::NewViews);
             ViewGroup { name, split, frames }
         };
         let from_the_side = self.free_views(training_split);
-        // Photographs measure colour without depth.
+        // Any split will do: colour metrics need no depth.
         if let Some(split) = self.evaluation_split(training_split) {
             let DatasetSplit { name, frames, .. } = split.1;
             let why = format!("all frames of the split `{name}`");
@@ -189,7 +191,7 @@ impl Dataset {
         ViewGroup { name, split, frames: (0..found.map_or(0, |s| s.frames.len())).collect() }
     }
 
-    /// The split for evaluation and its position; `None` if only the training split has its name.
+    /// The evaluation split and its index; `None` if there is none besides the training split.
     pub(super) fn evaluation_split(&self, training_split: usize) -> Option<(usize, &DatasetSplit)> {
         let of = |name: &&str| {
             let mut splits = self.splits.iter().enumerate();
@@ -198,7 +200,7 @@ impl Dataset {
         EVALUATION_NAMES.iter().find_map(of)
     }
 
-    /// The true pictures from free viewpoints.
+    /// Ground-truth images from free viewpoints.
     pub(super) fn free_views(&self, training_split: usize) -> Vec<ViewGroup> {
         let free = self.find(|s| s.name == FREE).filter(|free| *free != training_split);
         free.map(|free| self.whole_split(free)).into_iter().collect()

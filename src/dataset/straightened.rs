@@ -1,8 +1,8 @@
-//! Images of frames whose poses are left to tracking, straightened by those that were recorded.
+//! Rectified images for frames whose poses are left to tracking.
 //!
-//! Rows that were read one after the other, and photographs taken before or after depth, are put right by the
-//! trajectory of a recording. Tracking knows none, and learns from images as they are. But what is measured
-//! should not depend on who placed the cameras: views of both are compared with the same photographs.
+//! Rolling shutter and the time offset between photograph and depth are corrected by the recorded
+//! trajectory. Tracking has none and is trained on the images as they are. Evaluation must not depend on
+//! the source of the poses: tracked and recorded cameras are compared with the same, rectified photographs.
 
 use super::entry::{FrameEntry, FrameSource};
 use super::opened::{Dataset, open};
@@ -10,14 +10,14 @@ use super::options::LoadOptions;
 use std::collections::BTreeMap;
 
 impl Dataset {
-    /// The same recording with the poses that were recorded; `None` where it cannot be opened with them.
+    /// Reopens the recording with its recorded poses; `None` if that fails.
     pub fn recorded(&self) -> Option<Self> {
         let options = LoadOptions { track: false, ..self.options };
         open(self.path.as_ref()?, &options).ok()
     }
 
-    /// The same frames with the images that they have where their poses are the recorded ones; `None` where
-    /// these are no others. Poses stay as they are.
+    /// Replaces the images by those rectified with the recorded poses; `None` if nothing changes. Poses are
+    /// unchanged.
     pub fn straightened(&self) -> Option<Self> {
         let recorded = self.options.track.then(|| self.recorded()).flatten()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
@@ -35,7 +35,7 @@ impl Dataset {
 }
 
 impl FrameEntry {
-    /// Takes the images of another entry of the same frame; whether they are others.
+    /// Takes the images of another entry of the same frame; true if they differ.
     fn take_images(&mut self, other: &Self) -> bool {
         let lens = |entry: &Self| match &entry.source {
             FrameSource::Files(files) => Some(files.lens),

@@ -1,11 +1,11 @@
-//! From judged pixels to points, tile by tile: 8×8 pixels made of quads of 4×4, because sums of the
-//! mixture are formed tile by tile, so that their bits depend on the tiles alone and not on the thread
-//! that takes one.
+//! Converts classified pixels to points, tile by tile: tiles of 8×8 pixels, made of quads of 4×4. The
+//! mixture's sums are formed per tile, so their bits depend on the tiles and not on the thread that
+//! processes one.
 //!
-//! The four pixels of a row of a quad are one step of vector code, most of which are kept or left as
-//! one; what is not kept among them is computed and not stored. A tile's points are gathered on the
-//! stack: six vectors that grow point by point took as long as all the arithmetic. Every operation is
-//! rounded as it is for a point alone, so the bits are those of one pixel after another.
+//! The four pixels of a row of a quad are one SIMD step. Dropped pixels among them are computed but not
+//! stored. A tile's points are gathered on the stack: pushing them one by one to six vectors took as long
+//! as all the arithmetic. Every operation rounds as for a single point, so the result is bitwise that of
+//! processing pixel by pixel.
 
 use super::depth::DepthKind;
 use crate::math::simd::{Kernel, Vector};
@@ -16,7 +16,7 @@ pub(super) const TILE: usize = 8;
 /// Pixels on a side of a quad.
 const QUAD: usize = 4;
 
-/// Offsets of the rows of four in a tile, in order.
+/// Column and row offsets of the rows of four in a tile, in order.
 const TILE_ROWS: [[usize; 2]; 16] = {
     let mut rows = [[0; 2]; 16];
     let mut i = 0;
@@ -28,7 +28,7 @@ const TILE_ROWS: [[usize; 2]; 16] = {
     rows
 };
 
-/// Whether a pixel becomes a point, or why it does not.
+/// Classification of a pixel: kept as a point, or the reason why it is dropped.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum Status {
@@ -39,58 +39,58 @@ pub(super) enum Status {
     Range,
 }
 
-/// Slopes of the rays of some pixels against the optical axis in one image direction, and what they
-/// add to the squared ray length per unit of depth.
+/// Ray slopes of pixels along one image axis relative to the optical axis, and their contributions to the
+/// squared ray length per unit of depth.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Slopes {
     pub tangents: Vec<f64>,
     pub stretches: Vec<f64>,
 }
 
-/// One of [`Slopes`].
+/// One element of [`Slopes`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slope {
     pub tangent: f64,
     pub stretch: f64,
 }
 
-/// Camera space to model space.
+/// Transform from camera space to model space.
 pub(super) struct Placement {
     /// Columns of the matrix.
     pub axes: [[f64; 3]; 3],
     pub origin: [f64; 3],
 }
 
-/// The second pass over an image: its kept pixels become points.
+/// Second pass over an image: converts kept pixels to points.
 pub(super) struct Emission<'a, C, L> {
-    /// One [`Status`] a pixel, rows and columns padded to whole tiles with holes.
+    /// One [`Status`] per pixel; rows and columns are padded to whole tiles with holes.
     pub statuses: &'a [u8],
-    /// Of every column, padded as the statuses are.
+    /// Slopes of the columns, padded like the statuses.
     pub columns: &'a Slopes,
-    /// Of every row, likewise.
+    /// Slopes of the rows, padded likewise.
     pub rows: &'a [Slope],
     pub width: usize,
     pub codes: &'a [C],
-    /// Length of a code that is no hole.
+    /// Length of a code that is not a hole.
     pub length: L,
     pub kind: DepthKind,
     pub colors: &'a [[u8; 4]],
-    /// What a byte of a colour becomes.
+    /// Lookup table of colour bytes.
     pub channel: &'a [f32; 256],
     pub placement: Placement,
-    /// Largest coordinate that makes a point.
+    /// Largest coordinate of a point.
     pub farthest: f32,
     pub out: &'a mut Points<f32>,
 }
 
-/// Points of a tile that is being made: x, y, z, red, green, blue.
+/// Points of the current tile: x, y, z, red, green, blue.
 struct TileBuffer {
     columns: [[f32; TILE * TILE]; 6],
     n: usize,
 }
 
-/// Camera-space coordinates x, y and z (OpenCV axes, world units) of pixels of one row at lengths of
-/// `kind`; their columns' tangents and stretches.
+/// Camera-space coordinates x, y and z (OpenCV axes, world units) of pixels of one row, from the slopes of
+/// their columns and their lengths as `kind` measures.
 #[inline(always)]
 pub(super) fn local_points<const N: usize>(
     [tangents, stretches]: [[f64; N]; 2],
@@ -108,7 +108,7 @@ pub(super) fn local_points<const N: usize>(
 }
 
 impl Slopes {
-    /// Replaces them by those of pixels 0 to `n`.
+    /// Replaces the slopes by those of pixels 0 to `n`.
     pub fn fill(&mut self, n: usize, slope: impl Fn(usize) -> Slope) {
         self.tangents.clear();
         self.stretches.clear();
@@ -131,7 +131,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Kernel for Emission<'_, C, L> {
                     let (column, row) = (tile_column + dx, tile_row + dy);
                     let at = row * stride + column;
                     let four: [u8; QUAD] = std::array::from_fn(|j| self.statuses[at + j]);
-                    // Rows of four without a point are passed over before a ray is formed.
+                    // Rows of four without a point are skipped before their rays are computed.
                     let kept = four.map(|status| status == Status::Kept as u8);
                     if kept != [false; QUAD] {
                         self.four(column, row, kept, &mut tile);
@@ -144,14 +144,15 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Kernel for Emission<'_, C, L> {
 }
 
 impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
-    /// A row of a quad, of which some are kept.
+    /// Converts one row of a quad, of which at least one pixel is kept.
     #[inline(always)]
     fn four(&self, column: usize, row: usize, kept: [bool; QUAD], tile: &mut TileBuffer) {
         let at = row * self.width + column;
         let is_whole = kept == [true; QUAD];
         let (codes, colors) = match is_whole {
             true => (fixed(&self.codes[at..]), fixed(&self.colors[at..])),
-            // Behind the last column the image's next row begins, or nothing: what is not kept is not read.
+            // After the last column the next image row begins, or the buffer ends: dropped pixels are not
+            // read.
             false => {
                 let if_kept = |j: usize| kept[j].then(|| at + j);
                 (
@@ -171,7 +172,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
         let channel = |k: usize| colors.map(|color| self.channel[color[k] as usize]);
         let [x, y, z] = points;
         let columns = [x, y, z, channel(0), channel(1), channel(2)];
-        // Not so of NaN either.
+        // False for NaN as well.
         let is_near = |p: &f32| p.abs() <= self.farthest;
         if is_whole && points.iter().flatten().fold(true, |all, p| all & is_near(p)) {
             tile.store_four(&columns);
@@ -186,7 +187,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
 }
 
 impl Placement {
-    /// Model-space coordinates of camera-space ones.
+    /// Transforms camera-space coordinates to model space.
     #[inline(always)]
     fn points(&self, [x, y, z]: [[f64; QUAD]; 3]) -> [[f32; QUAD]; 3] {
         std::array::from_fn(|k| {
@@ -216,7 +217,6 @@ impl TileBuffer {
     }
 }
 
-/// The first four.
 #[inline(always)]
 fn fixed<T: Copy>(values: &[T]) -> [T; QUAD] {
     let four = &values[..QUAD];

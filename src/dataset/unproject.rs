@@ -1,14 +1,13 @@
-//! Frames to coloured points for the published algorithm: unprojection (`dataset.md`, Unprojection), validity,
+//! Unprojection of frames to coloured points for the published algorithm (`dataset.md`, Unprojection), in
 //! tile order (`dataset.md`, Tile order).
 //!
-//! Two passes over the image. The first gives every pixel a status, row by row in vector code: a
-//! hole, kept, or why it is dropped. The second makes points of the kept ones, tile by tile
-//! (`tile_points`).
+//! Two passes over the image. The first classifies every pixel row by row with SIMD: a hole, kept, or
+//! dropped for a reason. The second converts the kept pixels to points, tile by tile (`tile_points`).
 //!
-//! Two rules of the published loader are options, not corrected in silence, because its figures
-//! depend on them: rays through pixel corners with a small-angle formula
-//! ([`CameraConvention::Paper`]), and no filter of flying pixels ([`EdgeFilter::Off`]). Rays are
-//! rotated and scaled in f64; only the point is rounded.
+//! Two rules of the published loader are options instead of being corrected, because its figures depend on
+//! them. They are rays through pixel corners with a small-angle formula ([`CameraConvention::Paper`]) and
+//! no filter of flying pixels ([`EdgeFilter::Off`]). Rays are rotated and scaled in f64; only the point is
+//! rounded.
 
 use super::depth::{Depth, DepthCodes, DepthKind, decode_inverse8, decode_length, decode_linear16};
 use super::edges::{Padded, mixed_lengths, mixed_levels};
@@ -22,38 +21,37 @@ use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
 use glam::{DMat3, DVec3};
 
-/// Points farther out than this (normalised) are dropped: nothing sane lies there and `f32` would
-/// resolve it to 0.008 only.
+/// Largest normalised coordinate of a point; farther points are dropped as implausible, and `f32` has a
+/// step of 0.008 there.
 pub const MAX_COORDINATE: f32 = 65536.0;
 
-/// How pixels become rays.
+/// Conversion of pixels to rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraConvention {
-    /// The published loader: rays through pixel corners, and a small-angle formula with `h − 1`
-    /// from ray distance to depth (`dataset.md`, Unprojection).
+    /// As in the published loader: rays through pixel corners, and a small-angle formula with `h − 1` from
+    /// ray distance to depth (`dataset.md`, Unprojection).
     Paper,
-    /// Rays through pixel centres, exact.
+    /// Exact rays through pixel centres.
     Exact,
 }
 
-/// Whether pixels that mix two surfaces are dropped.
+/// Filter for pixels that mix two surfaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EdgeFilter {
-    /// Every pixel with depth is a point, whatever its alpha.
+    /// Every pixel with depth becomes a point, whatever its alpha.
     Off,
-    /// Pixels of partial alpha, and pixels between two surfaces, are dropped (`dataset.md`, Edge
-    /// filter).
+    /// Drops pixels of partial alpha and pixels between two surfaces (`dataset.md`, Edge filter).
     DropMixed,
 }
 
-/// What became of the pixels of one frame; the fields add up to width × height.
+/// Numbers of pixels of one frame by outcome; the fields add up to width × height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PointCounts {
     /// Pixels that became points.
     pub kept: usize,
-    /// Pixels at which no surface was measured.
+    /// Pixels without measured depth.
     pub holes: usize,
     /// Measured pixels whose colour is partially transparent.
     pub dropped_alpha: usize,
@@ -65,7 +63,7 @@ pub struct PointCounts {
     pub dropped_far: usize,
 }
 
-/// In words, without those that made points.
+/// Lists the pixels that became no points.
 impl std::fmt::Display for PointCounts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { holes, dropped_edge, dropped_range, dropped_alpha, .. } = self;
@@ -77,25 +75,25 @@ impl std::fmt::Display for PointCounts {
 }
 
 impl PointCounts {
-    /// Measured pixels that made no point.
+    /// Number of measured pixels that became no point.
     pub fn dropped(&self) -> usize {
         self.dropped_alpha + self.dropped_edge + self.dropped_range + self.dropped_far
     }
 }
 
-/// What to make of a frame.
+/// Settings of the unprojection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnprojectSettings {
-    /// How pixels become rays.
+    /// Conversion of pixels to rays.
     pub convention: CameraConvention,
-    /// Whether mixed pixels are dropped.
+    /// Filter for mixed pixels.
     pub filter: EdgeFilter,
-    /// World to model coordinates.
+    /// Map from world to model coordinates.
     pub normalization: Normalization,
 }
 
-/// Camera-space point (OpenCV axes, world units) of the pixel `[column, row]` at length `value` of
-/// `kind` (`dataset.md`, Unprojection); `paper` half-widths are those of the image's width.
+/// Camera-space point (OpenCV axes, world units) of the pixel `[column, row]` at length `value` of `kind`
+/// (`dataset.md`, Unprojection). The `paper` convention uses half the image's width for both axes.
 pub fn camera_point(
     k: &Intrinsics,
     convention: CameraConvention,
@@ -111,9 +109,9 @@ pub fn camera_point(
 
 struct RayRule<'a> {
     k: &'a Intrinsics,
-    /// Pixel index to pixel coordinate.
+    /// Offset from pixel index to pixel coordinate.
     shift: f64,
-    /// Factor of the paper's small-angle stretch, `(θ/2)/(h − 1)` per pixel.
+    /// Factor of the paper's small-angle stretch per pixel, `(θ/2)/(h − 1)`.
     small_angle: Option<f64>,
 }
 
@@ -122,7 +120,7 @@ impl<'a> RayRule<'a> {
         match convention {
             CameraConvention::Exact => Self { k, shift: 0.5, small_angle: None },
             CameraConvention::Paper => {
-                // The published formula takes the width for both axes and one pixel off its half.
+                // The published formula uses the width for both axes, and half of it minus one pixel.
                 let half_width = 0.5 * f64::from(k.width);
                 let small_angle = Some(0.5 * k.fov_x() / (half_width - 1.0));
                 Self { k, shift: 0.0, small_angle }
@@ -146,7 +144,7 @@ impl<'a> RayRule<'a> {
     }
 }
 
-/// Turns frames into points; keeps its scratch memory between frames.
+/// Converts frames to points; reuses its scratch memory between frames.
 ///
 /// ```
 /// use vbgs_studio::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
@@ -171,20 +169,23 @@ pub struct Unprojector {
     levels: Padded<u8>,
     lengths: Padded<f32>,
     mixed: Vec<u8>,
-    /// One [`Status`] per pixel, rows and columns padded to whole tiles with holes.
+    /// One [`Status`] per pixel; rows and columns are padded to whole tiles with holes.
     statuses: Vec<u8>,
     columns: Slopes,
     rows: Vec<Slope>,
 }
 
 impl Unprojector {
-    /// No memory yet.
+    /// Allocates nothing.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Replaces `out` by the normalised points of the frame: one tile per 8×8 pixels, rows of tiles
-    /// from the top; in a tile four 4×4 quads, in a quad rows of 4.
+    /// Replaces `out` by the normalised points of the frame: one tile per 8×8 pixels, rows of tiles from
+    /// the top; four 4×4 quads per tile, rows of 4 pixels per quad.
+    ///
+    /// # Errors
+    /// A frame without depth.
     pub fn unproject(
         &mut self,
         frame: &Frame,
@@ -199,7 +200,7 @@ impl Unprojector {
         match &depth.codes {
             DepthCodes::Inverse8(codes) => {
                 self.judge_levels(frame, depth, codes, settings.filter, &mut tally);
-                // Holes get 0, which is never read: they are not kept.
+                // Holes have length 0, which is never read because they are not kept.
                 let lengths: [f64; 256] =
                     std::array::from_fn(|d| decode_inverse8(d as u8).unwrap_or(0.0));
                 let length = |code: u8| lengths[code as usize];
@@ -218,7 +219,7 @@ impl Unprojector {
                 self.emit(frame, depth.kind, settings, out, &lengths.data, f64::from);
             }
         }
-        // Only the point itself tells that it is too far, after its status was decided.
+        // Distance is checked on the point itself, after its status was counted.
         let planned = tally[Status::Kept as usize];
         Ok(PointCounts {
             kept: out.len(),
@@ -241,7 +242,7 @@ impl Unprojector {
         let plain: [u8; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
             (0, _) => Status::Hole as u8,
             (_, Some(length)) if depth.trusts(length) => Status::Kept as u8,
-            // Code 255 among them: the camera's own centre, which no sensor can have measured.
+            // Includes code 255: the camera centre, which no sensor can have measured.
             _ => Status::Range as u8,
         });
         let Self { levels, mixed, statuses, .. } = self;
@@ -260,7 +261,7 @@ impl Unprojector {
         });
     }
 
-    /// `length` is that of a code, NaN at holes.
+    /// `length` converts a code to a length, NaN at holes.
     fn judge_lengths<C: Copy>(
         &mut self,
         frame: &Frame,
@@ -283,7 +284,7 @@ impl Unprojector {
             tally,
             codes: &codes.data,
             plain: |code| {
-                // NaN is trusted by no interval: without branches a row is vector code.
+                // NaN is outside every interval: without branches the row vectorises.
                 let length = length(code);
                 let [near, far] = depth.trusted;
                 let is_kept = (length > near) & (length < far);
@@ -314,7 +315,7 @@ impl Unprojector {
         let kept = self.statuses.iter().filter(|status| **status == Status::Kept as u8).count();
         out.reserve(kept, self.statuses.len() / (TILE * TILE));
         let normalization = &settings.normalization;
-        // The scale of every axis is taken into the rotation: world to model in one product.
+        // The scale of every axis is merged into the rotation: world to model in one product.
         let per_unit = DVec3::ONE / DVec3::from_array(normalization.scale);
         let rotation = DMat3::from_diagonal(per_unit) * frame.camera.pose.rotation();
         let origin = normalization.normalize(frame.camera.pose.centre()).to_array();
@@ -337,7 +338,7 @@ impl Unprojector {
     }
 }
 
-/// The first pass over an image: decides the status of every pixel, row by row.
+/// First pass over an image: classifies every pixel, row by row.
 struct Judging<'a, C, P, M> {
     frame: &'a Frame,
     filter: EdgeFilter,
@@ -345,9 +346,9 @@ struct Judging<'a, C, P, M> {
     mixed: &'a mut Vec<u8>,
     tally: &'a mut [usize; 5],
     codes: &'a [C],
-    /// Status of a code by itself.
+    /// Status of a code, without its neighbours.
     plain: P,
-    /// Writes 1 where a pixel of a row is mixed, else 0.
+    /// Writes 1 for each mixed pixel of a row, else 0.
     find_mixed: M,
 }
 
@@ -380,7 +381,7 @@ impl<C: Copy, P: Fn(C) -> u8, M: Fn(usize, &mut [u8])> Kernel for Judging<'_, C,
     }
 }
 
-/// One status a pixel: transparency is asked before edges, since it often makes them.
+/// Adds transparency and edges to the statuses; transparency first, since it often causes the edges.
 #[inline(always)]
 fn drop_mixed(line: &mut [u8], colors: &[[u8; 4]], mixed: &[u8]) {
     for ((status, color), mixed) in line.iter_mut().zip(colors).zip(mixed) {

@@ -1,8 +1,8 @@
-//! Photographs inside a video, taken out by the `ffmpeg` on the path.
+//! Photographs inside a video, extracted by the installed `ffmpeg`.
 //!
-//! Phones store colour as HEVC, whose decoders are large and encumbered; everybody who handles such
-//! videos has one. It runs once, at the first photograph that is asked for, into a folder that
-//! disappears with the dataset.
+//! Phones store colour as HEVC, whose decoders are large and encumbered by patents; users of such videos
+//! usually have one. It runs once, when the first photograph is requested, into a temporary folder that is
+//! deleted with the dataset.
 
 use super::error::FrameProblem;
 use super::files::is_file;
@@ -11,7 +11,7 @@ use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-/// A video beside a recording's other files.
+/// A video among a recording's files.
 #[derive(Debug)]
 pub(super) struct Video {
     path: PathBuf,
@@ -23,18 +23,17 @@ impl Video {
         Self { path, frames: OnceLock::new() }
     }
 
-    /// Whether an `ffmpeg` answers on the path.
+    /// True if `ffmpeg` can be run.
     pub fn can_be_read() -> bool {
         let quiet = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
         quiet.is_ok_and(|output| output.status.success())
     }
 
-    /// The video's own path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The image file of a frame, counted from 0.
+    /// Image file of a frame, counted from 0.
     pub fn frame(&self, index: usize) -> Result<PathBuf, FrameProblem> {
         let unpacked = self.frames.get_or_init(|| unpack(&self.path));
         let folder = unpacked.as_ref().map_err(|found| FrameProblem::Video(found.clone()))?;
@@ -46,12 +45,12 @@ impl Video {
     }
 }
 
-/// What keeps every frame once, in this order: since ffmpeg 5.1, and before it.
+/// Option that extracts every frame once: since ffmpeg 5.1, and before it.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
 fn unpack(path: &Path) -> Result<TempDir, String> {
     let folder = TempDir::new().map_err(|e| e.to_string())?;
-    // A name that begins with a dash or a protocol would be read as one.
+    // An absolute path: a relative name may start with a dash or a protocol prefix.
     let video = std::path::absolute(path).map_err(|e| e.to_string())?;
     let [option, older] = EVERY_FRAME;
     let mut output = run(&video, folder.path(), option)?;
@@ -66,14 +65,14 @@ fn unpack(path: &Path) -> Result<TempDir, String> {
 
 fn run(video: &Path, folder: &Path, every_frame: &str) -> Result<Output, String> {
     let mut ffmpeg = Command::new("ffmpeg");
-    // Photographs as the sensor took them: the camera's matrix knows of no turned screen.
+    // Without rotation metadata: the camera matrix refers to the sensor's orientation.
     ffmpeg.args(["-nostdin", "-v", "error", "-noautorotate", "-i"]).arg(video);
     ffmpeg.args([every_frame, "passthrough", "-q:v", "2", "-start_number", "0"]);
     let output = ffmpeg.arg(folder.join("%06d.jpg")).output();
-    output.map_err(|e| format!("no ffmpeg that runs ({e})"))
+    output.map_err(|e| format!("ffmpeg cannot be run ({e})"))
 }
 
 fn first_line(output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stderr);
-    said.lines().next().unwrap_or("a failure of ffmpeg").to_owned()
+    said.lines().next().unwrap_or("a failure of ffmpeg without a message").to_owned()
 }

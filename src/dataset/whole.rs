@@ -1,9 +1,8 @@
-//! Whether the files of a frame are whole, while they may still be written.
+//! Completeness of a frame's files while they may still be written.
 //!
-//! A photograph is judged by its end and not decoded: it will be, once, when it is learnt. PNG ends
-//! with a chunk of its own; of a JPEG everything behind the first scan is looked through for the end
-//! marker, because phones write more behind it. Depth of other kinds says how long it must be, and is
-//! small.
+//! A photograph is judged by its end and not decoded, since training decodes it later. PNG has a final
+//! chunk; a JPEG is searched for its end marker after the first scan, because phones append data. Other
+//! depth files have a known length and are small enough to be read.
 
 use super::decode::{self, CodeKind};
 use super::entry::{FrameEntry, FrameSource};
@@ -15,31 +14,31 @@ use std::path::Path;
 use std::time::{Duration, UNIX_EPOCH};
 
 const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-/// Length 0, name and checksum of the last chunk.
+/// Length 0, name and checksum of the final chunk.
 const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
 const JPEG: [u8; 2] = [0xFF, 0xD8];
 
 impl FrameEntry {
-    /// Whether all of its files are whole, and there.
+    /// True if all of its files exist and are complete.
     pub(super) fn is_whole(&self) -> bool {
         let FrameSource::Files(files) = &self.source else { return true };
         let Some(depth) = files.depth.as_ref().filter(|_| is_whole(&files.color)) else {
             return is_whole(&files.color);
         };
-        // Bare values may begin with any bytes, those of an image among them.
+        // Files without a header may start with any bytes, also those of an image.
         let is_bare = depth.encoding.codes == CodeKind::BareFloats;
         let depth_ends = if is_bare { None } else { image_ends(depth.file.path()) };
         let map_ends = depth.confidence.as_ref().map(|(map, _)| image_ends(map.path()));
         match (depth_ends, map_ends) {
             (Some(false), _) | (_, Some(Some(false))) => false,
             (Some(true), None | Some(Some(true))) => true,
-            // Bare values and arrays have a length and no end. What is wrong otherwise no patience
-            // mends.
+            // Values without a header and arrays have a length but no end marker. Other defects do not
+            // vanish as the file grows.
             _ => !self.load_depth().is_err_and(|error| may_still_grow(&error.problem)),
         }
     }
 
-    /// What its files look like now.
+    /// Current marks of its files.
     pub fn marks(&self) -> FrameMarks {
         let FrameSource::Files(files) = &self.source else { return FrameMarks(Vec::new()) };
         let depth = files.depth.iter().flat_map(|depth| {
@@ -50,28 +49,27 @@ impl FrameEntry {
     }
 }
 
-/// What the files of a frame looked like: the last change and the length of each that was there.
+/// Modification time and size of each existing file of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMarks(Vec<FileMark>);
 
 impl FrameMarks {
-    /// When the last of them was last changed, since the beginning of 1970 by the file system's clock;
-    /// `None` where that did not tell.
+    /// Latest modification time of the files since 1970, by the file system's clock; `None` if unknown.
     pub fn completed(&self) -> Option<Duration> {
         self.0.iter().filter_map(|mark| mark.changed).max()
     }
 }
 
-/// What tells that a file or folder changed.
+/// Modification time and size, by which a change of a file or folder is detected.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FileMark {
     bytes: u64,
-    /// Since the beginning of 1970.
+    /// Time since 1970.
     changed: Option<Duration>,
 }
 
 impl FileMark {
-    /// `None` where there is nothing.
+    /// `None` if the path does not exist.
     pub fn of(path: &Path) -> Option<Self> {
         let metadata = path.metadata().ok()?;
         let changed = metadata.modified().ok().and_then(|at| at.duration_since(UNIX_EPOCH).ok());
@@ -82,14 +80,14 @@ impl FileMark {
 fn is_whole(color: &ByteSource) -> bool {
     match color {
         ByteSource::File(path) => image_ends(path).unwrap_or(false),
-        // What stands for no photograph needs no file.
+        // The stand-in for a missing photograph needs no file.
         ByteSource::Grey(_) => true,
-        // Videos and archives can be read when all of them is there.
+        // Videos and archives are read only once the recording has ended.
         ByteSource::VideoFrame { .. } | ByteSource::Member { .. } => false,
     }
 }
 
-/// Whether a PNG or JPEG has its end; `None` for files of other kinds.
+/// True if a PNG or JPEG has its end; `None` for files of other formats.
 fn image_ends(path: &Path) -> Option<bool> {
     let Ok(mut file) = open_file(path) else { return Some(false) };
     let mut head = Vec::new();
@@ -107,12 +105,12 @@ fn image_ends(path: &Path) -> Option<bool> {
         let ends = file.read_to_end(&mut head).is_ok() && decode::jpeg_ends(&head);
         return Some(ends);
     }
-    // The first bytes of either are no other kind.
+    // A file shorter than the signature may become either format.
     let is_begun = PNG.starts_with(&head) || JPEG.starts_with(&head);
     (is_begun).then_some(false)
 }
 
-/// Whether a file with such a defect may be one that is still written.
+/// True if a defect may be caused by a file that is still being written.
 fn may_still_grow(problem: &FrameProblem) -> bool {
     matches!(
         problem,
@@ -131,7 +129,7 @@ mod tests {
     use image::codecs::png::PngEncoder;
     use image::{ExtendedColorType, ImageEncoder};
 
-    /// Noise, so that every byte value and many lengths of chunks occur.
+    /// Noise, so that every byte value and many chunk lengths occur.
     fn pixels() -> Vec<u8> {
         (0..40 * 30 * 3u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
     }
@@ -154,7 +152,7 @@ mod tests {
             assert_eq!(image_ends(&path), Some(true));
         }
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(image_ends(&path), Some(false), "nothing is no image");
+        assert_eq!(image_ends(&path), Some(false), "a missing file is no image");
         std::fs::write(&path, [0.5f32.to_le_bytes(); 8].as_flattened()).unwrap();
         assert_eq!(image_ends(&path), None, "bare floats have no end");
     }

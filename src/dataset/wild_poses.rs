@@ -1,32 +1,31 @@
-//! Poses that cannot be: cameras that jump away for one frame and back.
+//! Outlier poses: cameras that jump away for one frame and back.
 //!
-//! One lost frame of a tracker puts its points anywhere, and whatever is estimated from all frames
-//! alike, the range of positions first, follows it. A recording moves in steps that are much alike, so
-//! a frame that lies far from both the one before it and the one after it, by many usual steps and by
-//! more than the whole recording usually spreads, is no movement. Rotations are left alone: a wrong one
-//! keeps its points within the sensor's range.
+//! One frame with lost tracking places its points anywhere, and estimates from all frames, such as the
+//! range of positions, follow it. The steps of a recording are of similar size. So a frame is an outlier if
+//! it is far from both neighbours, by many median steps and by more than the recording's spread. Rotations
+//! are not checked: a wrong rotation leaves the points within the sensor's range.
 
 use super::entry::DatasetSplit;
 use glam::DVec3;
 
-/// Frames below which nothing is usual.
+/// Fewest frames for meaningful medians.
 const MIN_FRAMES: usize = 5;
-/// Usual steps, median of the recording's, that a jump is longer than.
+/// Least length of a jump, in median steps of the recording.
 const STEPS: f64 = 20.0;
-/// Spreads of the recording, median distance of its cameras from their median place, that a jump is
-/// longer than.
+/// Least length of a jump, in spreads of the recording: median distance of its cameras from their median
+/// position.
 const SPREADS: f64 = 3.0;
 
-/// A frame whose camera lies far from those before and after it.
+/// A frame whose camera is far from those before and after it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WildPose {
-    /// Position in the split.
+    /// Index of the frame in the split.
     pub index: usize,
     /// Name of the frame within its split.
     pub frame: String,
     /// Distance from the nearer of its two neighbours, world units.
     pub distance: f64,
-    /// Median of all frames' distances, world units.
+    /// Median over all frames of that distance, world units.
     pub usual: f64,
 }
 
@@ -35,12 +34,12 @@ impl std::fmt::Display for WildPose {
         let Self { frame, distance, usual, .. } = self;
         write!(
             f,
-            "{frame}: its pose lies {distance:.3} from those of the frames before and after it, where {usual:.4} is usual; correct it or leave the frame out"
+            "{frame}: its pose lies {distance:.3} from those of the frames before and after it, where the median is {usual:.4}; correct the pose or remove the frame"
         )
     }
 }
 
-/// The wild poses of a split whose frames are in the order they were taken in.
+/// Finds the outlier poses of a split whose frames are in order of capture.
 pub fn wild_poses(split: &DatasetSplit) -> Vec<WildPose> {
     let centres: Vec<DVec3> = split.frames.iter().map(|f| f.camera.pose.centre()).collect();
     let found = isolated(&centres);
@@ -53,13 +52,13 @@ pub fn wild_poses(split: &DatasetSplit) -> Vec<WildPose> {
     found.into_iter().map(wild).collect()
 }
 
-/// Places that lie far from both their neighbours, how far, and how far is usual.
+/// Indices of positions far from both neighbours, their distance, and the median distance.
 fn isolated(centres: &[DVec3]) -> Vec<(usize, f64, f64)> {
     if centres.len() < MIN_FRAMES {
         return Vec::new();
     }
     let last = centres.len() - 1;
-    // The ends have one neighbour, which may be the wild one: the next but one speaks for them too.
+    // The only neighbour of an end may itself be the outlier: the next one is used as well.
     let neighbours = |i: usize| match i {
         0 => [1, 2],
         i if i == last => [last - 1, last - 2],
@@ -117,7 +116,7 @@ mod tests {
         assert!(wild(&walk(4, 100.0)).is_empty(), "too few to tell");
         assert!(wild(&walk(100, 0.05)).is_empty());
         assert!(wild(&[DVec3::ONE; 20]).is_empty(), "a tripod");
-        // A room, then a walk away from it; two rooms with a gap in time between them.
+        // A room, then a walk away from it; then two rooms with a gap in time between them.
         let mut away = vec![DVec3::ZERO; 60];
         away.extend(walk(30, 0.3));
         assert!(wild(&away).is_empty());

@@ -1,5 +1,5 @@
-//! A view scored where its camera really stood: what is left is the model's fault, not its pose's
-//! (`eval.md`, Poses aligned).
+//! Score of a view at its aligned pose: the remaining error is the model's, not the pose's (`eval.md`,
+//! Poses aligned).
 
 use super::comparison::{Comparison, compare};
 use super::metrics::mean_std;
@@ -10,12 +10,12 @@ use crate::math::pose::Pose;
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
-/// Quality of a view drawn from the pose that its own photograph tells, or its mean over views.
+/// Quality of a view rendered from the pose aligned to its photograph, or the mean over views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlignedView {
-    /// Distance of this pose from the one that the view is drawn from otherwise, world units.
+    /// Distance of the aligned pose from the original one, world units.
     pub shift: f64,
-    /// Angle between both, degrees.
+    /// Angle between both poses, degrees.
     pub turn: f64,
     /// PSNR over the whole frame, dB.
     pub psnr: f64,
@@ -27,18 +27,18 @@ pub struct AlignedView {
     pub ssim: f64,
     /// SSIM with colours aligned.
     pub ssim_aligned: f64,
-    /// SSIM of the gradients' lengths with colours aligned.
+    /// SSIM of the gradient magnitudes with colours aligned.
     pub gradient_ssim: f64,
-    /// Detail by octave from the finest, colours aligned.
+    /// Sharpness per octave from the finest, with colours aligned.
     pub bands: [SharpnessBand; N_BANDS],
 }
 
 impl AlignedView {
-    /// Compares what the aligned camera shows with the photograph. `None` where nothing is covered,
-    /// or where the photograph shows no detail.
+    /// Compares the render from the aligned camera with the photograph. `None` if no pixel is covered or
+    /// the photograph has no detail.
     ///
     /// # Errors
-    /// The images differ in size, or are smaller than a window of SSIM.
+    /// The images differ in size, or are smaller than an SSIM window.
     pub fn compare(
         [from, to]: [&Pose; 2],
         shown: &RgbImage,
@@ -47,7 +47,7 @@ impl AlignedView {
     ) -> Result<Option<Self>, MetricError> {
         let Comparison { psnr, ssim, covered, .. } = compare(shown, coverage, truth)?;
         let Some(covered) = covered else { return Ok(None) };
-        // In the photograph's exposure: a darker render has less energy, and is no less sharp.
+        // At the photograph's exposure: a darker render has less energy but is not less sharp.
         let exposed = covered.alignment.applied(shown, coverage);
         let Some(bands) = sharpness::bands(&exposed, coverage, truth) else { return Ok(None) };
         let turn = DQuat::from_mat3(&(from.rotation().transpose() * to.rotation()));
@@ -64,7 +64,7 @@ impl AlignedView {
         }))
     }
 
-    /// Mean over views; `None` for none.
+    /// Mean over views; `None` without views.
     pub fn mean(views: &[Self]) -> Option<Self> {
         let mean =
             |value: fn(&Self) -> f64| mean_std(&views.iter().map(value).collect::<Vec<_>>()).0;
@@ -89,7 +89,7 @@ mod tests {
     use crate::math::rng::{Purpose, Rng};
     use glam::DVec3;
 
-    /// Exposure is taken out before detail is compared, and motions are in degrees and world units.
+    /// Exposure is compensated before detail is compared; shifts are in world units, turns in degrees.
     #[test]
     fn a_darker_view_is_as_sharp() {
         let mut rng = Rng::new(5, Purpose::Synthetic, 0);

@@ -1,33 +1,34 @@
-//! Choices of a comparison that reports name.
+//! Options of a comparison that reports state.
 
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// What a render is compared with.
+/// Reference of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GroundTruth {
-    /// Straight alpha over the render's background: the honest comparison.
+    /// Photograph composited with straight alpha over the render's background: the fair comparison.
     Composited,
-    /// The RGB bytes with alpha dropped, as the paper does.
+    /// RGB bytes with alpha dropped, as in the paper.
     Rgb,
 }
 
-/// What a render shows where splats cover a pixel in part.
+/// Treatment of pixels that splats cover partially.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum PartialCoverage {
-    /// The background through them, as renderers draw it.
+    /// The background shows through, as renderers draw it.
     Composited,
-    /// The splats' colour alone, divided by its coverage, where that is at least
-    /// [`COVERED`](super::comparison::COVERED): what is left when cracks are filled (`eval.md`, Partial coverage).
+    /// The splats' colour divided by its coverage, where that is at least
+    /// [`COVERED`](super::comparison::COVERED): the result of filling all cracks (`eval.md`, Partial
+    /// coverage).
     Divided,
 }
 
-/// Where views are drawn from.
+/// Camera poses of evaluated views.
 #[derive(
     Clone,
     Copy,
@@ -44,10 +45,9 @@ pub enum PartialCoverage {
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum ViewPoses {
-    /// As they were recorded.
+    /// As recorded.
     #[default]
     Recorded,
-    /// Moved as the frames were that the scene was learnt from around them; as recorded where no pose
-    /// was corrected.
+    /// Corrected like the surrounding training frames; as recorded if no pose was corrected.
     Corrected,
 }

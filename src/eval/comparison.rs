@@ -1,9 +1,9 @@
-//! One render against one photograph: as it is, over covered pixels, and after the colours were
+//! Comparison of a render with its photograph: over the whole frame, over covered pixels, and with colours
 //! aligned (`eval.md`, Covered and aligned).
 //!
-//! Three questions, three numbers: how the frame looks, how what the model claims to know looks,
-//! and how it would look if camera and model agreed on exposure. The alignment is fitted per view
-//! by least squares, because cameras that expose by themselves change it per frame.
+//! The three figures measure the whole frame, the part that the model represents, and the error without
+//! exposure differences. The alignment is fitted per view by least squares, because cameras with automatic
+//! exposure change it per frame.
 
 use super::metrics::decibels;
 use super::sizes::{MetricError, same_size};
@@ -11,10 +11,10 @@ use super::ssim::{SsimPadding, ssim};
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
 
-/// A pixel counts as covered from this accumulated opacity on.
+/// Accumulated opacity from which a pixel counts as covered.
 pub const COVERED: f32 = 0.5;
 
-/// How well a render shows a photograph.
+/// Similarity of a render and its photograph.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// PSNR over the whole frame, dB.
@@ -23,37 +23,37 @@ pub struct Comparison {
     pub ssim: f64,
     /// Share of pixels with coverage ≥ [`COVERED`].
     pub coverage: f64,
-    /// The covered pixels; `None` if there is none.
+    /// Scores of covered pixels; `None` if no pixel is covered.
     pub covered: Option<Covered>,
 }
 
-/// What only covered pixels can tell.
+/// Scores that require covered pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covered {
     /// PSNR over covered pixels, dB.
     pub psnr: f64,
-    /// PSNR over covered pixels after the alignment, dB.
+    /// PSNR over covered pixels with colours aligned, dB.
     pub aligned_psnr: f64,
-    /// PSNR over the whole frame after the alignment, dB.
+    /// PSNR over the whole frame with colours aligned, dB.
     pub aligned_psnr_frame: f64,
-    /// SSIM of the whole frame after the alignment, `valid` padding.
+    /// SSIM of the whole frame with colours aligned, `valid` padding.
     pub aligned_ssim: f64,
-    /// What the alignment did to the colours.
+    /// The fitted colour alignment.
     pub alignment: Alignment,
 }
 
-/// Per channel `gain · colour + offset`: the least-squares fit of a render to its photograph, which
-/// takes differences of exposure and white balance out of the comparison.
+/// Colour alignment per channel, `gain · colour + offset`: the least-squares fit of a render to its
+/// photograph. It compensates differences of exposure and white balance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alignment {
-    /// Factor of each channel.
+    /// Gain per channel.
     pub gain: [f64; 3],
-    /// Added to each channel.
+    /// Offset per channel.
     pub offset: [f64; 3],
 }
 
-/// Compares a render with its photograph. The alignment is fitted on covered pixels and applied to
-/// them: the others show the background, whose colour is not the model's.
+/// Compares a render with its photograph. The alignment is fitted to covered pixels and applied only to
+/// them; the others show the background, which is not part of the model.
 ///
 /// ```
 /// use vbgs_studio::eval::comparison::compare;
@@ -67,6 +67,9 @@ pub struct Alignment {
 /// assert!(found.psnr < 16.0 && covered.aligned_psnr > 100.0);
 /// assert!((covered.alignment.gain[0] - 1.5).abs() < 1e-4);
 /// ```
+///
+/// # Errors
+/// The images differ in size, or have no pixels.
 pub fn compare(
     render: &RgbImage,
     coverage: &Image<f32>,
@@ -84,7 +87,7 @@ pub fn compare(
         _ => {
             let alignment = sums.alignment();
             let aligned = alignment.applied(render, coverage);
-            // Summed again and not derived from the fit: clamping to `[0, 1]` changes the error.
+            // Recomputed rather than derived from the fit: clamping to `[0, 1]` changes the error.
             let after = Sums::of(&aligned, coverage, truth);
             Some(Covered {
                 psnr: sums.psnr_covered(),
@@ -103,7 +106,7 @@ pub fn compare(
     })
 }
 
-/// Mean squared error of the whole frame, all channels, after the colours of covered pixels were aligned.
+/// Mean squared error over the whole frame and all channels, with the colours of covered pixels aligned.
 ///
 /// # Errors
 /// The images differ in size.
@@ -123,10 +126,10 @@ pub(super) fn aligned_error(
 }
 
 impl Alignment {
-    /// The render with the covered pixels' colours aligned, clamped to `[0, 1]`.
+    /// Applies the alignment to covered pixels of a render, clamped to `[0, 1]`.
     pub(super) fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
         let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
-            // The background is nobody's colour, and aligning it would reward guessing it.
+            // The background is not part of the model; aligning it would reward guessing its colour.
             if coverage < COVERED {
                 return pixel;
             }
@@ -138,7 +141,7 @@ impl Alignment {
     }
 }
 
-/// Sums over the pixels of an image, or of a part of it.
+/// Sums over the pixels of an image or of a part of it.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     n_covered: usize,
@@ -146,7 +149,6 @@ struct Sums {
     error: f64,
     /// Squared errors of covered pixels, all channels.
     error_covered: f64,
-    /// Of covered pixels, by channel.
     moments: [Moments; 3],
 }
 
@@ -160,12 +162,11 @@ struct Moments {
 }
 
 impl Sums {
-    /// Row by row in parallel; rows are added up in order, so the sums have the same bits for any
-    /// number of threads.
+    /// Sums rows in parallel and adds them in order, so results are bit-identical for any number of
+    /// threads.
     fn of(render: &RgbImage, coverage: &Image<f32>, truth: &RgbImage) -> Self {
         let width = render.width;
-        // Collected in order and added up below: a parallel sum would differ in its last digits
-        // from run to run.
+        // Collected in order and added below: a parallel sum would vary in its last digits between runs.
         let rows: Vec<Self> = render
             .data
             .par_chunks(width)
@@ -217,23 +218,22 @@ impl Sums {
         decibels(self.error_covered / (3 * self.n_covered) as f64)
     }
 
-    /// Least squares over at least one covered pixel.
+    /// Least-squares fit; requires at least one covered pixel.
     fn alignment(&self) -> Alignment {
         let fits = self.moments.map(|m| m.fit(self.n_covered as f64));
         Alignment { gain: fits.map(|f| f[0]), offset: fits.map(|f| f[1]) }
     }
 }
 
-/// Variance of a channel, in (0 to 1)², below which no factor can be told: that of a channel whose
-/// pixels all have the same byte.
+/// Variance of a channel (values in `[0, 1]`) below which no gain can be determined: that of a channel with
+/// one byte value.
 const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {
-    /// Factor and offset.
     fn fit(&self, n: f64) -> [f64; 2] {
         let (x, y) = (self.x / n, self.y / n);
         let variance = self.xx / n - x * x;
-        // A channel of one value fits any line; the one with factor 1 is taken.
+        // A constant channel fits any line; gain 1 is used.
         let gain = if variance > MIN_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
         [gain, y - gain * x]
     }
@@ -266,7 +266,7 @@ mod tests {
         assert_eq!(found.ssim, ssim(&render, &truth, SsimPadding::Valid).unwrap());
     }
 
-    /// No other factor and offset comes nearer to the photograph.
+    /// No other gain and offset yields a smaller error.
     #[test]
     fn the_alignment_is_the_best_one() {
         let (render, other) =

@@ -1,11 +1,10 @@
-//! What Linux control groups leave a process of the machine's memory: containers and batch systems limit
-//! it far below what `/proc/meminfo` shows, and end what goes beyond.
+//! Memory limits of Linux control groups. Containers and batch systems limit a process far below what
+//! `/proc/meminfo` shows, and kill it beyond.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Names of the files of one version: the limit, what is used, and the field of `memory.stat` that
-/// counts what could be given back.
+/// File names of a cgroup version: limit, usage, and the field of `memory.stat` with reclaimable memory.
 struct Names {
     limit: &'static str,
     used: &'static str,
@@ -20,8 +19,8 @@ const V1: Names = Names {
 const V2: Names =
     Names { limit: "memory.max", used: "memory.current", reclaimable: "inactive_file" };
 
-/// Bytes that the tightest of the process's groups leaves, of either version; `None` without a limit.
-/// `groups` is what `/proc/self/cgroup` says, `root` where groups are mounted.
+/// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
+/// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
 pub(super) fn left_bytes(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -32,7 +31,7 @@ pub(super) fn left_bytes(groups: &str, root: &Path) -> Option<u64> {
             (_, true) => (root.join("memory"), V1),
             _ => return None,
         };
-        // Every group above limits it too; in a container the path may not be there at all.
+        // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
         let below: PathBuf = top.join(group);
         let all = below.ancestors().take_while(|path| path.starts_with(&top));
         all.filter_map(|path| left_of(path, &names)).min()
@@ -42,7 +41,7 @@ pub(super) fn left_bytes(groups: &str, root: &Path) -> Option<u64> {
 
 fn left_of(group: &Path, names: &Names) -> Option<u64> {
     let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
-    // `max` is no number, and is no limit.
+    // `max` does not parse: no limit.
     let (limit, used) = (number(names.limit)?, number(names.used)?);
     let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
     let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
@@ -78,7 +77,7 @@ mod tests {
             ],
         );
         assert_eq!(left_bytes("0::/a/b\n", root), Some(3500));
-        // A container sees its own group at the root, whatever path it is told.
+        // A container sees its own group at the root, regardless of the stated path.
         written(root, &[("memory.max", "2000"), ("memory.current", "1500")]);
         assert_eq!(left_bytes("0::/not/here\n", root), Some(500));
         let v1 = "7:cpu:/x\n3:memory:/job\n";

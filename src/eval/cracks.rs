@@ -1,13 +1,12 @@
-//! Cracks: background that shows between splats inside a measured surface (`eval.md`, Cracks),
-//! at the distance of training and at half of it.
+//! Cracks: background visible between splats inside a measured surface (`eval.md`, Cracks), at the training
+//! distance and at half of it.
 //!
-//! Half the distance is a camera moved along its optical axis by half the median depth z of the
-//! view's interior pixels. Its interior pixels are those of the view's depth, drawn forward into the
-//! moved camera ([`Surfaces::seen_by`]): inside by the rule in both images.
+//! At half the distance, the camera is moved along its optical axis by half the median depth z of the
+//! view's interior pixels. The view's depth is projected into the moved camera ([`Surfaces::seen_by`]);
+//! interior pixels satisfy the rule in both images.
 //!
-//! Half the distance shows what the distance of training hides: splats that just touch where they
-//! were learnt from come apart when the camera moves closer. Only pixels inside a surface count,
-//! because near a silhouette background is what should be seen.
+//! Half the distance reveals splats that just touch at the training distance and separate when the camera
+//! approaches. Only pixels inside a surface count, because the background is visible next to a silhouette.
 
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
@@ -22,13 +21,13 @@ use crate::render::cpu::CpuRenderer;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Where the measured split has no depth, every so-many-th training view shows cracks.
+/// Every `TRAINING_VIEWS_EVERY`-th training view is measured if the evaluated split has no depth.
 pub const TRAINING_VIEWS_EVERY: usize = 10;
 
-/// Surfaces nearer than this many near planes do not count: the renderer drops splats there.
+/// Surfaces nearer than this multiple of the near plane are ignored: the renderer drops splats there.
 const NEAR_PLANES: f64 = 2.0;
 
-/// Shares of the interior pixels of one image, or their means over images.
+/// Shares of pixels in one image, or their means over images.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cracks {
     /// Share of all pixels that are interior.
@@ -44,29 +43,29 @@ pub struct Cracks {
 pub struct ViewCracks {
     /// Name of the view within its split.
     pub frame: String,
-    /// From where the depth was measured.
+    /// At the recorded camera.
     pub training_distance: Cracks,
-    /// From half way to the surfaces; `None` if none is left in sight.
+    /// At half the distance; `None` if no interior pixel remains in view.
     pub half_distance: Option<Cracks>,
 }
 
 /// Cracks over the views of a split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CrackReport {
-    /// Split whose depth says where surfaces are.
+    /// Split whose depth defines the surfaces.
     pub split: String,
-    /// Views with interior pixels.
+    /// Number of views with interior pixels.
     pub views: usize,
     /// Means over the views.
     pub training_distance: Cracks,
-    /// Means over the views; `None` if nothing is in sight there in any.
+    /// Means over the views with interior pixels at half the distance; `None` if there are none.
     pub half_distance: Option<Cracks>,
-    /// View by view.
+    /// Results per view.
     pub frames: Vec<ViewCracks>,
 }
 
-/// The views that show cracks when `frames` of `split` are measured: the same where they have depth,
-/// else every tenth of the training split. `None` if no split has depth.
+/// Selects the views for crack measurement when `frames` of `split` are evaluated: the same if they have
+/// depth, otherwise every tenth of the training split. `None` if no split has depth.
 pub fn views(dataset: &Dataset, split: usize, frames: &[usize]) -> Option<(usize, Vec<usize>)> {
     if dataset.splits[split].has_depth {
         return Some((split, frames.to_vec()));
@@ -76,8 +75,8 @@ pub fn views(dataset: &Dataset, split: usize, frames: &[usize]) -> Option<(usize
     Some((training, (0..n_frames).step_by(TRAINING_VIEWS_EVERY).collect()))
 }
 
-/// Looks for cracks in the listed views of a split; `progress` hears how many are done. Views that
-/// cannot be loaded, and those without interior pixels, do not count; `None` if none is left.
+/// Measures cracks in the given views of a split; `progress` receives the number of views done. Views
+/// without interior pixels or that cannot be loaded are skipped; `None` if no view remains.
 pub fn measure<'a>(
     splats: impl Into<SplatView<'a>>,
     dataset: &Dataset,
@@ -88,13 +87,13 @@ pub fn measure<'a>(
     let splats = splats.into();
     let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
-        // Unusable files are named where views are scored.
+        // Unusable files are reported when views are scored.
         let frame = loaded.ok()?;
         let surfaces = Surfaces::of(&frame, sensor)?;
         in_view(frame.name, &surfaces, splats, render, renderer)
     };
     let found = over_views(dataset, split, frames, visit, progress);
-    // Views without interior pixels say nothing of cracks and must not count as free of them.
+    // Views without interior pixels must not count as free of cracks.
     let found: Vec<ViewCracks> = found.into_iter().flatten().collect();
     let far: Vec<Cracks> = found.iter().map(|view| view.training_distance).collect();
     let near: Vec<Cracks> = found.iter().filter_map(|view| view.half_distance).collect();
@@ -107,7 +106,7 @@ pub fn measure<'a>(
     })
 }
 
-/// Cracks in one view, from both distances; `None` if the view has no interior pixels.
+/// Measures one view at both distances; `None` without interior pixels.
 fn in_view(
     frame: String,
     surfaces: &Surfaces,
@@ -120,7 +119,7 @@ fn in_view(
         Cracks::of(&coverage, &surfaces.interior)
     };
     let nearer = half_distance(surfaces)?;
-    // Splats are dropped by their centre, so a surface just beyond the plane would miss some.
+    // Splats are dropped by their centre, so a surface just beyond the near plane would lack some.
     let near = (NEAR_PLANES * render.near) as f32;
     Some(ViewCracks {
         frame,
@@ -129,16 +128,16 @@ fn in_view(
     })
 }
 
-/// The view's camera, moved along its axis by half the median depth of its interior pixels.
+/// Camera moved along its axis by half the median depth of the interior pixels.
 fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
-    // The median and not the mean: a far background must not carry the camera through what is near.
+    // Median rather than mean: a distant background must not move the camera through near objects.
     let step = 0.5 * f64::from(surfaces.median_interior_z()?);
     let Camera { intrinsics, pose } = surfaces.camera;
     Some(Camera { intrinsics, pose: pose.attached(step * DVec3::Z, DQuat::IDENTITY) })
 }
 
 impl Cracks {
-    /// Shares in one image; `None` if it has no interior pixels.
+    /// Shares in one image; `None` without interior pixels.
     fn of(coverage: &Image<f32>, interior: &Image<bool>) -> Option<Self> {
         let (mut n_interior, mut n_over) = (0usize, [0usize; 2]);
         for (&coverage, _) in coverage.data.iter().zip(&interior.data).filter(|(_, i)| **i) {
@@ -147,7 +146,7 @@ impl Cracks {
             n_over[0] += usize::from(transmittance > 0.1);
             n_over[1] += usize::from(transmittance > 0.3);
         }
-        // NaN where there are none, which the last line throws away.
+        // NaN without interior pixels, discarded below.
         let [over_01, over_03] = n_over.map(|n| n as f64 / n_interior as f64);
         let interior = n_interior as f64 / interior.data.len() as f64;
         (n_interior > 0).then_some(Self { interior, over_01, over_03 })
@@ -193,8 +192,7 @@ mod tests {
         }
     }
 
-    /// A splat with a flat top behind every pixel of the frame and around it, but for those of some
-    /// columns.
+    /// A flat-topped splat per pixel of the frame and its surroundings, except in the columns `gap`.
     fn wall(camera: &Camera, gap: Range<i32>) -> Vec<Splat> {
         let k = &camera.intrinsics;
         let pixels =
@@ -226,9 +224,9 @@ mod tests {
         assert_eq!((found.training_distance, found.half_distance), (closed, Some(closed)));
     }
 
-    /// Ten columns are left out: from three splats at one pixel's distance alpha is capped, from
-    /// those at two pixels 0.42 come through (3·exp(−d²/2σ²) with σ² = 0.7² + 0.3). So the outer
-    /// two columns are closed and the other eight are not.
+    /// Ten columns lack splats. Alpha is capped at one pixel's distance from three splats; at two pixels
+    /// 0.42 is transmitted (3·exp(−d²/2σ²) with σ² = 0.7² + 0.3). So the outer two columns are closed and
+    /// the other eight are open.
     #[test]
     fn a_gap_counts_by_its_pixels() {
         let found = cracks(&wall(&frame().camera, 40..50));
@@ -237,7 +235,7 @@ mod tests {
             found.training_distance,
             Cracks { interior: 1.0, over_01: share, over_03: share }
         );
-        // Twenty columns of the moved camera; a splat's own blur reaches two into it.
+        // Twenty columns in the moved camera; a splat's blur covers two on each side.
         let half = found.half_distance.unwrap();
         let columns = half.over_03 * WIDTH as f64;
         assert_eq!((half.interior, columns), (1.0, 16.0));

@@ -1,12 +1,12 @@
-//! Which views a model was trained on: by the frames that its run went through, not by the names of
-//! splits, since two splits may list one frame and a user may train on any split.
+//! Detection of views that a model was trained on, by the frames of its run. Split names do not suffice,
+//! since two splits may list the same frame and any split can be used for training.
 
 use super::measure::Views;
 use crate::dataset::{Dataset, FrameEntry};
 use std::collections::HashSet;
 use std::path::Path;
 
-/// How many of some views are frames that were gone through.
+/// Counts the `views` that are among the frames trained on, `learnt`.
 pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
     let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
         let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);
@@ -16,7 +16,7 @@ pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> u
     marks(views).iter().filter(|view| learnt.contains(*view)).count()
 }
 
-/// What tells one photograph from another, whichever split lists it.
+/// Identifies a photograph across splits.
 fn mark(frame: &FrameEntry) -> (String, Option<&Path>) {
     (frame.name.clone(), frame.color_path())
 }

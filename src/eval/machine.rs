@@ -1,4 +1,4 @@
-//! What the machine says about itself.
+//! Properties of the machine.
 
 use super::control_group;
 use super::report::MachineReport;
@@ -6,7 +6,7 @@ use crate::math::simd::Isa;
 use std::fs;
 use std::path::Path;
 
-/// Threads of the current pool, processor, instructions used, and the graphics adapter that draws, if any.
+/// Threads of the current pool, processor, instruction set, and the graphics adapter that renders, if any.
 pub fn describe(adapter: Option<String>) -> MachineReport {
     MachineReport {
         threads: rayon::current_num_threads(),
@@ -16,15 +16,15 @@ pub fn describe(adapter: Option<String>) -> MachineReport {
     }
 }
 
-/// Name of the processor as the system gives it, else its architecture.
+/// Name of the processor as reported by the system, else its architecture.
 fn cpu_name() -> String {
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
 
-/// What the last bits of results depend on besides the settings, as JSON: processor, mathematical
-/// functions of the system, instructions that round once where others round twice, and the build.
+/// Properties that determine the last bits of results besides the settings, as JSON: processor, math
+/// library of the system, fused multiply-add, and build profile.
 pub fn numerics() -> String {
     let numerics = serde_json::json!({
         "arch": std::env::consts::ARCH,
@@ -36,18 +36,18 @@ pub fn numerics() -> String {
     numerics.to_string()
 }
 
-/// Largest resident memory of this process so far, bytes; `None` where the system does not tell.
+/// Peak resident memory of this process, bytes; `None` if unavailable.
 pub fn peak_rss_bytes() -> Option<u64> {
     status_bytes("VmHWM:")
 }
 
-/// Resident memory of this process now, bytes; `None` where the system does not tell.
+/// Current resident memory of this process, bytes; `None` if unavailable.
 pub fn rss_bytes() -> Option<u64> {
     status_bytes("VmRSS:")
 }
 
-/// Memory the system can give this process without swapping, bytes: what is free, and no more than a
-/// container leaves it. `None` where it does not tell.
+/// Memory available to this process without swapping, bytes, within the limits of its container; `None` if
+/// unavailable.
 pub fn available_bytes() -> Option<u64> {
     let free = file_bytes("/proc/meminfo", "MemAvailable:");
     let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();

@@ -1,15 +1,15 @@
-//! What measuring takes of the machine's memory, beside the model and the frames it was learnt from.
+//! Memory needed for evaluation, in addition to the model and its training frames.
 
 use crate::train::memory::MemoryEstimate;
 
-/// Render, photograph, depth, surfaces and what metrics keep of a view, per pixel.
+/// Per pixel: render, photograph, depth, surfaces and buffers of the metrics.
 const PIXEL_BYTES: u64 = 370;
-/// A component's splats, those of early frames included, and their records.
+/// Per component: its splats, including those of early frames, and their records.
 const SPLAT_BYTES: u64 = 420;
-/// The program and what learning leaves behind.
+/// The program and memory retained from training.
 const FIXED_BYTES: u64 = 50_000_000;
 
-/// An estimate and what it takes to measure views of `pixels` of a model of at most `components`.
+/// Adds to an estimate the memory for evaluating views of `pixels` of a model with at most `components`.
 pub fn with_measuring(
     estimate: MemoryEstimate,
     pixels: usize,
@@ -18,7 +18,7 @@ pub fn with_measuring(
     let MemoryEstimate { model, frames } = estimate;
     MemoryEstimate {
         model: model.saturating_add(SPLAT_BYTES.saturating_mul(components as u64)),
-        // Frames are gone when views are measured.
+        // Training frames are freed before views are evaluated.
         frames: frames.max(PIXEL_BYTES.saturating_mul(pixels as u64).saturating_add(FIXED_BYTES)),
     }
 }
@@ -29,8 +29,8 @@ mod tests {
     use crate::train::scene::config::SceneConfig;
     use crate::train::scene::photometric::rule::PhotometricMode;
 
-    /// Peaks of runs on the synthetic room as TUM's files, two threads: pixels of a frame, components,
-    /// whether photographs were learnt and views measured, and megabytes.
+    /// Peaks of runs on the synthetic room in the TUM layout with two threads: pixels per frame,
+    /// components, photographs used, views evaluated, and megabytes.
     const MEASURED: [(usize, usize, bool, bool, u64); 11] = [
         (19_200, 5_262, false, false, 22),
         (19_200, 5_262, true, false, 84),

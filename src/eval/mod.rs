@@ -1,4 +1,4 @@
-//! Quality of a model, and how runs report themselves.
+//! Quality of a model, and reports of runs.
 #![doc = include_str!("eval.md")]
 
 pub mod aligned;

@@ -1,4 +1,4 @@
-//! The near plane of measured views, as far away as the scene asks.
+//! Near plane of evaluated views, adapted to the scale of the scene.
 
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatView;
@@ -6,24 +6,24 @@ use crate::render::{EVALUATION_NEAR, following_near};
 use crate::train::setting::Preset;
 use glam::DVec3;
 
-/// Views and splats looked at, evenly spaced.
+/// Maximum numbers of views and splats sampled, evenly spaced.
 const VIEWS: usize = 16;
 const SPLATS: usize = 4096;
-/// Share of the depths of splats in a view that may be nearer than what the near plane follows.
+/// Share of splat depths that may be nearer than the depth from which the near plane is derived.
 const NEARER: f64 = 0.02;
 
-/// Which near plane measured views have.
+/// Rule for the near plane of evaluated views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NearRule {
-    /// [`following_near`] of the depth that nearly all splats in the pictures are beyond.
+    /// [`following_near`] of the depth beyond which nearly all splats in view lie.
     Following,
-    /// [`EVALUATION_NEAR`] as published, unless half of the splats in the pictures lie so near that the
-    /// world's unit cannot be meant: then [`following_near`] of the depth that half of them are beyond.
+    /// [`EVALUATION_NEAR`] as published. If half of the splats in view are so near that the world unit
+    /// cannot be metres, [`following_near`] of their median depth.
     Published,
 }
 
 impl NearRule {
-    /// The rule for models of a preset; those of which none is known are nobody's published ones.
+    /// Rule for models of a preset; a model without a known preset is not a published one.
     pub fn of(preset: Option<Preset>) -> Self {
         match preset {
             Some(Preset::Paper) => Self::Published,
@@ -32,7 +32,7 @@ impl NearRule {
     }
 }
 
-/// Near plane for views by these cameras, world units; [`EVALUATION_NEAR`] where they show no splats.
+/// Near plane for views by the given cameras, world units; [`EVALUATION_NEAR`] if no splats are in view.
 pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> f64 {
     let every = |n: usize, most: usize| n.div_ceil(most).max(1);
     let splats = splats.splats();
@@ -74,7 +74,7 @@ mod tests {
     fn published_figures_keep_their_near_plane_unless_the_unit_is_another() {
         let intrinsics = Intrinsics::from_horizontal_fov(64, 48, 1.0);
         let cameras = [Camera { intrinsics, pose: Pose::IDENTITY }];
-        // A wall from .3 to 6 m, in worlds of several units.
+        // A wall from 0.3 to 6 m, in worlds of several units.
         let near = |unit: f32, rule| {
             let splat = |i: u8| {
                 let mean = [0.0, 0.0, unit * (0.3 + 0.3 * f32::from(i))];

@@ -1,14 +1,14 @@
-//! What splats show where they cover a pixel in part (`eval.md`, Partial coverage).
+//! Treatment of partially covered pixels (`eval.md`, Partial coverage).
 
 use super::comparison::COVERED;
 use crate::math::image::{Image, RgbImage};
 use crate::render::cpu::Rendered;
 
-/// The splats' colours without the background, where they cover enough of a pixel to know it.
+/// Colours of the splats without the background, where coverage is at least [`COVERED`].
 pub(super) fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
     let (color, coverage) = (&rendered.color, &rendered.coverage);
     let pixel = |(color, &coverage): (&[f32; 3], &f32)| {
-        // Too little is known of the colour to divide by its share.
+        // With less coverage the colour is too uncertain to divide.
         if coverage < COVERED {
             return *color;
         }

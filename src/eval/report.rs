@@ -1,8 +1,7 @@
-//! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
+//! JSON types of `report.json` and of `eval --json`; field names are part of the public interface.
 //!
-//! Plain data without methods that compute: a report is written once and read by other programs so
-//! the names of its fields stay. Values that may be missing are `Option`, not NaN, which JSON
-//! cannot hold.
+//! Plain data without computing methods: reports are read by other programs, so field names never change.
+//! Missing values are `Option`, because JSON cannot represent NaN.
 
 use super::aligned::AlignedView;
 use super::choices::{PartialCoverage, ViewPoses};
@@ -25,134 +24,133 @@ use serde::{Deserialize, Serialize};
 /// Version tag of [`Report`].
 pub const REPORT_FORMAT: &str = "vbgs-report/1";
 
-/// Everything a training run says about itself.
+/// Report of a training run.
 #[derive(Clone, Debug, Serialize)]
-// Generic: settings belong to the pipeline, which this room may not know.
+// Generic because the settings belong to the pipeline, on which this module must not depend.
 pub struct Report<C> {
     /// Version tag, [`REPORT_FORMAT`], for programs that read reports.
     pub format: &'static str,
-    /// What was trained on.
+    /// Training data.
     pub dataset: DatasetReport,
-    /// Every setting that shaped the run.
+    /// Every setting of the run.
     pub config: C,
-    /// Where it ran.
+    /// Machine of the run.
     pub machine: MachineReport,
     /// One entry per trained frame, in order of training.
     pub frames: Vec<FrameReport>,
     /// Frames that could not be used.
     pub skipped: Vec<SkippedFrame>,
-    /// Totals over the trained frames, and the model's size.
+    /// Totals over the trained frames, and the size of the model.
     pub summary: Summary,
-    /// Quality, where it was asked for.
+    /// Quality per split, if evaluated.
     pub eval: Vec<EvalReport>,
-    /// What the model shows of the frames it has learnt, early in the run; where quality was asked
-    /// for.
+    /// Quality on seen pixels early in the run, if evaluated.
     pub seen: Vec<SeenReport>,
-    /// How far tracked poses are from the recorded ones, where there are both.
+    /// Error of tracked poses against recorded ones, if both exist.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<TrajectoryError>,
-    /// What photographs were compared on; `None` where they teach nothing.
+    /// Device that compared photographs; `None` if photographs are not used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub comparer: Option<ComparerUse>,
-    /// What passes over frames ran on; `None` where no device can run them.
+    /// Device of the passes over frames; `None` if no device supports them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passes: Option<PassUse>,
-    /// What a scene's points were fitted on; `None` where no device can fit them.
+    /// Device of the point fits; `None` if no device supports them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<PassUse>,
 }
 
-/// Quality on the pixels that the frames learnt so far saw.
+/// Quality on the pixels seen by the frames trained on so far.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenReport {
-    /// Number of frames learnt when this was measured.
+    /// Number of frames trained on at this time.
     pub after_frames: usize,
-    /// Which renderer drew the views.
+    /// Renderer of the views.
     pub renderer: Renderer,
     /// Means over those frames.
     #[serde(flatten)]
     pub seen: Seen,
 }
 
-/// What was trained on.
+/// Training data of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct DatasetReport {
-    /// Folder, or the name of the procedural scene.
+    /// Folder, or name of the procedural scene.
     pub path: String,
     /// Layout of the files.
     pub layout: String,
-    /// Split that was trained on.
+    /// Split used for training.
     pub split: String,
-    /// Frames chosen for training.
+    /// Number of frames selected for training.
     pub frames: usize,
-    /// Columns of the first frame.
+    /// Width of the first frame, pixels.
     pub width: u32,
-    /// Rows of the first frame.
+    /// Height of the first frame, pixels.
     pub height: u32,
 }
 
-/// Where a run took place.
+/// Machine of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct MachineReport {
-    /// Threads of the trainer.
+    /// Number of training threads.
     pub threads: usize,
     /// Name of the processor.
     pub cpu: String,
-    /// Instructions the engine runs on.
+    /// Instruction set used by the engine.
     pub simd: String,
-    /// Name of the graphics adapter, if one drew.
+    /// Name of the graphics adapter, if one was used.
     pub adapter: Option<String>,
 }
 
-/// One trained frame.
+/// Report of a trained frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReport {
-    /// Position in the order of training, from 0.
+    /// Index in the order of training, from 0.
     pub index: usize,
     /// Name of the frame within its split.
     pub frame: String,
-    /// Points learnt from.
+    /// Number of points trained on.
     pub points: usize,
-    /// Measured pixels that made no point.
+    /// Number of measured pixels without a point.
     pub points_dropped: usize,
-    /// Components, used or not.
+    /// Number of components, used or not.
     pub components: usize,
-    /// Components with statistics.
+    /// Number of components with statistics.
     pub used: usize,
-    /// Components that came into being. Reports of scenes by version 0.1.0 call these reassigned.
+    /// Number of components created. Reports of scenes by version 0.1.0 state these as reassigned.
     #[serde(default)]
     pub born: usize,
-    /// Unused components that moved to badly explained points.
+    /// Number of unused components moved to badly explained points.
     pub reassigned: usize,
-    /// Components that became part of others.
+    /// Number of components merged into others.
     #[serde(default)]
     pub merged: usize,
     /// Mean ELBO of the frame's points under the initial model, nats.
     pub elbo_mean: f64,
-    /// How its photograph compared with the scene before, where photographs are learnt.
+    /// Comparison of its photograph with the scene before training, if photographs are used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photograph: Option<PhotographOutcome>,
-    /// Where its camera was found, where poses are tracked.
+    /// Tracked pose, if poses are tracked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracked: Option<TrackedPose>,
-    /// Milliseconds from the last change of its files to its being learnt, where it was taken while
-    /// it was recorded; by the file system's clock.
+    /// Latency in a recording in progress: milliseconds from the last change of the frame's files to the
+    /// end of its training, by the file system's clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub behind_ms: Option<f64>,
-    /// Where the time went.
+    /// Duration by stage.
     pub ms: FrameMs,
 }
 
 impl FrameReport {
-    /// What a user should know of a frame that was not learnt, or only in part.
+    /// Warning about an outlier frame that was not, or only partially, trained on.
     pub fn doubt(&self) -> Option<String> {
         let PhotographOutcome { difference, usual, contradiction } = self.photograph?;
         let (found, left_out) = match contradiction? {
-            Contradiction::Picture => ("its photograph differs", "its picture"),
-            Contradiction::Colors => ("the colours of its points differ", "it"),
+            Contradiction::Picture => ("its photograph differs", "the photograph"),
+            Contradiction::Colors => ("the colours of its points differ", "the frame"),
             Contradiction::Depth => {
                 return Some(format!(
-                    "{}: it measured something behind {:.0} % of the surfaces in view, where {:.0} % are usual, so nothing was learnt from it; check its pose, and whether something moved",
+                    "{}: its depth lies behind {:.0} % of the surfaces in view (usually {:.0} %), so the frame was not trained on; check its pose, and whether something moved",
                     self.frame,
                     100.0 * difference,
                     100.0 * usual
@@ -160,21 +158,21 @@ impl FrameReport {
             }
         };
         Some(format!(
-            "{}: {found} from the scene by {difference:.3}, where {usual:.3} is usual (root mean square of colours in [0, 1]), so nothing was learnt from {left_out}; check its pose and exposure, and whether something moved",
+            "{}: {found} from the scene by {difference:.3} (usually {usual:.3}; root mean square of colours in [0, 1]), so {left_out} was not trained on; check its pose and exposure, and whether something moved",
             self.frame
         ))
     }
 }
 
-/// Milliseconds of one frame. `load` and `prepare` run ahead on another thread and are not part of
+/// Milliseconds of one frame. `load` and `prepare` run ahead on another thread and are not included in
 /// `train`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameMs {
     /// Reading and decoding.
     pub load: f64,
-    /// Filtering, unprojecting, normalising.
+    /// Filtering, unprojection and normalisation.
     pub prepare: f64,
-    /// The trainer's stages.
+    /// Stages of training.
     #[serde(flatten)]
     pub stages: StageMs,
 }
@@ -184,7 +182,7 @@ pub struct FrameMs {
 pub struct SkippedFrame {
     /// Name of the frame within its split.
     pub frame: String,
-    /// The file, what was expected and found, what to do.
+    /// Error message: file, what was expected and found, and what to do.
     pub message: String,
 }
 
@@ -201,55 +199,56 @@ pub struct Summary {
     pub train_ms_median: f64,
     /// 95 % quantile of `ms.train`.
     pub train_ms_p95: f64,
-    /// Points learnt per second of `ms.train`.
+    /// Points trained on per second of `ms.train`.
     pub points_per_s: f64,
-    /// Components, used or not.
+    /// Number of components, used or not.
     pub components: usize,
-    /// Components with statistics.
+    /// Number of components with statistics.
     pub used: usize,
-    /// Components that are drawn.
+    /// Number of components that are rendered.
     pub drawn: usize,
-    /// Bytes of the model.
+    /// Size of the model, bytes.
     pub model_bytes: usize,
-    /// Largest resident memory of the process; `None` where the system does not tell.
+    /// Peak resident memory of the process, bytes; `None` if unavailable.
     pub peak_rss_bytes: Option<u64>,
-    /// From start to the end of training.
+    /// Seconds from start to the end of training.
     pub wall_s: f64,
 }
 
 /// Quality over one split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvalReport {
-    /// Group of the views; `None` for a split that was named.
+    /// Group of the views; `None` if the split was named explicitly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<ViewGroupName>,
-    /// Name of the split whose views were scored.
+    /// Name of the evaluated split.
     pub split: String,
-    /// Which renderer drew the views.
+    /// Renderer of the views.
     pub renderer: Renderer,
-    /// What the exact renderer did about splats thinner than a pixel; `None` for the other.
+    /// Antialiasing of splats thinner than a pixel in the exact renderer; `None` for the other renderer.
     pub antialias: Option<Antialias>,
-    /// Where the exact renderer looked for the largest response; `None` for the other.
+    /// Part of the pixel line on which the exact renderer searches for the largest response; `None` for the
+    /// other renderer.
     pub response: Option<Response>,
-    /// What the render was compared with: `composited` or `rgb`.
+    /// Reference of the comparison: `composited` or `rgb`.
     pub ground_truth: String,
-    /// What the render shows where splats cover a pixel in part.
+    /// Treatment of partially covered pixels.
     pub partial_coverage: PartialCoverage,
-    /// How bright the scene was drawn.
+    /// Exposure of the renders.
     pub exposure: Exposing,
-    /// Where views were drawn from.
+    /// Poses of the views.
     pub poses: ViewPoses,
-    /// The camera that took the photographs; `None` if it measured depth as well.
+    /// Camera of the photographs; `None` if it is the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// The fraction of the photographs' sides that views were compared at, photographs averaged over
-    /// the area of each pixel in encoded values.
+    /// Fraction of the photographs' sides at which views were compared; photographs are area-averaged in
+    /// encoded values.
     #[serde(default)]
     pub scale: EvalScale,
     /// Background of the render, sRGB-encoded.
     pub background: [f32; 3],
-    /// Number of views that were scored, skipped ones left out.
+    /// Number of scored views, without skipped ones.
     pub views: usize,
-    /// How many of the views asked for the model was trained on; `None` where it does not tell.
+    /// Number of the requested views that the model was trained on; `None` if unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub learnt_views: Option<usize>,
     /// Views that could not be used.
@@ -258,29 +257,29 @@ pub struct EvalReport {
     pub psnr_mean: f64,
     /// Population standard deviation (ddof 0) of the views' PSNR over the whole frame, dB.
     pub psnr_std: f64,
-    /// Mean of the views' PSNR over covered pixels, dB; `None` if nothing is covered in any view.
+    /// Mean of the views' PSNR over covered pixels, dB; `None` if no view has a covered pixel.
     pub psnr_covered_mean: Option<f64>,
     /// Coverage from which a pixel counts as covered.
     pub covered_from: f32,
-    /// Mean share of pixels that splats cover.
+    /// Mean share of covered pixels.
     pub coverage_mean: f64,
     /// Mean SSIM, `valid` padding.
     pub ssim_mean: f64,
-    /// Mean PSNR over the whole frame with colours aligned view by view, dB.
+    /// Mean PSNR over the whole frame with colours aligned per view, dB.
     pub psnr_aligned_mean: Option<f64>,
-    /// Mean PSNR over covered pixels with colours aligned view by view, dB.
+    /// Mean PSNR over covered pixels with colours aligned per view, dB.
     pub psnr_aligned_covered_mean: Option<f64>,
-    /// Mean SSIM with colours aligned view by view.
+    /// Mean SSIM with colours aligned per view.
     pub ssim_aligned_mean: Option<f64>,
-    /// Means on the pixels where the views' depth cameras saw a surface; `None` without depth.
+    /// Means over the pixels where the views' depth cameras measured a surface; `None` without depth.
     pub seen_mean: Option<Seen>,
-    /// Means of the views drawn from where their own photographs say, where that was asked for.
+    /// Means over the views rendered from aligned poses, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_aligned_mean: Option<AlignedView>,
-    /// Mean absolute depth error where both have depth, world units: of depth z for the projected
-    /// renderer, of distance along the ray for the exact one; `None` without true depth.
+    /// Mean absolute depth error where both have depth, world units: depth z for the projected renderer,
+    /// ray distance for the exact one. `None` without true depth.
     pub depth_mae_mean: Option<f64>,
-    /// Background that shows inside surfaces; `None` if no view has depth to tell.
+    /// Background visible inside surfaces; `None` if no view has depth.
     pub cracks: Option<CrackReport>,
 }
 
@@ -290,31 +289,30 @@ pub struct ViewReport {
     /// Group of the view, as in [`EvalReport::group`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<ViewGroupName>,
-    /// Position of the view in its split.
+    /// Index of the view in its split.
     pub index: usize,
     /// Name of the view within its split.
     pub frame: String,
-    /// Which renderer drew the views.
+    /// Renderer of the view.
     pub renderer: Renderer,
     /// PSNR over the whole frame, dB.
     pub psnr: f64,
-    /// PSNR over covered pixels, dB; `None` if nothing is covered.
+    /// PSNR over covered pixels, dB; `None` if no pixel is covered.
     pub psnr_covered: Option<f64>,
-    /// Share of pixels that splats cover.
+    /// Share of covered pixels.
     pub coverage: f64,
     /// SSIM, `valid` padding.
     pub ssim: f64,
-    /// PSNR over the whole frame with colours aligned
-    /// ([`Alignment`](super::comparison::Alignment)), dB; `None` if nothing is covered, like the
-    /// next two.
+    /// PSNR over the whole frame with colours aligned ([`Alignment`](super::comparison::Alignment)), dB;
+    /// `None` if no pixel is covered, as are the next two.
     pub psnr_aligned: Option<f64>,
     /// PSNR over covered pixels with colours aligned, dB.
     pub psnr_aligned_covered: Option<f64>,
     /// SSIM with colours aligned.
     pub ssim_aligned: Option<f64>,
-    /// On the pixels where the view's depth camera saw a surface; `None` without depth.
+    /// Quality on the pixels where the view's depth camera measured a surface; `None` without depth.
     pub seen: Option<Seen>,
-    /// Drawn from where its own photograph says, where that was asked for; `None` if nothing is covered.
+    /// Quality at the aligned pose, if requested; `None` if no pixel is covered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_aligned: Option<AlignedView>,
     /// Mean absolute depth error, world units, as in [`EvalReport::depth_mae_mean`].
@@ -322,7 +320,7 @@ pub struct ViewReport {
 }
 
 impl Summary {
-    /// Totals of the trained frames; the model's fields are zero.
+    /// Computes the totals of the trained frames; the model's fields are zero.
     pub fn of_frames(frames: &[FrameReport], wall_s: f64) -> Self {
         let mut train_ms: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
         train_ms.sort_by(f64::total_cmp);
@@ -338,7 +336,7 @@ impl Summary {
     }
 }
 
-/// Quantile of ascending values by linear interpolation; 0 for none.
+/// Quantile of ascending values by linear interpolation; 0 without values.
 pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
     let position = q.clamp(0.0, 1.0) * last as f64;

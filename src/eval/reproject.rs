@@ -1,31 +1,30 @@
-//! A grid of measured points drawn as squares into another image, nearest first.
+//! Projection of a depth image into another camera: squares between pixel centres, with a depth test.
 
 use crate::math::image::Image;
 
-/// One point of the grid in the other image.
+/// Grid point projected into the other image.
 #[derive(Clone, Copy, Debug)]
 pub struct Corner {
     /// Continuous pixel coordinates.
     pub at: [f32; 2],
     /// Depth `z` in the other camera, world units, positive.
     pub z: f32,
-    /// Whether it carries the mark.
     pub is_marked: bool,
 }
 
-/// The other image.
+/// Depth image of the other camera.
 pub struct Reprojection {
-    /// Depth of the nearest square; 0 where there is none.
+    /// Depth of the nearest square; 0 if there is none.
     pub z: Image<f32>,
-    /// Whether all corners of that square are marked.
+    /// True if all corners of that square are marked.
     pub marked: Image<bool>,
 }
 
-/// How far outside a triangle a pixel centre may lie, px²: neighbours must leave no gap.
+/// Tolerance of the triangle test, px²: adjacent triangles must not leave gaps.
 const EDGE_SLACK: f32 = 1e-3;
 
-/// Draws the squares of a grid of `width` columns that have four corners and pass `is_square` (told
-/// the indices of the upper left, upper right, lower left and lower right corner).
+/// Draws the squares of a grid with `width` columns that have four corners and satisfy `is_square`. Its
+/// argument holds the indices of the upper left, upper right, lower left and lower right corner.
 pub fn draw(
     corners: &[Option<Corner>],
     width: usize,
@@ -52,23 +51,23 @@ impl Reprojection {
     fn triangle(&mut self, corners: [Corner; 3], is_marked: bool) {
         let [a, b, c] = corners.map(|corner| corner.at);
         let area = cross(a, b, c);
-        // Squares seen edge-on cover no pixel and have no barycentric coordinates.
+        // Triangles seen edge-on cover no pixel and have no barycentric coordinates.
         if area == 0.0 {
             return;
         }
-        // Casts below saturate, so squares that reach beyond the image end at its border.
+        // The casts saturate, which clips triangles at the image border.
         let span = |axis: usize, size: usize| {
             let (lo, hi) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
-            // Pixels have their centres at +½.
+            // Pixel centres are at +½.
             (lo - 0.5).ceil() as usize..((hi + 0.5).floor() as usize).min(size)
         };
-        // On a plane 1/z is affine in the image, z is not.
+        // On a plane 1/z is affine in image coordinates; z is not.
         let inverse_z = corners.map(|corner| 1.0 / corner.z);
         for row in span(1, self.z.height) {
             for column in span(0, self.z.width) {
                 let pixel = [column as f32 + 0.5, row as f32 + 0.5];
                 let parts = [cross(b, c, pixel), cross(c, a, pixel), cross(a, b, pixel)];
-                // Either winding: a square seen from behind hides what lies beyond it as well.
+                // Either winding: a square seen from behind occludes as well.
                 if parts.iter().any(|part| part * area.signum() < -EDGE_SLACK) {
                     continue;
                 }

@@ -1,9 +1,9 @@
-//! Comparing at a fraction of the photograph's size (`eval.md`, Scale).
+//! Comparison at a fraction of the photograph's size (`eval.md`, Scale).
 //!
-//! Phones take photographs of 1920×1440 beside depth of 256×192: at full size a comparison asks for
-//! detail that no measured point can carry, and takes sixteen times as long as at a quarter. The
-//! photograph is averaged over the area of each pixel, in encoded values, as the images of the
-//! published benchmarks were made smaller, and the camera is scaled with it.
+//! Phones take photographs of 1920×1440 pixels with depth of 256×192. Full size requires detail that
+//! measured points cannot provide, and takes sixteen times as long as a quarter. The photograph is
+//! area-averaged in encoded values, as in the reduced images of published benchmarks, and the camera is
+//! scaled accordingly.
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::{Image, RgbImage};
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// The fraction of a photograph's sides that views are compared at: more than 0, at most 1.
+/// Fraction of a photograph's sides at which views are compared, in (0, 1].
 ///
 /// ```
 /// use vbgs_studio::eval::scale::EvalScale;
@@ -27,7 +27,7 @@ use std::str::FromStr;
 pub struct EvalScale(f64);
 
 impl EvalScale {
-    /// The photograph as it is.
+    /// Full size.
     pub const FULL: Self = Self(1.0);
 
     /// The fraction.
@@ -35,12 +35,12 @@ impl EvalScale {
         self.0
     }
 
-    /// Whether photographs stay as they are.
+    /// True at full size.
     pub fn is_full(self) -> bool {
         self == Self::FULL
     }
 
-    /// The camera of a photograph, for the image that is compared.
+    /// Camera of a photograph, scaled to the compared image.
     pub fn camera(self, camera: Camera) -> Camera {
         if self.is_full() {
             return camera;
@@ -48,7 +48,7 @@ impl EvalScale {
         Camera { intrinsics: camera.intrinsics.scaled(self.0), ..camera }
     }
 
-    /// A photograph in the image of its scaled camera.
+    /// Photograph resampled to the image of its scaled camera.
     pub fn photograph(self, photograph: RgbImage, scaled: &Intrinsics) -> RgbImage {
         if self.is_full() {
             return photograph;
@@ -58,7 +58,7 @@ impl EvalScale {
 }
 
 impl Default for EvalScale {
-    /// What reports mean that do not say it.
+    /// Value of reports without this field.
     fn default() -> Self {
         Self::FULL
     }
@@ -98,8 +98,7 @@ impl fmt::Display for EvalScale {
     }
 }
 
-/// The picture in an image of other, no larger sides: every pixel is the mean of the area it covers,
-/// pixels that are covered in part counting by their share.
+/// Area-averages an image to equal or smaller sides; partially covered pixels count by their share.
 pub(super) fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> RgbImage {
     let (columns, rows) = (spans(picture.width, width), spans(picture.height, height));
     let mut narrow = Image::filled(width, picture.height, [0.0f32; 3]);
@@ -119,10 +118,10 @@ pub(super) fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> 
     small
 }
 
-/// The pixels that one pixel of a smaller image covers along a side.
+/// Source pixels covered by one target pixel along an axis.
 struct Span {
     first: usize,
-    /// Shares that sum to 1.
+    /// Weights with sum 1.
     shares: Vec<f64>,
 }
 

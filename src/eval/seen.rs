@@ -1,5 +1,5 @@
-//! Quality on the pixels where a view's own depth camera saw a surface: what a model that has learnt
-//! the view must show, however little of the scene it knows yet.
+//! Quality on the pixels where a view's depth camera measured a surface. A model trained on the view must
+//! reproduce these, even early in a run.
 
 use super::comparison::COVERED;
 use super::metrics::{mean_std, psnr_masked};
@@ -8,21 +8,24 @@ use super::surfaces::Surfaces;
 use crate::math::image::{Image, RgbImage};
 use serde::{Deserialize, Serialize};
 
-/// Quality on the seen pixels of one view, or its mean over views.
+/// Quality on the seen pixels of one view, or the mean over views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Seen {
-    /// PSNR over them, dB.
+    /// PSNR over seen pixels, dB.
     pub psnr: f64,
-    /// Share of them with coverage ≥ 0.5.
+    /// Share of seen pixels with coverage ≥ 0.5.
     pub coverage: f64,
-    /// Share with coverage ≥ 0.5 of those inside a surface ([`Surfaces::interior`]); `None` if
-    /// there is none.
+    /// Share of seen interior pixels ([`Surfaces::interior`]) with coverage ≥ 0.5; `None` if there are
+    /// none.
     pub coverage_interior: Option<f64>,
 }
 
 impl Seen {
-    /// Compares a render with its photograph; `surfaces` are those of the view in the same image.
-    /// `None` if there are none.
+    /// Compares a render with its photograph; `surfaces` are those of the view in the same image. `None` if
+    /// no pixel has depth.
+    ///
+    /// # Errors
+    /// The images differ in size.
     pub fn compare(
         render: &RgbImage,
         coverage: &Image<f32>,
@@ -30,7 +33,7 @@ impl Seen {
         surfaces: &Surfaces,
     ) -> Result<Option<Self>, MetricError> {
         let mask = surfaces.z.map(|&z| z > 0.0);
-        // No pixel has depth: a mean over nothing would read as a score.
+        // A mean over no pixels would read as a score.
         let Some(share) = covered_share(coverage, &mask) else { return Ok(None) };
         Ok(Some(Self {
             psnr: psnr_masked(render, truth, &mask)?,
@@ -39,7 +42,7 @@ impl Seen {
         }))
     }
 
-    /// Mean over views; `None` for none.
+    /// Mean over views; `None` without views.
     pub fn mean(views: &[Self]) -> Option<Self> {
         let mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_std(&values).0);
         Some(Self {
@@ -50,7 +53,7 @@ impl Seen {
     }
 }
 
-/// Share of the masked pixels that splats cover; `None` if no pixel is masked.
+/// Share of masked pixels that are covered; `None` without masked pixels.
 fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     let (mut n_masked, mut n_covered) = (0usize, 0usize);
     for (&coverage, _) in coverage.data.iter().zip(&mask.data).filter(|(_, masked)| **masked) {
@@ -66,7 +69,7 @@ mod tests {
     use crate::math::camera::{Camera, Intrinsics};
     use crate::math::pose::Pose;
 
-    /// A quarter of the image has no depth, another is not covered and shows the wrong colour.
+    /// One quarter of the image has no depth; another is uncovered and shows a wrong colour.
     #[test]
     fn only_pixels_with_depth_count() {
         let (width, height) = (64, 32);
@@ -88,7 +91,7 @@ mod tests {
         let seen = Seen::compare(&render, &coverage, &truth, &surfaces).unwrap().unwrap();
         assert!((seen.psnr - -10.0 * (0.25f64 / 3.0).log10()).abs() < 1e-9);
         assert_eq!(seen.coverage, 2.0 / 3.0);
-        // The edge takes six columns: the first with depth and five beyond it.
+        // The edge takes six columns: the first with depth, and five more.
         assert_eq!(seen.coverage_interior, Some((32.0 - 6.0) / (48.0 - 6.0)));
 
         let nothing = Surfaces::new(surfaces.camera, image(&|_| 0.0), [0.05, 0.0]);

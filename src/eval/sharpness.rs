@@ -1,11 +1,11 @@
-//! How much of a photograph's fine detail a render shows (`eval.md`, Sharpness).
+//! Sharpness: fine detail of a photograph that a render reproduces (`eval.md`, Sharpness).
 //!
-//! PSNR hardly notices whether a render is sharp: the finest bands hold little energy, and a blurred
-//! edge errs less than a sharp one in the wrong place. So bands are compared one by one: how much
-//! energy a render has in each, and whether it is in the right places.
+//! PSNR is hardly sensitive to sharpness: the finest bands contain little energy, and a blurred edge has a
+//! smaller error than a displaced sharp one. Bands are therefore compared separately, by energy and
+//! correlation.
 //!
-//! The same masked blur makes the bands of both images, so that neither the border nor what splats
-//! leave uncovered counts as detail.
+//! Both images are decomposed with the same masked blur, so neither the border nor uncovered areas count as
+//! detail.
 
 use super::comparison::COVERED;
 use super::metrics::mean_std;
@@ -15,29 +15,29 @@ use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Number of bands, each an octave: details of about 1, 2, 4 and 8 pixels.
+/// Number of octave bands: details of about 1, 2, 4 and 8 pixels.
 pub const N_BANDS: usize = 4;
 /// Binomial taps of the blur between two bands (Burt and Adelson 1983).
 const TAPS: [f64; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 /// Weights of red, green and blue in luma (BT.601), on encoded values.
 const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
-/// Variance of a photograph's band, values in `[0, 1]`, below which it shows no detail to compare.
+/// Variance of a photograph's band (values in `[0, 1]`) below which it has no detail to compare.
 const MIN_ENERGY: f64 = 1e-9;
-/// Energy, of the photograph's, below which a render's detail is rounding.
+/// Energy relative to the photograph's below which a render's detail is rounding noise.
 const ROUNDING: f64 = 1e-12;
 
-/// One octave of detail.
+/// Comparison of one octave band.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SharpnessBand {
-    /// Sum of the render's squares over the photograph's: 1 where it is as sharp, less where it is
-    /// blurred, more where it shows detail that is none.
+    /// Energy of the render over that of the photograph: 1 if equally sharp, less if blurred, more for
+    /// spurious detail.
     pub energy_ratio: f64,
-    /// Correlation of the two, −1 to 1: whether the detail is in the right places.
+    /// Correlation of the two bands, −1 to 1: whether detail is in the right places.
     pub correlation: f64,
 }
 
-/// Compares luma, band by band from the finest, over covered pixels. `None` where the photograph has
-/// no detail in some band, or nothing is covered. All images have one size.
+/// Compares luma over covered pixels, per band from the finest. `None` if the photograph has no detail in
+/// some band, or no pixel is covered. All images have equal size.
 pub fn bands(
     render: &RgbImage,
     coverage: &Image<f32>,
@@ -53,7 +53,7 @@ pub fn bands(
         let coarser = levels.each_ref().map(|level| {
             let kept: Vec<f64> = level.iter().zip(&mask).map(|(v, m)| v * m).collect();
             let sums = blurred(&kept, width, 1 << octave);
-            // A covered pixel's own share keeps this from dividing by nothing.
+            // Includes the pixel's own weight, so the divisor is positive.
             let mean =
                 |((sum, share), m): ((f64, &f64), &f64)| if *m > 0.0 { sum / share } else { 0.0 };
             sums.into_iter().zip(&share).zip(&mask).map(mean).collect::<Vec<f64>>()
@@ -63,11 +63,11 @@ pub fn bands(
             let [r, t] = [0, 1].map(|image| m * (levels[image][i] - coarser[image][i]));
             (rr, tt, rt) = (rr + r * r, tt + t * t, rt + r * t);
         }
-        // An image of NaN or without pixels has no bands either.
+        // Also covers NaN and images without pixels.
         if tt.is_nan() || tt <= MIN_ENERGY * n_covered {
             return None;
         }
-        // What is left of a render without detail is rounding, which correlates with anything.
+        // A render without detail leaves rounding noise, whose correlation is meaningless.
         let correlation = if rr > ROUNDING * tt { rt / (rr * tt).sqrt() } else { 0.0 };
         *band = SharpnessBand { energy_ratio: rr / tt, correlation };
         levels = coarser;
@@ -75,7 +75,7 @@ pub fn bands(
     Some(found)
 }
 
-/// Mean over views of every band; `None` without views.
+/// Mean of each band over views; `None` without views.
 pub fn mean(views: &[[SharpnessBand; N_BANDS]]) -> Option<[SharpnessBand; N_BANDS]> {
     let mean = |value: &dyn Fn(&[SharpnessBand; N_BANDS]) -> f64| {
         mean_std(&views.iter().map(value).collect::<Vec<_>>()).0
@@ -88,17 +88,16 @@ pub fn mean(views: &[[SharpnessBand; N_BANDS]]) -> Option<[SharpnessBand; N_BAND
     })
 }
 
-/// SSIM of the lengths of the images' gradients, channel by channel (after Chen, Yang and Xie 2006):
-/// blind to brightness, and low where edges are missing or blurred.
+/// SSIM of the gradient magnitudes per channel (after Chen, Yang and Xie 2006): insensitive to brightness,
+/// low if edges are missing or blurred.
 ///
 /// # Errors
-/// As [`ssim`] with whole windows.
+/// As [`ssim`] with `valid` padding.
 pub fn gradient_ssim(render: &RgbImage, truth: &RgbImage) -> Result<f64, MetricError> {
     ssim(&gradients(render), &gradients(truth), SsimPadding::Valid)
 }
 
-/// Length of Sobel's gradient, a quarter of it, so that a step from 0 to 1 has length 1; the rim
-/// repeats itself.
+/// A quarter of the Sobel gradient magnitude, so that a step from 0 to 1 has length 1; borders are clamped.
 fn gradients(image: &RgbImage) -> Image<[f64; 3]> {
     let Image { width, height, .. } = *image;
     let mut out = Image::filled(width, height, [0.0; 3]);
@@ -122,8 +121,8 @@ fn luma(image: &RgbImage) -> Vec<f64> {
     image.data.iter().map(of).collect()
 }
 
-/// Sums under the taps, `step` pixels apart, by row and by column; nothing beyond the border. Spread
-/// taps instead of a smaller image: bands of every octave are then known at every pixel.
+/// Separable filter with taps `step` pixels apart (à trous); zero beyond the border. Spreading the taps,
+/// rather than shrinking the image, yields every band at every pixel.
 fn blurred(values: &[f64], width: usize, step: usize) -> Vec<f64> {
     let height = values.len() / width.max(1);
     let reach = |at: usize, end: usize| {
@@ -158,7 +157,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (48, 36);
 
-    /// Noise on top of soft waves: detail in every band.
+    /// Noise on smooth waves: detail in every band.
     fn picture() -> RgbImage {
         let mut rng = Rng::new(7, Purpose::Synthetic, 0);
         let pixel = |i: usize| {

@@ -1,11 +1,11 @@
-//! What two images must share to be compared, and why they cannot be.
+//! Size checks of image comparisons, and their errors.
 
 use crate::math::image::Image;
 
 /// Side of the SSIM window in pixels (Wang et al. 2004).
 pub(super) const SSIM_WINDOW: usize = 11;
 
-/// Why two images cannot be compared.
+/// Error of an image comparison.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MetricError {
     /// The planes differ in size.
@@ -13,15 +13,15 @@ pub enum MetricError {
         "{what}: expected {expected_width}x{expected_height} like the prediction, found {width}x{height}; render at the size of the ground truth"
     )]
     SizeMismatch {
-        /// Which plane is off.
+        /// The plane of wrong size.
         what: &'static str,
-        /// Columns of the prediction.
+        /// Width of the prediction, pixels.
         expected_width: usize,
-        /// Rows of the prediction.
+        /// Height of the prediction, pixels.
         expected_height: usize,
-        /// Columns of the image found, pixels.
+        /// Width found, pixels.
         width: usize,
-        /// Rows of the image found, pixels.
+        /// Height found, pixels.
         height: usize,
     },
     /// No pixel, or none under the mask.
@@ -29,19 +29,19 @@ pub enum MetricError {
         "expected at least one pixel to compare, found none; check the mask or the ground truth"
     )]
     NoPixels,
-    /// The SSIM window does not fit.
+    /// The image is smaller than the SSIM window.
     #[error(
         "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
     )]
     TooSmall {
-        /// Columns of the image found, pixels.
+        /// Width found, pixels.
         width: usize,
-        /// Rows of the image found, pixels.
+        /// Height found, pixels.
         height: usize,
     },
 }
 
-/// Refuses two planes of different sizes; `what` names the second one.
+/// Checks that two planes have equal size; `what` names the second.
 pub(super) fn same_size<A, B>(
     prediction: &Image<A>,
     other: &Image<B>,

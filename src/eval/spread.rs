@@ -1,31 +1,31 @@
-//! A measured value and how far its repetitions lie apart.
+//! Median and quartiles of repeated measurements.
 
 use crate::eval::report::quantile;
 
 /// Median and quartiles of repeated measurements.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spread {
-    /// Half of the measurements lie below.
+    /// Median.
     pub median: f64,
-    /// A quarter of the measurements lies below the first, a quarter above the second.
+    /// First and third quartile.
     pub quartiles: [f64; 2],
 }
 
 impl Spread {
-    /// Of at least one measurement; zero for none.
+    /// Computes median and quartiles; zero without values.
     pub fn of(mut values: Vec<f64>) -> Self {
-        // A total order: a NaN among timings must not make the sort depend on where it stood.
+        // Total order: with NaN, the result must not depend on the input order.
         values.sort_by(f64::total_cmp);
         let [low, median, high] = [0.25, 0.5, 0.75].map(|q| quantile(&values, q));
         Self { median, quartiles: [low, high] }
     }
 
-    /// A value that was not repeated.
+    /// Spread of a value that was not repeated.
     pub fn exact(value: f64) -> Self {
         Self { median: value, quartiles: [value; 2] }
     }
 
-    /// All measurements times a factor.
+    /// Scales all measurements by a factor.
     pub fn scaled(self, factor: f64) -> Self {
         Self { median: factor * self.median, quartiles: self.quartiles.map(|q| factor * q) }
     }
@@ -34,7 +34,7 @@ impl Spread {
 impl std::fmt::Display for Spread {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [low, high] = self.quartiles;
-        // Three digits say as much as the spread allows.
+        // More digits would exceed the precision of the measurement.
         let digits = if self.median >= 100.0 {
             0
         } else if self.median >= 1.0 {

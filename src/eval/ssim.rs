@@ -1,9 +1,9 @@
 //! Structural similarity (`eval.md`, SSIM) in f64.
 //!
-//! The window is separable: columns are summed under the window first, then rows of those sums, 22
-//! products a position instead of 121. Sums run in f64, because variances are differences of nearly
-//! equal numbers. Blocks of eight channels lie side by side so that the compiler finds vectors.
-//! Rows are added up in order: the score has equal bits for any number of threads.
+//! The window is separable: columns are summed first, then rows of those sums, with 22 products per
+//! position instead of 121. Sums are in f64, because variances are differences of nearly equal numbers.
+//! Channels are processed in blocks of eight, so that the compiler vectorises. Rows are added in order, so
+//! the score is bit-identical for any number of threads.
 
 use super::sizes::{MetricError, SSIM_WINDOW, same_size};
 use crate::math::image::Image;
@@ -11,28 +11,30 @@ use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use rayon::prelude::*;
 
-/// What the SSIM window sees beyond the border.
+/// Treatment of the image border.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SsimPadding {
-    /// Only windows inside the image count: `(W − 10)(H − 10)` positions. The default of reports.
+    /// Only windows inside the image: `(W − 10)(H − 10)` positions. Used in reports.
     Valid,
-    /// Zeros outside, one window per pixel: reproduces 3DGS numbers and reads higher on dark borders.
+    /// Zeros outside, one window per pixel: reproduces 3DGS figures and reads higher on dark borders.
     Zero,
 }
 
 const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
-/// Standard deviation of the window in pixels.
 const SSIM_SIGMA: f64 = 1.5;
 /// Stabilising constants for a value range of 1.
 const SSIM_C1: f64 = 0.01 * 0.01;
 const SSIM_C2: f64 = 0.03 * 0.03;
-/// Moments under the window: of x, y, x², y² and xy.
+/// Moments under the window: x, y, x², y² and xy.
 const N_MOMENTS: usize = 5;
-/// Channels of neighbouring pixels that are summed side by side, so that the compiler finds vectors.
+/// Channel values of neighbouring pixels summed side by side, so that the compiler vectorises.
 const BLOCK: usize = 8;
 
 /// Structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments, averaged over
-/// positions and channels. Values are taken as they are, nominally in `[0, 1]`.
+/// positions and channels. Values are nominally in `[0, 1]` and not clamped.
+///
+/// # Errors
+/// The images differ in size, have no pixels, or are smaller than the window with `valid` padding.
 pub fn ssim<R: Real>(
     prediction: &Image<[R; 3]>,
     truth: &Image<[R; 3]>,
@@ -43,7 +45,7 @@ pub fn ssim<R: Real>(
     if width == 0 || height == 0 {
         return Err(MetricError::NoPixels);
     }
-    // Zeros beyond the border reward dark rims, so reports use windows inside the image only.
+    // Zeros beyond the border reward dark borders, so reports use inner windows only.
     let pad = match padding {
         SsimPadding::Zero => SSIM_RADIUS,
         SsimPadding::Valid if width < SSIM_WINDOW || height < SSIM_WINDOW => {
@@ -53,9 +55,8 @@ pub fn ssim<R: Real>(
     };
     let (isa, window) = (Isa::best(), gaussian_window());
     let n_rows = height + 2 * pad + 1 - SSIM_WINDOW;
-    // Collected, not reduced: the order of a parallel sum would show in the last digits.
-    // Rows share nothing but the images: each sums its eleven rows of pixels anew, so that any
-    // thread can take it and no rounding is carried from row to row.
+    // Collected rather than reduced: the order of a parallel sum would change the last digits.
+    // Each row sums its eleven pixel rows anew, so that rows are independent and carry no rounding over.
     let row_sums: Vec<f64> = (0..n_rows)
         .into_par_iter()
         .map_init(Vec::new, |moments, row| {
@@ -77,15 +78,15 @@ fn gaussian_window() -> [f64; SSIM_WINDOW] {
     weights.map(|w| w / sum)
 }
 
-/// Sum of the SSIM of all positions and channels of one row.
+/// Sum of SSIM over all positions and channels of one row.
 struct SsimRow<'a, R> {
     /// Prediction and ground truth.
     images: [&'a Image<[R; 3]>; 2],
     row: usize,
     pad: usize,
     window: &'a [f64; SSIM_WINDOW],
-    /// Scratch: moments of the columns that the window at `row` covers, five planes of interleaved
-    /// RGB with `pad` zero pixels on both sides.
+    /// Scratch: column moments under the window at `row`, five planes of interleaved RGB with `pad` zero
+    /// pixels on both sides.
     moments: &'a mut Vec<f64>,
 }
 
@@ -166,7 +167,7 @@ fn add<R: Real>(sums: &mut [[f64; BLOCK]; N_MOMENTS], weight: f64, x: &[R; BLOCK
     }
 }
 
-/// The first values of a list that is too short for a block.
+/// Pads a list shorter than a block with zeros.
 #[inline(always)]
 fn padded<R: Real>(values: &[R]) -> [R; BLOCK] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(R::of(0.0)))

@@ -1,10 +1,9 @@
-//! The surfaces that a view's depth measured: how far they are, which pixels lie well inside them,
-//! and how another camera sees them.
+//! Surfaces measured by a view's depth: depth per pixel, interior pixels, and projection into another
+//! camera.
 //!
-//! Depth cameras err at edges and leave holes, so inside means away from both by a margin; the
-//! border of the image is no edge, because the surface goes on beyond it. Surfaces are carried into
-//! another camera as squares between pixel centres, because points alone leave gaps that would read
-//! as holes.
+//! Depth cameras err at edges and have holes, so interior pixels are away from both by a margin. The image
+//! border is not an edge, since surfaces continue beyond it. Surfaces are projected into another camera as
+//! squares between pixel centres, because points would leave gaps that read as holes.
 
 use super::reproject::{self, Corner};
 use crate::dataset::frame::{DepthKind, Frame};
@@ -13,27 +12,26 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use rayon::prelude::*;
 
-/// Interior pixels have no edge in the square of this many pixels around them (`eval.md`,
-/// Cracks).
+/// Interior pixels have no edge within this many pixels along rows and columns (`eval.md`, Cracks).
 pub const EDGE_MARGIN: usize = 5;
 
 /// Surfaces in one camera's image.
 #[derive(Clone, Debug)]
 pub struct Surfaces {
-    /// The camera whose image `z` and `interior` are.
+    /// Camera of `z` and `interior`.
     pub camera: Camera,
-    /// Depth along the optical axis of every pixel, world units; 0 where no surface is known.
+    /// Depth along the optical axis per pixel, world units; 0 if unknown.
     pub z: Image<f32>,
-    /// Pixels inside a surface: more than [`EDGE_MARGIN`] pixels (along rows and columns) from
-    /// where depth jumps or ends. The border of the image is no edge.
+    /// Pixels inside a surface: more than [`EDGE_MARGIN`] pixels (along rows and columns) away from depth
+    /// jumps and holes. The image border is not an edge.
     pub interior: Image<bool>,
     jump: [f32; 2],
 }
 
 impl Surfaces {
-    /// What the frame's depth camera measured where it is trusted and nothing shines through
-    /// (alpha 255); `None` in frames without depth. Depths are one surface within the sensor's
-    /// margin ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)).
+    /// Surfaces measured by the frame's depth camera, within the trusted range and in opaque pixels (alpha
+    /// 255); `None` without depth. Neighbouring depths within the sensor's margin
+    /// ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)) belong to one surface.
     pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
         let depth = frame.depth.as_ref()?;
         let mut z = frame.depth_z()?;
@@ -41,7 +39,7 @@ impl Surfaces {
         for (i, z) in z.data.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
             let is_trusted = depth.value_at(column, row).is_some_and(|value| depth.trusts(value));
-            // Alpha below full shows what lies behind, whose depth nobody measured.
+            // Translucent pixels show a background of unknown depth.
             if !is_trusted || !frame.is_opaque(i) {
                 *z = 0.0;
             }
@@ -50,16 +48,15 @@ impl Surfaces {
         Some(Self::new(frame.camera, z, profile.tolerance.margin))
     }
 
-    /// From depth z, 0 where no surface is known. Neighbouring pixels whose depths differ by more
-    /// than `jump[0] + jump[1]·z` belong to two surfaces; world units.
+    /// Creates surfaces from depth z (0 if unknown). Neighbouring pixels whose depths differ by more than
+    /// `jump[0] + jump[1]·z` (world units) belong to different surfaces.
     pub fn new(camera: Camera, z: Image<f32>, jump: [f32; 2]) -> Self {
         Self { camera, interior: interior(&z, jump), z, jump }
     }
 
-    /// The same surfaces in the image of another camera, as far as this one saw them: squares
-    /// between the centres of four neighbouring pixels without a jump are drawn, the nearest wins,
-    /// and what is not beyond `near` (world units) is left out. Interior is what is inside by the
-    /// rule in both images.
+    /// Projects the surfaces into another camera. Squares between the centres of four neighbouring pixels
+    /// without a jump are drawn with a depth test; points not beyond `near` (world units) are dropped.
+    /// Interior pixels are interior in both images.
     pub fn seen_by(&self, camera: &Camera, near: f32) -> Self {
         let corners = self.corners(camera, near);
         let width = self.z.width;
@@ -84,7 +81,7 @@ impl Surfaces {
         let width = self.z.width;
         let corner = |(i, &z): (usize, &f32)| {
             let p = there_from_here * (here.ray(i % width, i / width) * f64::from(z)) + shift;
-            // f64 up to here: far from the world's origin f32 would move the pixel.
+            // f64 up to here: far from the world origin, f32 would displace the pixel.
             (z > 0.0 && p.z as f32 > near).then(|| Corner {
                 at: [there.fx * p.x / p.z + there.cx, there.fy * p.y / p.z + there.cy]
                     .map(|x| x as f32),
@@ -95,7 +92,7 @@ impl Surfaces {
         self.z.data.par_iter().enumerate().map(corner).collect()
     }
 
-    /// Depth measured as a renderer does, 0 where no surface is known.
+    /// Depth in a renderer's convention; 0 if unknown.
     pub fn depth_as(&self, kind: DepthKind) -> Image<f32> {
         let mut depth = self.z.clone();
         if kind == DepthKind::RayDistance {
@@ -116,7 +113,7 @@ impl Surfaces {
     }
 }
 
-/// Whether two neighbouring pixels do not show one surface: one shows none, or they are far apart.
+/// True if two neighbouring pixels do not show one surface: one is a hole, or their depths differ.
 fn is_jump(a: f32, b: f32, jump: [f32; 2]) -> bool {
     let nearer = a.min(b);
     nearer <= 0.0 || (a - b).abs() > jump[0] + jump[1] * nearer
@@ -127,13 +124,13 @@ fn interior(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     near_edge.map(|&near| !near)
 }
 
-/// Pixels without a surface, and those on both sides of a jump.
+/// Holes, and pixels on both sides of a jump.
 fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     let (width, height) = (z.width, z.height);
     let mut edges = z.map(|&z| z <= 0.0);
     let mut mark = |a: usize, b: usize| {
         if is_jump(z.data[a], z.data[b], jump) {
-            // Both sides: which of the two surfaces ends here cannot be told from depth alone.
+            // Both sides: depth alone does not tell which of the two surfaces ends here.
             edges.data[a] = true;
             edges.data[b] = true;
         }
@@ -151,8 +148,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     edges
 }
 
-/// Every pixel with a marked one in the square of [`EDGE_MARGIN`] around it: first along rows, then
-/// along columns.
+/// Dilates the marks by [`EDGE_MARGIN`]: along rows, then along columns.
 fn widened(marks: &Image<bool>) -> Image<bool> {
     let (width, height) = (marks.width, marks.height);
     let mut along = Image::filled(width, height, false);
@@ -190,7 +186,7 @@ mod tests {
         }
     }
 
-    /// A wall 2 units ahead, with millimetre codes changed by `edit`.
+    /// A wall 2 units ahead, with millimetre codes from `edit`.
     fn wall(camera: Camera, edit: impl Fn(usize, usize) -> u16) -> Frame {
         let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
         let codes = (0..width * height).map(|i| edit(i % width, i / width)).collect();
@@ -217,7 +213,7 @@ mod tests {
         for code in [0, 5000] {
             let hole = |x, y| if (x, y) == (30, 20) { code } else { 2000 };
             let holed = Surfaces::of(&wall(camera, hole), Sensor::Kinect).unwrap();
-            // The hole's neighbours end at it, so their squares count as well.
+            // The neighbours of the hole are edges too, so their squares count as well.
             assert_eq!(count(&holed.interior), 64 * 48 - (13 * 13 - 4), "code {code}");
             assert_eq!(*holed.z.at(30, 20), 0.0);
         }
@@ -227,7 +223,7 @@ mod tests {
         assert_eq!(count(&step.interior), (64 - 12) * 48);
         let slope =
             Surfaces::of(&wall(camera, |x, _| 2000 + 60 * x as u16 / 2), Sensor::Kinect).unwrap();
-        assert_eq!(count(&slope.interior), 64 * 48, "a slope of 60 mm in two pixels is none");
+        assert_eq!(count(&slope.interior), 64 * 48, "a slope of 60 mm in two pixels is no jump");
     }
 
     #[test]
@@ -238,7 +234,7 @@ mod tests {
         assert_eq!((found.z.data[0], found.z.data[1]), (0.0, 2.0));
     }
 
-    /// Half way to the wall, its middle half fills the image.
+    /// From half the distance, the middle half of the wall fills the image.
     #[test]
     fn another_camera_sees_the_same_surfaces() {
         let here = camera(64, 48);
@@ -250,7 +246,7 @@ mod tests {
         for row in 0..48 {
             for column in 0..64 {
                 let z = *seen.z.at(column, row);
-                // A pixel of the hole has grown to two, and squares with a corner in it are gone.
+                // The hole is twice as wide, and squares with a corner in it are missing.
                 let is_hole = (15..49).contains(&column) && row < 25;
                 let expected = if is_hole { 0.0 } else { 1.0 };
                 assert!((z - expected).abs() < 1e-5, "{column} {row}: {z}");
@@ -262,7 +258,7 @@ mod tests {
         assert_eq!(outside.count(), 0);
     }
 
-    /// What is near hides what is behind, and grows more when the camera moves towards it.
+    /// Near surfaces occlude far ones, and grow faster when the camera approaches.
     #[test]
     fn the_nearest_surface_wins() {
         let here = camera(64, 48);
@@ -270,7 +266,7 @@ mod tests {
         let surfaces = Surfaces::of(&wall(here, post), Sensor::Kinect).unwrap();
         let closer = Camera { pose: here.pose.attached(0.5 * DVec3::Z, DQuat::IDENTITY), ..here };
         let seen = surfaces.seen_by(&closer, 0.2);
-        // Centres at ±3.5 pixels move to ±7, the wall's at ±4.5 to ±6: hidden by the post.
+        // Pixel centres of the post at ±3.5 move to ±7; it occludes those of the wall at ±4.5 to ±6.
         let expected = |x| if (25..39).contains(&x) { 0.5 } else { 1.5 };
         assert!((0..64).all(|x| (*seen.z.at(x, 24) - expected(x)).abs() < 1e-5));
         assert_eq!(seen.depth_as(DepthKind::Z), seen.z);

@@ -1,5 +1,5 @@
-//! Visits views of a split, a few at a time: what each does alone (decoding, drawing depth into
-//! another camera) is hidden behind the others.
+//! Visits views of a split in small parallel batches, which hides the serial parts of each (decoding,
+//! projecting depth).
 
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
@@ -7,10 +7,10 @@ use crate::dataset::frame::Frame;
 use crate::render::cpu::CpuRenderer;
 use rayon::prelude::*;
 
-/// Views at once at most: each takes a renderer with all its buffers.
+/// Maximum number of parallel views: each needs a renderer with all its buffers.
 const VIEWS_AT_ONCE: usize = 4;
 
-/// What `visit` makes of every view, in order; `progress` hears how many are done.
+/// Applies `visit` to all views; results are in order. `progress` receives the number of views done.
 pub fn over_views<T: Send>(
     dataset: &Dataset,
     split: usize,
@@ -21,9 +21,9 @@ pub fn over_views<T: Send>(
     let at_once = VIEWS_AT_ONCE.min(rayon::current_num_threads());
     let mut renderers: Vec<CpuRenderer> = (0..at_once).map(|_| CpuRenderer::new()).collect();
     let mut found = Vec::with_capacity(views.len());
-    // In batches of as many views as renderers: each keeps its buffers, and results come in order.
+    // One view per renderer and batch: buffers are reused and results stay in order.
     for batch in views.chunks(at_once) {
-        // One view a task: with two in one another renderer would wait.
+        // One view per task: with two in one, another renderer would be idle.
         let visited = renderers.par_iter_mut().zip(batch).with_max_len(1);
         found.par_extend(
             visited.map(|(renderer, &index)| visit(renderer, index, dataset.load(split, index))),

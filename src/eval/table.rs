@@ -1,10 +1,10 @@
-//! Tables for people.
+//! Text tables.
 
-/// Columns padded to their widest cell: words to the left, numbers to the right.
+/// Formats columns padded to their widest cell: text left-aligned, numbers right-aligned.
 pub fn text<const N: usize>(header: [&str; N], rows: &[[String; N]]) -> String {
     let lines: Vec<[String; N]> =
         std::iter::once(header.map(str::to_owned)).chain(rows.iter().cloned()).collect();
-    // By characters, as `format!` pads.
+    // In characters, as `format!` pads.
     let width = |i: usize| lines.iter().map(|l| l[i].chars().count()).max().unwrap_or(0);
     let widths: [usize; N] = std::array::from_fn(width);
     let starts_a_word = |cell: &String| cell.starts_with(|c: char| c.is_alphabetic() || c == '+');
@@ -18,7 +18,7 @@ pub fn text<const N: usize>(header: [&str; N], rows: &[[String; N]]) -> String {
     lines.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// An error in two digits; `0` where there is none.
+/// Formats an error with two significant digits; `0` for zero.
 pub fn error(value: f64) -> String {
     if value == 0.0 { "0".to_owned() } else { format!("{value:.1e}") }
 }

@@ -1,29 +1,30 @@
-//! How far a tracked trajectory is from a recorded one.
+//! Error of a tracked trajectory against a recorded one.
 //!
-//! The two have worlds of their own, so the tracked one is first moved as a whole, without scale, to
-//! where it fits best (Horn's absolute orientation). What is left is the absolute trajectory error
-//! of the TUM benchmark.
+//! The two have different world frames, so the tracked one is first aligned by a rigid motion without scale
+//! (Horn's absolute orientation). The remaining error is the absolute trajectory error of the TUM
+//! benchmark.
 
 use crate::math::pose::Pose;
 use crate::math::sym3::Sym3;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Distance of tracked cameras from recorded ones after the best rigid motion of all.
+/// Distance of tracked from recorded cameras after rigid alignment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryError {
-    /// Cameras compared.
+    /// Number of compared cameras.
     pub frames: usize,
     /// Root mean square distance of the centres, world units: the absolute trajectory error.
     pub rmse: f64,
-    /// Largest distance of two centres, world units.
+    /// Maximum distance of two centres, world units.
     pub max: f64,
-    /// Root mean square angle between the axes, degrees.
+    /// Root mean square angle between the orientations, degrees.
     pub turn_rmse_deg: f64,
 }
 
 impl TrajectoryError {
-    /// Of pairs of a tracked and a recorded pose; `None` of fewer than three, which fit anywhere.
+    /// Computes the error from pairs of a tracked and a recorded pose; `None` for fewer than three pairs,
+    /// which do not determine an alignment.
     ///
     /// ```
     /// use glam::{DQuat, DVec3};
@@ -58,8 +59,7 @@ impl TrajectoryError {
             let moved = rotation * (tracked.centre() - tracked_mean) + recorded_mean;
             moved.distance(recorded.centre())
         };
-        // Of the turns against each other: where the camera hardly moved, its path says little of the
-        // axes.
+        // Orientations get an alignment of their own: a short path hardly determines the rotation.
         let turns = pairs
             .iter()
             .map(|(tracked, recorded)| recorded.rotation() * tracked.rotation().transpose());
@@ -79,10 +79,10 @@ impl TrajectoryError {
     }
 }
 
-/// The rotation `R` that makes `tr(Rᵀ·M)` largest.
+/// Rotation `R` that maximises `tr(Rᵀ·M)`.
 fn best_rotation(m: DMat3) -> DMat3 {
     let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
-    // Of the two longest axes: the third follows, and a mirror image cannot.
+    // From the two largest axes; the third follows, which excludes a reflection.
     let x = (m * right.x_axis).try_normalize().unwrap_or(DVec3::X);
     let across = m * right.y_axis;
     let y = (across - x * x.dot(across)).try_normalize().unwrap_or(x.any_orthonormal_vector());

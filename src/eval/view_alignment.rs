@@ -1,16 +1,16 @@
-//! Where a photograph's camera stood, given splats (`eval.md`, Poses aligned).
+//! Alignment of a view's camera pose to its photograph, given splats (`eval.md`, Poses aligned).
 //!
-//! The scene's own alignment of frames (`train::scene::align`) needs sums that exported models do not
-//! hold, and the depth of a frame, which a photograph may lack. So this is the same estimate, a most
-//! probable small motion by Gauss-Newton with Cauchy weights under a prior about the recorded pose, on
-//! what every model has: its picture and the depth behind each pixel. From small images to the whole one,
-//! because slopes of a photograph hold for about a pixel.
+//! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models lack,
+//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth,
+//! available for every model: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a
+//! prior on the recorded pose. It proceeds from small images to full size, because image gradients are
+//! valid for about a pixel.
 //!
-//! Slopes are the render's, not the photograph's: detail that splats do not show would make the photograph
-//! look steeper than what can match it, and steps that much too short.
+//! Gradients are the render's: detail missing from the splats would make the photograph's gradients too
+//! steep and the steps too short.
 //!
-//! The result is judged, not trusted: of the poses visited the one is taken whose picture is nearest to
-//! the photograph, so that an alignment which fails leaves the recorded pose.
+//! Of all visited poses the one with the smallest error is returned, so a failed alignment leaves the
+//! recorded pose.
 
 use super::comparison::{COVERED, aligned_error};
 use super::scale::area_averaged;
@@ -24,35 +24,35 @@ use crate::render::cpu::Rendered;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Fractions of the photograph's sides, one drawing each.
+/// Image scales, with one render each.
 const SCALES: [f64; 4] = [0.25, 0.5, 1.0, 1.0];
-/// Gauss-Newton steps on one drawing at most.
+/// Maximum number of Gauss-Newton steps per render.
 const ROUNDS: usize = 10;
-/// Shift in the image, pixels, of a step after which more would not pay.
+/// Step, in pixels of image shift, below which the iteration has converged.
 const MIN_STEP: f64 = 0.01;
-/// Standard deviation of a recorded orientation, radians.
+/// Prior standard deviation of a recorded orientation, radians.
 const TURN_DEVIATION: f64 = 0.02;
-/// Standard deviation of a recorded position, in mean depths of what is seen.
+/// Prior standard deviation of a recorded position, relative to the mean depth of the view.
 const SHIFT_DEVIATION: f64 = 0.02;
-/// Neighbouring pixels err together: so many count as one.
+/// Number of pixels that count as one, because the errors of neighbouring pixels are correlated.
 const ALIKE: f64 = 100.0;
-/// Residuals of so many mean ones weigh a half.
+/// Residual, in multiples of the mean, at which a point has weight ½.
 const ROBUST: f64 = 2.0;
-/// Fewest pixels that determine a motion.
+/// Minimum number of pixels that determine a motion.
 const MIN_PIXELS: usize = 200;
-/// Pixels of one partial sum: sums do not depend on the number of threads.
+/// Pixels per partial sum; sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 
-/// A camera near the recorded one, and what it shows.
+/// A camera near the recorded one, with its render.
 pub struct AlignedCamera {
-    /// Where it stands.
+    /// Aligned pose.
     pub pose: Pose,
-    /// The view from there.
+    /// Render from this pose.
     pub rendered: Rendered,
 }
 
-/// Moves a camera to where its view comes nearest to its photograph, colours aligned. `draw` renders
-/// from a camera, `rendered` from the one given, by the same renderer.
+/// Moves a camera to minimise the colour-aligned error of its view against the photograph. `draw` renders
+/// from a camera; `rendered` is the view from `camera` by the same renderer.
 ///
 /// # Errors
 /// Photograph and view differ in size.
@@ -82,15 +82,15 @@ pub fn aligned(
     Ok(best)
 }
 
-/// A place in the world and the colour that splats give it.
+/// World point with the colour rendered from the splats.
 struct ShownPoint {
     place: DVec3,
     color: [f64; 3],
-    /// How the colour changes by column and row, per pixel.
+    /// Derivative of the colour by column and row, per pixel.
     slope: [[f64; 2]; 3],
 }
 
-/// What covered pixels show, at the size of `k`.
+/// Points of all covered pixels, at the image size of `k`.
 fn shown(
     view: &AlignedCamera,
     full: &Intrinsics,
@@ -100,7 +100,7 @@ fn shown(
     let Rendered { color, coverage, depth, .. } = &view.rendered;
     let (width, height) = (k.width as usize, k.height as usize);
     let small = area_averaged(color, [width, height]);
-    // Neither depth nor coverage is averaged: between a surface and another behind it there is nothing.
+    // Depth and coverage are not averaged: a mean of two surfaces lies on neither.
     let under = |column: usize, row: usize| {
         [(2 * column + 1) * color.width / (2 * width), (2 * row + 1) * color.height / (2 * height)]
     };
@@ -109,7 +109,8 @@ fn shown(
         *coverage.at(x, y) >= COVERED
     };
     let mut points = Vec::new();
-    // The rim has no slopes, nor has what lies beside a hole, where the background would make an edge.
+    // Excludes the border, which has no gradient, and neighbours of uncovered pixels, where the background
+    // would add an edge.
     for row in 1..height.saturating_sub(1) {
         for column in 1..width.saturating_sub(1) {
             let at = under(column, row);
@@ -128,7 +129,7 @@ fn shown(
                 Renderer::Projected => length,
                 Renderer::Exact => length / ray.length(),
             };
-            // Its depth, under the pixel of the smaller image that shows its colour.
+            // Uses the full-size depth under the smaller image's pixel.
             let place = view.pose.transform_point(k.ray(column, row) * z);
             points.push(ShownPoint { place, color: small.at(column, row).map(f64::from), slope });
         }
@@ -136,8 +137,8 @@ fn shown(
     points
 }
 
-/// A point as the photograph shows it: its colour there, and how the render's changes with the camera's
-/// turn and shift, channel by channel.
+/// A point sampled in the photograph: its colour there, and the Jacobian of the render's colour by the
+/// camera's rotation and translation, per channel.
 #[derive(Clone)]
 struct PhotographedPoint {
     shown: [f64; 3],
@@ -146,8 +147,8 @@ struct PhotographedPoint {
     z: f64,
 }
 
-/// Points that are in a photograph, in their order. Kept from round to round: fresh memory for some
-/// 60 MB a round was a third of the time.
+/// Points inside a photograph, in order. Reused between iterations: allocating some 60 MB per iteration
+/// took a third of the time.
 #[derive(Default)]
 struct SeenPoints {
     parts: Vec<Vec<PhotographedPoint>>,
@@ -155,7 +156,7 @@ struct SeenPoints {
 }
 
 impl SeenPoints {
-    /// Replaces them by what `look_up` finds of points.
+    /// Replaces all points by the results of `look_up`.
     fn fill(
         &mut self,
         points: &[ShownPoint],
@@ -172,8 +173,8 @@ impl SeenPoints {
     }
 }
 
-/// The pose, from the second of two on, that brings points to their colours in a photograph; the first
-/// is the recorded one. `None` where too few are in it.
+/// Iterates from the pose `first` to match the points' colours in a photograph, with a prior on `recorded`.
+/// `None` if too few points are in the image.
 fn moved(
     points: &[ShownPoint],
     photograph: &RgbImage,
@@ -202,7 +203,7 @@ fn moved(
     Some(pose)
 }
 
-/// A point of the camera's frame in the photograph; `None` outside.
+/// Samples the photograph at a point `p` of the camera frame; `None` outside.
 fn look_up(
     photograph: &RgbImage,
     k: &Intrinsics,
@@ -226,7 +227,7 @@ fn look_up(
         let (top, bottom) = (a[i] + (b[i] - a[i]) * s, c[i] + (d[i] - c[i]) * s);
         found.seen[i] = top + (bottom - top) * t;
         let [across, down] = [k.fx * point.slope[i][0] / p.z, k.fy * point.slope[i][1] / p.z];
-        // A camera that moves by `shift` and turns by `turn` sees the point at p − shift − turn × p.
+        // Moving the camera by `shift` and rotating it by `turn` maps the point to p − shift − turn × p.
         let place = DVec3::new(across, down, -(across * p.x + down * p.y) / p.z);
         let turn = place.cross(p);
         found.slope[i] = [turn.x, turn.y, turn.z, -place.x, -place.y, -place.z];
@@ -234,7 +235,7 @@ fn look_up(
     Some(found)
 }
 
-/// Turn (axis times angle) and shift of the camera in its own axes.
+/// Gauss-Newton step: rotation (axis times angle) and translation in the camera frame.
 fn step(
     points: &[PhotographedPoint],
     recorded: &Pose,
@@ -248,7 +249,7 @@ fn step(
     let size =
         |point: &PhotographedPoint| (0..3).map(|i| residual(point, i).powi(2)).sum::<f64>().sqrt();
     let usual = points.iter().map(size).sum::<f64>() / points.len() as f64;
-    // Equal images leave nothing to weigh by; any scale gives the same step of nothing.
+    // Avoids division by zero for equal images, where any scale yields a zero step.
     let scale = (ROBUST * usual).max(f64::MIN_POSITIVE.sqrt());
     let parts: Vec<CameraSums> = points
         .par_chunks(CHUNK)
@@ -268,7 +269,7 @@ fn step(
     let variance = ALIKE * (sums.square / sums.weight).max(f64::MIN_POSITIVE.sqrt());
     let (mut matrix, mut right) =
         (sums.matrix.map(|v| v / variance), sums.right.map(|v| v / variance));
-    // About the recorded pose in every round: about the last one, rounds could wander off.
+    // The prior stays on the recorded pose in all iterations; on the previous one, poses could drift.
     let back = pose.rotation().transpose();
     let turned = DQuat::from_mat3(&(recorded.rotation().transpose() * pose.rotation()));
     let (turn, shift) = (turned.to_scaled_axis(), back * (pose.centre() - recorded.centre()));
@@ -285,7 +286,7 @@ fn step(
     (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
 }
 
-/// Factor and offset that bring a channel to the photograph's exposure.
+/// Gain and offset that map a channel to the photograph's exposure.
 fn line(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
     let n = points.len() as f64;
     let mean =
@@ -293,14 +294,13 @@ fn line(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
     let (x, y) = (mean(&|p| p.shown[channel]), mean(&|p| p.seen[channel]));
     let xx = mean(&|p| (p.shown[channel] - x).powi(2));
     let xy = mean(&|p| (p.shown[channel] - x) * (p.seen[channel] - y));
-    // A render of one colour fits any line; the one with factor 1 is taken.
+    // A constant channel fits any line; gain 1 is used.
     let gain = if xx > 1e-8 { xy / xx } else { 1.0 };
     [gain, y - gain * x]
 }
 
-/// Normal equations of turn and shift.
 struct CameraSums {
-    /// Row by row; the lower triangle.
+    /// Row-major; lower triangle only.
     matrix: [f64; 36],
     right: [f64; 6],
     square: f64,
@@ -337,7 +337,6 @@ mod tests {
 
     const SIZE: (u32, u32) = (96, 72);
 
-    /// A painted wall with a step in it, as a camera sees it whose centre and turn are given.
     fn wall(camera: &Camera) -> Rendered {
         let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
         let mut color = Image::filled(width, height, [0.0; 3]);
@@ -377,7 +376,7 @@ mod tests {
         assert!(after < 0.05 * before, "{before} {after}");
     }
 
-    /// Slopes of the photograph would hold this detail too, and shorten every step.
+    /// Gradients of the photograph would include this detail and shorten every step.
     #[test]
     fn detail_that_splats_lack_does_not_hide_a_motion() {
         let real = Pose::IDENTITY.attached(DVec3::new(0.03, -0.02, 0.0), DQuat::IDENTITY);

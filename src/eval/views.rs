@@ -1,10 +1,9 @@
-//! Rendering dataset views and scoring them against their photographs (`eval.md`, Protocols).
+//! Rendering and scoring of dataset views against their photographs (`eval.md`, Protocols).
 //!
-//! A view is rendered, compared with its photograph and forgotten: only its row of numbers stays,
-//! so that a split of any length fits in memory. Where another camera took the photograph, the
-//! render is that camera's and depth is carried into its image. Unusable files are listed, not
-//! fatal, but a split without any usable view is an error: an average over nothing would look like
-//! a result.
+//! Each view is discarded after scoring, so a split of any length fits in memory. If a separate colour
+//! camera took the photograph, that camera is rendered and depth is projected into its image. Unusable
+//! files are listed in the report. A split without any usable view is an error, because a mean over nothing
+//! would pass for a result.
 
 use super::aligned::AlignedView;
 use super::choices::{GroundTruth, PartialCoverage, ViewPoses};
@@ -30,27 +29,27 @@ use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{RenderMethod, RenderOptions, Renderer};
 use std::borrow::Cow;
 
-/// How views are rendered and compared.
+/// Options for rendering and comparing views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvalOptions {
-    /// What a render is compared with.
+    /// Reference of the comparison.
     pub ground_truth: GroundTruth,
-    /// What it shows where splats cover a pixel in part.
+    /// Treatment of partially covered pixels.
     pub partial_coverage: PartialCoverage,
-    /// The camera that took the photographs, where it is not the one that measured depth.
+    /// Camera of the photographs, if it is not the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Where views are drawn from.
+    /// Poses of the views.
     pub poses: ViewPoses,
-    /// Whether views are also scored from where their own photographs say.
+    /// True to score views at aligned poses as well.
     pub align_poses: bool,
-    /// The fraction of the photographs' sides that views are compared at.
+    /// Fraction of the photographs' sides at which views are compared.
     pub scale: EvalScale,
-    /// Settings of the render; its background is the comparison's.
+    /// Render options; their background is that of the comparison.
     pub render: RenderOptions,
 }
 
 impl EvalOptions {
-    /// As viewers show a model and as photographs are stored, by the camera that measured depth.
+    /// Options for recorded poses at full size, with the depth camera as colour camera.
     pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
         let partial_coverage = PartialCoverage::Composited;
         let (poses, scale) = (ViewPoses::Recorded, EvalScale::FULL);
@@ -58,29 +57,29 @@ impl EvalOptions {
         Self { ground_truth, partial_coverage, color_camera, poses, align_poses, scale, render }
     }
 
-    /// The photograph's camera, for the image that is compared.
+    /// Camera of the photograph, scaled to the compared image.
     fn photo_camera(&self, frame: &Frame) -> Camera {
         self.scale.camera(frame.photo_camera(self.color_camera.as_ref()))
     }
 
-    /// Whether the image that is compared is the depth image, pixel by pixel.
+    /// True if the compared image has the same pixels as the depth image.
     fn is_depth_image(&self, frame: &Frame) -> bool {
         self.scale.is_full() && frame.photographed_by(self.color_camera.as_ref()).is_none()
     }
 }
 
-/// A view could not be scored.
+/// Error of an evaluation.
 #[derive(Debug, thiserror::Error)]
 pub enum EvalError {
-    /// Render and photograph do not fit together.
+    /// Render and photograph cannot be compared.
     #[error("{frame}: {source}")]
     Metric {
         /// Name of the view.
         frame: String,
-        /// What does not fit.
+        /// Cause.
         source: MetricError,
     },
-    /// There is nothing to measure.
+    /// The split has no views.
     #[error(
         "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another split"
     )]
@@ -101,13 +100,16 @@ pub enum EvalError {
         split: String,
         /// Number of views that could not be loaded.
         skipped: usize,
-        /// Message of the first one.
+        /// Error message of the first one.
         first: String,
     },
 }
 
-/// Scores the listed views of a split; `progress` hears how many are done. Views whose files are
-/// unusable are left out and listed in the report.
+/// Scores the given views of a split; `progress` receives the number of views done. Views with unusable
+/// files are listed in the report.
+///
+/// # Errors
+/// A render and its photograph cannot be compared, or no view is usable.
 pub fn evaluate<'a>(
     splats: impl Into<SplatView<'a>>,
     dataset: &Dataset,
@@ -137,14 +139,13 @@ pub fn evaluate<'a>(
         Ok(score.map_err(|source| EvalError::Metric { frame: frame.name, source }))
     };
     let split_name = dataset.splits[split].name.clone();
-    // Frames refused when the dataset was opened are no views any more, yet a report must list
-    // them.
+    // Frames rejected when the dataset was opened are not views, but reports list them.
     let refused = dataset.warnings.iter().filter(|w| w.split == split_name);
     let mut skipped: Vec<SkippedFrame> = refused.map(|w| SkippedFrame::from(&*w.error)).collect();
     let mut scores = Vec::with_capacity(views.len());
     for visited in over_views(dataset, split, views, visit, progress) {
         match visited {
-            // Too small for SSIM are all views of a split or none, so that no file is to blame.
+            // Views too small for SSIM concern the whole split, so they are an error, not a skipped file.
             Ok(score) => scores.push(score?),
             Err(frame) => skipped.push(frame),
         }
@@ -168,7 +169,7 @@ fn no_view(dataset: &Dataset, split: String, skipped: &[SkippedFrame]) -> EvalEr
     }
 }
 
-/// The photograph a render is compared with.
+/// Reference image of a comparison.
 pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> RgbImage {
     frame.color.map(|&[r, g, b, a]| {
         let rgb = [r, g, b].map(|v| v as f32 / 255.0);
@@ -176,7 +177,8 @@ pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> R
             GroundTruth::Rgb => rgb,
             GroundTruth::Composited => {
                 let alpha = a as f32 / 255.0;
-                // As encoded, not in linear light: so do renderers (`rendering.md`, Conventions).
+                // In encoded values rather than linear light, like the renderers (`rendering.md`,
+                // Conventions).
                 std::array::from_fn(|i| alpha * rgb[i] + (1.0 - alpha) * background[i])
             }
         }
@@ -200,7 +202,7 @@ fn score(
         Some(surfaces) => Seen::compare(&shown, coverage, &truth, surfaces)?,
     };
     let depth_mae = match measured_depth(frame, surfaces, options) {
-        // Without a covered pixel the error is a mean over nothing.
+        // Without a covered pixel the error would be a mean over nothing.
         Some(depth) if covered.is_some() => {
             let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
             error.mae.is_finite().then_some(error.mae)
@@ -225,7 +227,7 @@ fn score(
     })
 }
 
-/// The view from where its photograph says that its camera stood.
+/// Scores the view at the pose aligned to its photograph.
 fn aligned_view(
     frame: &Frame,
     rendered: Rendered,
@@ -239,13 +241,13 @@ fn aligned_view(
     AlignedView::compare(poses, &shown(view, options), &view.coverage, &truth)
 }
 
-/// What a render is compared with, at its size.
+/// Reference image at the compared size.
 fn photograph(frame: &Frame, options: &EvalOptions) -> RgbImage {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
     options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
 }
 
-/// What a render shows where splats cover a pixel in part.
+/// Render with the selected treatment of partially covered pixels.
 fn shown<'a>(rendered: &'a Rendered, options: &EvalOptions) -> Cow<'a, RgbImage> {
     match options.partial_coverage {
         PartialCoverage::Composited => Cow::Borrowed(&rendered.color),
@@ -253,7 +255,6 @@ fn shown<'a>(rendered: &'a Rendered, options: &EvalOptions) -> Cow<'a, RgbImage>
     }
 }
 
-/// What the depth camera saw, in the photograph's image.
 fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -> Option<Surfaces> {
     let surfaces = Surfaces::of(frame, sensor)?;
     match options.is_depth_image(frame) {
@@ -262,8 +263,7 @@ fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -
     }
 }
 
-/// Depth in the photograph's image as the renderer measures it: all that the file holds, or what
-/// another camera sees of it.
+/// Measured depth in the photograph's image, in the renderer's convention.
 fn measured_depth(
     frame: &Frame,
     surfaces: Option<&Surfaces>,
@@ -271,13 +271,13 @@ fn measured_depth(
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
     match options.is_depth_image(frame) {
-        // All that the file holds: reprojecting would lose the rim.
+        // The file's full depth: projection would lose the border.
         true => frame.depth_as(kind),
         false => surfaces.map(|s| s.depth_as(kind)),
     }
 }
 
-/// What a renderer's depth plane measures: the truth is converted to it, not the render.
+/// Depth convention of a renderer; ground truth is converted to it.
 fn depth_kind(method: RenderMethod) -> DepthKind {
     match method.renderer() {
         Renderer::Projected => DepthKind::Z,
@@ -286,7 +286,7 @@ fn depth_kind(method: RenderMethod) -> DepthKind {
 }
 
 fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> EvalReport {
-    // Of the views that have a value.
+    // Over the views that have a value.
     let mean = |value: fn(&ViewReport) -> Option<f64>| {
         let values: Vec<f64> = scores.iter().filter_map(value).collect();
         (!values.is_empty()).then(|| metrics::mean_std(&values).0)
@@ -374,7 +374,6 @@ mod tests {
         EvalOptions::plain(GroundTruth::Rgb, RenderOptions::evaluation(method, [0.0; 3]))
     }
 
-    /// As every renderer would draw it.
     #[test]
     fn depth_is_compared_as_the_renderer_measures_it() {
         let (width, height) = SIZE;
@@ -386,7 +385,7 @@ mod tests {
             (RenderMethod::PROJECTED, Image::filled(width, height, 2.0)),
             (RenderMethod::EXACT, Image::from_vec(width, height, distances)),
         ];
-        // A colour camera in the same place must see the same.
+        // A colour camera at the same pose must yield the same.
         let k = frame.camera.intrinsics;
         let same = ColorCamera {
             focal: [k.fx, k.fy],
@@ -407,12 +406,12 @@ mod tests {
         }
         assert!(
             error(RenderMethod::EXACT, &planes[0].1, None) > 0.1,
-            "z is no distance along the ray"
+            "z differs from ray distance"
         );
     }
 
-    /// The photograph's own camera draws: half as long a focal length shows twice as much, and its
-    /// rim lies beyond what depth saw.
+    /// Rendered by the photograph's camera: half the focal length shows twice the width, and the border
+    /// lies beyond the measured depth.
     #[test]
     fn photographs_are_drawn_and_judged_by_the_camera_that_took_them() {
         let frame = wall();
@@ -430,7 +429,7 @@ mod tests {
         assert_eq!(camera.pose.centre().z, 0.5);
         let surfaces = photographed_surfaces(&frame, Sensor::Kinect, &options).unwrap();
         let known = surfaces.z.data.iter().filter(|z| (**z - 1.5).abs() < 1e-5).count();
-        // 31 of 32 columns and 23 of 24 rows between the outer centres, two thirds as large.
+        // 31 of 32 columns and 23 of 24 rows lie between the outer centres, scaled by two thirds.
         assert_eq!(known, 20 * 16);
     }
 }

@@ -1,4 +1,4 @@
-//! Camera paths as files: JSON with a version, as people write it and other tools make it.
+//! Camera paths as versioned JSON files.
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::camera_path::{CameraPath, Keyframe};
@@ -8,56 +8,56 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The version that is written.
 const VERSION: u32 = 1;
-/// Most pictures of a path: an hour at 30 a second.
+/// Maximum number of pictures in a path: one hour at 30 fps.
 const MAX_PICTURES: f64 = 108_000.0;
-/// Largest file that is read: 10,000 keyframes take 2 MB.
+/// Maximum file size; 10,000 keyframes take 2 MB.
 const MAX_BYTES: u64 = 16 << 20;
-/// Keyframes that say nothing of it, degrees.
+/// Vertical field of view of keyframes without `fov_y`, in degrees.
 const DEFAULT_FOV: f64 = 50.0;
 
-/// A camera path with the pace of its pictures.
+/// Camera path with its frame rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PacedPath {
-    /// The way.
+    /// The camera path.
     pub path: CameraPath,
-    /// Pictures a second.
+    /// Frames per second.
     pub fps: f64,
 }
 
-/// Why a file is no camera path.
+/// Error of reading a camera path.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraPathError {
     /// The file could not be read.
-    #[error("{}: expected a camera path to read, found: {error}; check the name and its permissions", path.display())]
+    #[error("{}: expected a readable camera path, found: {error}; check the name and the \
+             permissions", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Of the system.
+        /// Error of the system.
         error: io::Error,
     },
-    /// It is no JSON of this form.
+    /// The file is not JSON of the expected form.
     #[error(
         "{}: expected JSON such as {{\"version\": 1, \"fps\": 30, \"keyframes\": [{{\"time\": 0, \"eye\": [0, -3, 1], \"target\": [0, 0, 0]}}, …]}}, found: {error}",
         path.display()
     )]
     Json {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where and what.
+        /// Position and cause of the parse error.
         error: serde_json::Error,
     },
-    /// A number in it says nothing sensible.
+    /// A value is out of range.
     #[error("{}: {of}: expected {expected}, found {found}", path.display())]
     Value {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Which part of the file.
+        /// JSON path of the value.
         of: String,
-        /// What it may be.
+        /// Permitted values.
         expected: &'static str,
-        /// What it is.
+        /// Value in the file.
         found: String,
     },
 }
@@ -73,7 +73,8 @@ struct FileText {
     keyframes: Vec<KeyframeText>,
 }
 
-/// A camera by its turn (a quaternion x, y, z, w; camera to world, OpenCV axes) or by what it looks at.
+/// Camera pose, given either by a rotation (quaternion x, y, z, w; camera to world, OpenCV axes) or by a
+/// target point.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyframeText {
@@ -85,7 +86,7 @@ struct KeyframeText {
     target: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     up: Option<[f64; 3]>,
-    /// Degrees.
+    /// Vertical field of view, in degrees.
     #[serde(default = "usual_fov")]
     fov_y: f64,
 }
@@ -99,10 +100,10 @@ fn usual_fov() -> f64 {
 }
 
 impl PacedPath {
-    /// Reads a file; cameras that say no other up have `up` (unit length) at the top of the picture.
+    /// Reads a file. `up` (unit length) is the up direction of keyframes that state none.
     ///
     /// # Errors
-    /// [`CameraPathError`], of which each names the file.
+    /// [`CameraPathError`], which names the file.
     pub fn read(path: &Path, up: DVec3) -> Result<Self, CameraPathError> {
         let failed = |error| CameraPathError::Io { path: path.to_owned(), error };
         let length = std::fs::metadata(path).map_err(failed)?.len();
@@ -115,7 +116,7 @@ impl PacedPath {
         text.path(path, up)
     }
 
-    /// As a file's text.
+    /// Returns the path as JSON text.
     pub fn to_json(&self) -> String {
         let keyframe = |keyframe: &Keyframe| KeyframeText {
             time: keyframe.time,
@@ -131,18 +132,18 @@ impl PacedPath {
             is_loop: self.path.is_loop(),
             keyframes: self.path.keyframes().iter().map(keyframe).collect(),
         };
-        // Numbers and lists alone: nothing in it has no text.
+        // Only numbers and lists: serialization cannot fail.
         serde_json::to_string_pretty(&text).unwrap_or_default()
     }
 
-    /// The camera of every picture; a loop's last keyframe is its first, and drawn once.
+    /// Returns the camera of every picture. The last keyframe of a loop equals its first and is left out.
     pub fn pictures(&self) -> impl ExactSizeIterator<Item = Keyframe> {
         let steps = (self.path.duration() * self.fps).round().max(1.0) as usize;
         let n = if self.path.is_loop() { steps } else { steps + 1 };
         (0..n).map(|i| self.path.at(i as f64 / self.fps))
     }
 
-    /// The pinhole camera of every picture of so many pixels.
+    /// Returns the pinhole camera of every picture, for images of `[width, height]` pixels.
     pub fn cameras(&self, [width, height]: [u32; 2]) -> impl ExactSizeIterator<Item = Camera> {
         self.pictures().map(move |Keyframe { pose, fov_y, .. }| Camera {
             intrinsics: Intrinsics::from_vertical_fov(width, height, fov_y),
@@ -155,7 +156,11 @@ impl FileText {
     fn path(self, file: &Path, up: DVec3) -> Result<PacedPath, CameraPathError> {
         let refuse = |of: &str, expected, found: String| Err(value(file, of, expected, found));
         if self.version != VERSION {
-            return refuse("version", "1; a newer program wrote it", self.version.to_string());
+            return refuse(
+                "version",
+                "1; a newer program wrote the file",
+                self.version.to_string(),
+            );
         }
         if !(self.fps > 0.0 && self.fps <= 1000.0) {
             return refuse("fps", "more than 0, at most 1000", self.fps.to_string());
@@ -165,7 +170,7 @@ impl FileText {
             let keyframe = text.keyframe(file, i, up)?;
             if keyframes.last().is_some_and(|last| last.time >= keyframe.time) {
                 let of = format!("keyframes[{i}].time");
-                return refuse(&of, "more than the one before", text.time.to_string());
+                return refuse(&of, "more than the previous keyframe's", text.time.to_string());
             }
             keyframes.push(keyframe);
         }
@@ -181,11 +186,15 @@ impl FileText {
                 || turn.w.abs() < 1.0 - 1e-9)
         {
             let of = format!("keyframes[{}]", n - 1);
-            return refuse(&of, "the first one's camera, as `loop` asks for", "another".to_owned());
+            return refuse(
+                &of,
+                "the first keyframe's camera, as `loop` requires",
+                "another".to_owned(),
+            );
         }
         let pictures = path.duration() * self.fps;
         if pictures > MAX_PICTURES {
-            let expected = "at most 108,000 pictures of it; take fewer a second or a shorter path";
+            let expected = "at most 108,000 pictures; lower `fps` or shorten the path";
             return refuse("fps", expected, format!("{pictures:.0}"));
         }
         Ok(PacedPath { path, fps: self.fps })
@@ -199,7 +208,7 @@ impl KeyframeText {
         };
         let numbers = [Some(&self.eye), self.target.as_ref(), self.up.as_ref()];
         if let Some(found) = numbers.into_iter().flatten().find(|v| !is_sensible(v)) {
-            return Err(refuse("eye", "numbers up to 1e9 in every place", format!("{found:?}")));
+            return Err(refuse("eye", "numbers up to 1e9 on every axis", format!("{found:?}")));
         }
         if !(self.time.is_finite() && self.time.abs() <= 1e6) {
             return Err(refuse("time", "seconds, up to 1e6", self.time.to_string()));
@@ -222,7 +231,7 @@ impl KeyframeText {
             (None, Some(target)) => {
                 let up = self.up.map_or(up, DVec3::from_array);
                 let pose = Pose::look_at(eye, DVec3::from_array(target), up);
-                let expected = "a place away from the eye, not straight up or down from it";
+                let expected = "a point away from the eye, not straight above or below it";
                 pose.ok_or_else(|| refuse("target", expected, format!("{target:?}")))?
             }
             (rotation, _) => {
@@ -273,11 +282,14 @@ mod tests {
             assert!((a.fov_y - b.fov_y).abs() < 1e-9);
         }
         let open = paced.to_json().replace("false", "true");
-        assert!(read(&open).unwrap_err().contains("keyframes[1]: expected the first one's camera"));
+        assert!(read(&open).unwrap_err().contains(
+            "keyframes[1]: expected the first keyframe's \
+                                                   camera"
+        ));
         let back = FIRST.replace("\"time\": 0", "\"time\": 4");
         let round = with(&format!("{FIRST}, {LAST}, {back}")).unwrap().to_json();
         let round = read(&round.replace("false", "true")).unwrap();
-        assert_eq!(round.pictures().len(), 40, "the last is the first");
+        assert_eq!(round.pictures().len(), 40, "the last keyframe is the first");
     }
 
     #[test]

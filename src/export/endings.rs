@@ -1,11 +1,12 @@
-//! Names of model files, the one list that dialogs, help and messages are made of.
+//! File extensions of models, for dialogs, help and messages.
 
-/// Endings of the files that [`super::read()`] takes; it goes by content, dialogs go by these.
+/// Extensions of the files that [`super::read()`] accepts. It detects the format from the content; dialogs
+/// filter by these.
 pub const READ_ENDINGS: [&str; 5] = ["ply", "glb", "gltf", "spz", "splat"];
-/// Endings of the files that [`super::write()`] makes, the first the usual one.
+/// Extensions of the files that [`super::write()`] writes, the default first.
 pub const WRITTEN_ENDINGS: [&str; 3] = ["ply", "glb", "spz"];
 
-/// Endings as a sentence lists them: `.ply, .glb or .spz`.
+/// Formats extensions for a sentence: `.ply, .glb or .spz`.
 pub fn listed(endings: &[&str]) -> String {
     match endings {
         [] => String::new(),

@@ -1,33 +1,32 @@
-//! What can go wrong when a model is written or read.
+//! Errors of writing and reading models.
 //!
-//! A [`Fault`] says what was expected, what was found and what to do; [`ExportError`] adds the
-//! file, once, where its path is known. Text of a file is escaped and cut before it enters a
-//! message: it may hold anything.
+//! A [`Fault`] states what was expected, what was found and what to do; [`ExportError`] adds the path. Text
+//! from a file is escaped and shortened before it enters a message, because it may hold anything.
 
 use super::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A failed export or import: which file, and why.
+/// Failed export or import of a file.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {fault}", path.display())]
 pub struct ExportError {
-    /// The file that was to be written or read.
+    /// Path of the file.
     pub path: PathBuf,
-    /// What is wrong and what to do about it.
+    /// What is wrong, and what to do about it.
     pub fault: Fault,
 }
 
-/// Why a file could not be written or read.
+/// Reason why a file could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// Drawable splats, but none that the options ask for.
+    /// Drawable splats exist, but the options exclude all of them.
     #[error(
         "nothing to export: expected some of {n_drawable} splats inside the crop box, with enough \
-         evidence and little enough uncertainty, found none; ask for more"
+         evidence and low enough uncertainty, found none; relax these limits"
     )]
     NothingSelected {
-        /// Splats that could have been written.
+        /// Number of drawable splats.
         n_drawable: usize,
     },
     /// No splat can be drawn.
@@ -39,155 +38,154 @@ pub enum Fault {
         /// Number of splats given, drawable or not.
         n_splats: usize,
     },
-    /// The name does not tell the format.
+    /// The file name has no known model extension.
     #[error("expected a name ending in {}, found {found:?}; rename it or name a format", listed(&WRITTEN_ENDINGS))]
     UnknownExtension {
         /// The extension, possibly empty.
         found: String,
     },
-    /// The name does not tell the format of a mesh.
-    #[error("expected a mesh's name ending in .ply, .glb or .obj, found {found:?}; rename it")]
+    /// The file name has no known mesh extension.
+    #[error("expected a mesh file name ending in .ply, .glb or .obj, found {found:?}; rename it")]
     UnknownMeshExtension {
         /// The extension, possibly empty.
         found: String,
     },
-    /// Nowhere is enough known for a surface.
+    /// The evidence is nowhere sufficient for a surface.
     #[error(
-        "no surface: expected {n_components} components to say enough of one, found none; give a \
-         larger cell or leave fewer components out"
+        "no surface: expected enough evidence for one from {n_components} components, found too \
+         little; use a larger cell or leave fewer components out"
     )]
     NoSurface {
-        /// Components asked.
+        /// Number of components used.
         n_components: usize,
     },
-    /// The target's folder is missing.
+    /// The target folder is missing.
     #[error("the folder {} does not exist; create it or choose another", folder.display())]
     NoFolder {
         /// The missing folder.
         folder: PathBuf,
     },
-    /// Nothing at that path.
+    /// The model file does not exist.
     #[error("expected a model ({}), found nothing at this path; check the spelling", listed(&READ_ENDINGS))]
     Missing,
-    /// Nothing at a checkpoint's path.
+    /// The checkpoint file does not exist.
     #[error("expected a checkpoint (.vbgs), found nothing at this path; check the spelling")]
     NoCheckpoint,
-    /// A folder stands where a file is meant.
+    /// The path is a folder, not a file.
     #[error("expected a file, found a folder; name a file in it")]
     IsFolder,
-    /// A device or FIFO stands where a file is meant.
+    /// The path is a device or FIFO, not a file.
     #[error(
-        "expected a file, found a FIFO or device, which may never end; copy what comes from it into a file"
+        "expected a file, found a FIFO or device, which may never end; copy its data into a file"
     )]
     IsStream,
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("cannot {action}: {source}")]
     Io {
-        /// What was tried, as a verb phrase.
+        /// The failed action, as a verb phrase.
         action: &'static str,
-        /// The system's answer.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// No space left.
+    /// The disk is full.
     #[error(
-        "the disk is full: {written} bytes fitted, more are needed; free some space or choose \
-         another folder (an older file of this name is untouched)"
+        "the disk is full after {written} bytes; free some space or choose another folder (an \
+         existing file of this name is unchanged)"
     )]
     DiskFull {
-        /// Bytes written before space ran out.
+        /// Bytes written before the disk was full.
         written: u64,
     },
-    /// An option of the caller makes no sense.
+    /// An option has an invalid value.
     #[error("{setting}: expected {expected}, found {found}")]
     Setting {
-        /// The option's name.
+        /// Name of the option.
         setting: &'static str,
-        /// What it must be.
+        /// Permitted values.
         expected: String,
-        /// What it is.
+        /// The value given.
         found: String,
     },
-    /// GLB counts bytes in 32 bits.
+    /// The file would exceed GLB's 32-bit length.
     #[error(
         "{n_splats} splats need {needed} bytes as GLB, whose limit is {}; export PLY instead",
         u32::MAX
     )]
     TooLargeForGlb {
-        /// Splats to write.
+        /// Number of splats to write.
         n_splats: usize,
-        /// Size of the whole file.
+        /// Required file size in bytes.
         needed: u64,
     },
-    /// The content is of no known format.
+    /// The content has no known format.
     #[error("expected a model ({}), found {found}; convert it to PLY", listed(&READ_ENDINGS))]
     NotAModel {
-        /// The first bytes.
+        /// Description of the first bytes.
         found: String,
     },
-    /// The format is right and the content is not.
+    /// The content violates its format.
     #[error("{place}: expected {expected}, found {found}; export the file again")]
     Malformed {
         /// Line, accessor, chunk or element.
         place: String,
-        /// What the format asks for.
+        /// What the format requires.
         expected: String,
         /// What the file holds.
         found: String,
     },
-    /// A property without which there is no model.
+    /// A required PLY property is missing.
     #[error(
         "element vertex: expected property {property}, found only {found}; export it as 3DGS or \
          point-cloud PLY"
     )]
     MissingProperty {
-        /// The missing name.
+        /// Name of the missing property.
         property: String,
-        /// The names there are.
+        /// Names of the existing properties.
         found: String,
     },
-    /// Valid, but not read by this program.
+    /// The file is valid, but this program does not support it.
     #[error("unsupported: {feature}; {advice}")]
     Unsupported {
-        /// What the file uses.
+        /// The unsupported feature.
         feature: String,
         /// What to do instead.
         advice: &'static str,
     },
-    /// More rows than the caller allows.
+    /// The file has more rows than the caller permits.
     #[error("expected at most {cap} splats, found {declared}; reduce the model first")]
     TooMany {
-        /// Rows the file declares.
+        /// Number of rows declared in the file.
         declared: u64,
-        /// Rows that the caller allows at most.
+        /// Maximum number of rows.
         cap: usize,
     },
-    /// Memory ran out.
+    /// The allocation failed.
     #[error(
         "expected {bytes} bytes of free memory, found less; close other programs or reduce the \
          model"
     )]
     OutOfMemory {
-        /// Bytes asked for.
+        /// Requested bytes.
         bytes: u64,
     },
-    /// Whoever waited for the file wants it no more.
-    #[error("cancelled: no file was written and an older one of this name is untouched")]
+    /// The caller cancelled the export.
+    #[error("cancelled: no file was written and an existing file of this name is unchanged")]
     Cancelled,
     /// Every row was unusable.
     #[error("expected at least one finite row, found none ({skipped} skipped); export it again")]
     NothingToImport {
-        /// Rows with NaN or infinity.
+        /// Number of rows with NaN or infinity.
         skipped: usize,
     },
 }
 
-/// What stops a writer where nobody wants its file; becomes [`Fault::Cancelled`].
+/// Error by which a cancelled writer stops; becomes [`Fault::Cancelled`].
 #[derive(Debug, thiserror::Error)]
 #[error("cancelled")]
 pub(super) struct Cancelled;
 
 impl Fault {
-    /// Names the file.
     pub(super) fn at(self, path: &Path) -> ExportError {
         ExportError { path: path.to_path_buf(), fault: self }
     }
@@ -201,12 +199,12 @@ impl Fault {
     }
 }
 
-/// Text of a file as it may appear in a message: control characters escaped, at most 60 characters.
+/// Escapes control characters and shortens text from a file to 60 characters, for messages.
 pub(super) fn shorten(text: &str) -> String {
     shorten_to(text, 60)
 }
 
-/// As [`shorten`] does, at most so many characters, those of what is escaped counted as they appear.
+/// Like [`shorten`], with at most `most` characters, counted after escaping.
 pub(super) fn shorten_to(text: &str, most: usize) -> String {
     let mut short = String::new();
     for c in text.chars() {
@@ -220,11 +218,11 @@ pub(super) fn shorten_to(text: &str, most: usize) -> String {
     short
 }
 
-/// A vector with room for exactly `n` items, or the error that memory is short.
+/// Returns an empty vector with capacity `n`, or [`Fault::OutOfMemory`].
 pub(super) fn reserved<T>(n: usize) -> Result<Vec<T>, Fault> {
     let mut items = Vec::new();
     let bytes = n as u64 * size_of::<T>() as u64;
-    // Sizes come from files: too large a one is to be a message, not the end of the program.
+    // Sizes come from files: an excessive one must give an error, not abort the program.
     items.try_reserve_exact(n).map_err(|_| Fault::OutOfMemory { bytes })?;
     Ok(items)
 }

@@ -1,4 +1,4 @@
-//! Pictures along a camera path as files: PNG pictures in a folder, or a video.
+//! Output of pictures along a camera path, as PNG files in a folder or as a video.
 
 use super::atomic::write_atomic;
 use super::error::ExportError;
@@ -9,45 +9,45 @@ use image::{ExtendedColorType, ImageEncoder};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why there is no film.
+/// Error of writing a film.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
-    /// The folder for its pictures.
-    #[error("{}: expected a folder to write to, which could not be created ({error}); choose another", path.display())]
+    /// The folder could not be created.
+    #[error("{}: expected a folder to write to, but it could not be created ({error}); choose another", path.display())]
     Folder {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// Of the system.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// One of its pictures.
+    /// A picture could not be written.
     #[error(transparent)]
     Picture(#[from] ExportError),
-    /// The video.
+    /// The video could not be written.
     #[error(transparent)]
     Video(#[from] VideoError),
 }
 
-/// A film that is being written.
+/// Writer of a picture sequence or a video.
 pub enum FilmWriter {
-    /// Pictures that are there as soon as they are drawn.
+    /// Numbered PNG files, each written immediately.
     Pictures {
-        /// Where they lie.
+        /// Output folder.
         folder: PathBuf,
-        /// What follows their numbers.
+        /// Suffix of the names, after the number.
         suffix: String,
-        /// How many are there.
+        /// Number of pictures written.
         n: usize,
     },
-    /// A video, which appears whole.
+    /// A video, whose file appears once it is complete.
     Video(VideoWriter),
 }
 
 impl FilmWriter {
-    /// A video where the name is that of one ([`is_video`]), else pictures in a folder, made if need be.
+    /// Creates a video if `output` has a video extension ([`is_video`]), else a folder of pictures.
     ///
     /// # Errors
-    /// Those of [`VideoWriter::new`], or a folder that cannot be made.
+    /// Those of [`VideoWriter::new`], or [`FilmError::Folder`].
     pub fn new(output: &Path, size: [u32; 2], fps: f64) -> Result<Self, FilmError> {
         match is_video(output) {
             true => Ok(Self::Video(VideoWriter::new(output, size, fps)?)),
@@ -55,7 +55,7 @@ impl FilmWriter {
         }
     }
 
-    /// Pictures in a folder, `00000.png` and on, with a suffix of their names before the point.
+    /// Creates a folder of pictures named `00000{suffix}.png` and so on.
     ///
     /// # Errors
     /// [`FilmError::Folder`].
@@ -65,7 +65,7 @@ impl FilmWriter {
         Ok(Self::Pictures { folder: folder.to_owned(), suffix: suffix.to_owned(), n: 0 })
     }
 
-    /// Appends a picture; whether more are taken: where a video takes none, [`Self::finish`] says why.
+    /// Appends a picture. Returns false if a video accepts no more; [`Self::finish`] then returns the cause.
     ///
     /// # Errors
     /// [`FilmError::Picture`].
@@ -80,7 +80,7 @@ impl FilmWriter {
         }
     }
 
-    /// Ends it.
+    /// Completes the output.
     ///
     /// # Errors
     /// Those of [`VideoWriter::finish`].
@@ -91,7 +91,7 @@ impl FilmWriter {
         }
     }
 
-    /// Gives it up: pictures that are there stay, of a video nothing does.
+    /// Aborts: pictures already written stay, an unfinished video is removed.
     pub fn give_up(self) {
         if let Self::Video(video) = self {
             video.give_up();
@@ -99,7 +99,7 @@ impl FilmWriter {
     }
 }
 
-/// Writes a picture as PNG, whole or not at all.
+/// Writes a picture as PNG, atomically.
 ///
 /// # Errors
 /// Those of [`write_atomic`].
@@ -129,7 +129,7 @@ mod tests {
             let read = image::open(output.join(name)).unwrap().to_rgb8();
             assert_eq!((read.dimensions(), read.get_pixel(3, 2).0), ((8, 6), [128, 64, 255]));
         }
-        // Where there is no ffmpeg, there is nothing to give up.
+        // Without ffmpeg no video is started.
         let video = folder.path().join("film.mp4");
         if let Ok(mut film) = FilmWriter::new(&video, [8, 6], 30.0) {
             let _ = film.push(&picture);

@@ -1,4 +1,4 @@
-//! What to write: formats, axes and the options of each.
+//! Export options: format, axes, selection and metadata.
 
 use super::error::{ExportError, Fault};
 use super::local_origin::OriginCarrier;
@@ -9,7 +9,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-/// A file format for models.
+/// File format of an exported model.
 ///
 /// ```
 /// use std::path::Path;
@@ -23,24 +23,24 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelFormat {
-    /// Splats as PLY in the 3DGS layout (`export.md`, PLY of splats): what splat viewers open.
+    /// Splats as PLY in the 3DGS layout (`export.md`, PLY of splats), which splat viewers open.
     Ply,
-    /// Centres as coloured points in PLY (`export.md`, Point cloud): for MeshLab, CloudCompare,
+    /// Splat centres as coloured points in PLY (`export.md`, Point cloud), for MeshLab, CloudCompare and
     /// Open3D.
     #[serde(rename = "point-cloud")]
     PointCloudPly,
     /// Splats as GLB with `KHR_gaussian_splatting` (`export.md`, GLB).
     Glb,
-    /// Splats as SPZ version 4 (`export.md`, SPZ): a fifth of the bytes of PLY, rounded.
+    /// Splats as SPZ version 4 (`export.md`, SPZ), quantised to a fifth of the size of PLY.
     Spz,
 }
 
 impl ModelFormat {
-    /// Every format, in the order menus show them.
+    /// All formats, in menu order.
     pub const ALL: [ModelFormat; 4] =
         [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb, ModelFormat::Spz];
 
-    /// The name used by the command line and settings.
+    /// Name on the command line and in settings.
     pub fn name(self) -> &'static str {
         match self {
             ModelFormat::Ply => "ply",
@@ -50,7 +50,7 @@ impl ModelFormat {
         }
     }
 
-    /// The usual file name extension, without a dot.
+    /// Default file extension, without the dot.
     pub fn extension(self) -> &'static str {
         match self {
             ModelFormat::Ply | ModelFormat::PointCloudPly => "ply",
@@ -59,7 +59,7 @@ impl ModelFormat {
         }
     }
 
-    /// How it says what its positions are relative to.
+    /// How files of this format store the local origin.
     pub fn origin_carrier(self) -> OriginCarrier {
         match self {
             ModelFormat::Glb => OriginCarrier::Transform,
@@ -68,14 +68,14 @@ impl ModelFormat {
         }
     }
 
-    /// The format a file name asks for: `.ply` means splats; case does not matter.
+    /// Derives the format from a file extension, case-insensitive; `.ply` means splats.
     ///
     /// # Errors
-    /// [`Fault::UnknownExtension`] for any other name.
+    /// [`Fault::UnknownExtension`] for any other extension.
     pub fn from_path(path: &Path) -> Result<Self, ExportError> {
         let found = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match found.as_deref() {
-            // Splats, not points: what a user means by PLY here; points are asked for by name.
+            // `.ply` usually means splats; a point cloud must be requested by name.
             Some("ply") => Ok(ModelFormat::Ply),
             Some("glb") => Ok(ModelFormat::Glb),
             Some("spz") => Ok(ModelFormat::Spz),
@@ -90,7 +90,7 @@ impl fmt::Display for ModelFormat {
     }
 }
 
-/// A format name that does not exist.
+/// Unknown format name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected ply, point-cloud, glb or spz, found {0:?}")]
 pub struct UnknownFormat(pub String);
@@ -104,40 +104,38 @@ impl FromStr for ModelFormat {
     }
 }
 
-/// The axes of a written PLY. GLB and SPZ prescribe their own, y up, and ignore this.
+/// Axes of a written PLY. GLB and SPZ prescribe y-up and ignore this option.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axes {
-    /// The model's world, unchanged.
+    /// World axes of the model, unchanged.
     #[default]
     AsIs,
-    /// Up turned to −y, as splat viewers expect it: of a z-up world `(x, y, z)` becomes
-    /// `(−x, −z, −y)`.
+    /// Up becomes −y, as splat viewers expect. In a z-up world `(x, y, z)` becomes `(−x, −z, −y)`.
     Viewer,
-    /// Up turned to y: of a z-up world `(x, y, z)` becomes `(x, z, −y)`.
+    /// Up becomes y. In a z-up world `(x, y, z)` becomes `(x, z, −y)`.
     YUp,
-    /// Up turned to z.
+    /// Up becomes z.
     ZUp,
 }
 
-/// Which splats a file gets; `default()` leaves none out that can be drawn.
+/// Selection of the splats to write; `default()` selects all drawable ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WriteSelection<'a> {
-    /// Two opposite corners, world units of the model: centres outside stay out.
+    /// Crop box as two opposite corners, in world units; splats with centres outside are left out.
     pub crop: Option<[DVec3; 2]>,
-    /// Least number of points behind a splat; asks for [`WriteOptions::confidence`].
+    /// Minimum number of points behind a splat; requires [`WriteOptions::confidence`].
     pub min_evidence: Option<f64>,
-    /// Largest standard deviation of a splat's position, world units; asks for `uncertainty`.
+    /// Maximum standard deviation of a splat's position, in world units; requires `uncertainty`.
     pub max_uncertainty: Option<f64>,
-    /// Standard deviation of the position of every splat given, world units; point clouds also hold it.
+    /// Standard deviation of the position of each given splat, in world units. Point clouds also store it.
     pub uncertainty: Option<&'a [f64]>,
-    /// Splats that stay out whatever else is asked for, one flag for each.
+    /// True for splats that are always left out, one flag per splat.
     pub left_out: Option<&'a [bool]>,
 }
 
 impl WriteSelection<'_> {
-    /// Whether splat `i` is asked for, by its centre and the evidence of every splat. Lists are as long
-    /// as the splats.
+    /// True if splat `i` is selected. `evidence` and the lists of the selection have one entry per splat.
     pub fn takes(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
         let is_inside =
             self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
@@ -150,45 +148,44 @@ impl WriteSelection<'_> {
     }
 }
 
-/// How to write a model; [`WriteOptions::new`] gives the defaults.
+/// Options of writing a model; [`WriteOptions::new`] sets the defaults.
 #[derive(Clone, Debug)]
 pub struct WriteOptions<'a> {
-    /// The file's format.
+    /// File format.
     pub format: ModelFormat,
     /// Axes of both PLY formats.
     pub axes: Axes,
-    /// 45 coefficients per splat above degree 0 (248 instead of 68 or 104 bytes), zeros above degree
-    /// 1, for readers that insist on spherical harmonics of degree 3. 3DGS PLY only.
+    /// Writes 45 coefficients per splat above degree 0 (248 instead of 68 or 104 bytes), zero above degree 1,
+    /// for readers that require spherical harmonics of degree 3. 3DGS PLY only.
     pub sh3_padding: bool,
-    /// How splats of native appearance become plain ones; plain splats and point clouds ignore it.
+    /// Conversion of native splats to plain ones. Plain splats and point clouds ignore it.
     pub mapping: Mapping,
-    /// Lines kept with the file, such as `vbgs legacy-cov`: PLY comments, `asset.extras.comments`
-    /// of a GLB. Printable ASCII.
+    /// Comment lines in printable ASCII, such as `vbgs legacy-cov`: PLY comments, or `asset.extras.comments`
+    /// of a GLB.
     pub comments: &'a [String],
-    /// World positions of the training cameras: when there are any, a point cloud gets normals,
-    /// turned toward the nearest one.
+    /// World positions of the training cameras. If given, a point cloud gets normals that face the nearest
+    /// camera.
     pub camera_centres: &'a [DVec3],
-    /// `N_k` of every splat given, written with the points of a point cloud.
+    /// Number of points `N_k` of each given splat, stored with the points of a point cloud.
     pub confidence: Option<&'a [f64]>,
-    /// Direction that points up in the model's world, not zero: GLB and SPZ have it turned to y, a
-    /// PLY says it.
+    /// Up direction in the model's world, not zero. GLB and SPZ rotate it to y; a PLY states it.
     pub up: DVec3,
-    /// What positions are relative to in the world, in its axes and units; zero is left out. A GLB has it as
-    /// the translation of its node, a PLY as a comment, both in the axes and units of the file.
+    /// Local origin, in world axes and units; omitted if zero. A GLB stores it as the translation of its
+    /// node, a PLY as a comment, both in the axes and units of the file.
     pub local_origin: DVec3,
-    /// Lengths are metres: a GLB says so in `asset.extras.units`.
+    /// True if lengths are metres: a GLB states it in `asset.extras.units`.
     pub metric: bool,
-    /// Units of the file for each unit of the model's world, above 0.
+    /// File units per world unit, above 0.
     pub unit_scale: f64,
-    /// Which splats are written.
+    /// Selection of the splats to write.
     pub selection: WriteSelection<'a>,
-    /// Who is told how far the writing is.
+    /// Progress callback.
     pub progress: WriteProgress<'a>,
 }
 
 impl WriteOptions<'_> {
-    /// Axes as they are, z up, no padding, one splat for each, no comments, no normals, no confidence,
-    /// unknown units, nothing left out.
+    /// Options with unchanged axes, z-up, no padding, default mapping, no metadata, unknown units and all
+    /// splats selected.
     pub fn new(format: ModelFormat) -> Self {
         Self {
             format,

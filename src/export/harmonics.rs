@@ -1,6 +1,6 @@
-//! Real spherical harmonics of degrees 0 and 1 as 3DGS files and `KHR_gaussian_splatting` use them:
-//! with the Condon–Shortley phase, of the unit direction `(x, y, z)` from the camera to the splat,
-//! `colour = ½ + C0·f₀ + C1·(−y·f₁ + z·f₂ − x·f₃)`.
+//! Real spherical harmonics of degrees 0 and 1, as in 3DGS files and `KHR_gaussian_splatting`. With the
+//! Condon–Shortley phase and the unit direction `(x, y, z)` from the camera to the splat, `colour = ½ + C0·f₀
+//! + C1·(−y·f₁ + z·f₂ − x·f₃)`.
 
 use glam::{DMat3, DVec3};
 
@@ -9,18 +9,18 @@ const C0: f64 = 0.282_094_791_773_878_14;
 /// Degree 1, `√(3/(4π))`.
 const C1: f64 = 0.488_602_511_902_919_9;
 
-/// Coefficient of degree 0 that stands for a colour.
+/// Converts a colour to the coefficient of degree 0.
 pub(super) fn of_color(color: DVec3) -> DVec3 {
     (color - 0.5) / C0
 }
 
-/// Colour a coefficient of degree 0 stands for.
+/// Converts a coefficient of degree 0 to a colour.
 pub(super) fn to_color(coefficient: DVec3) -> DVec3 {
     coefficient * C0 + 0.5
 }
 
-/// The three coefficients of degree 1, each over the channels, of the change of colour `W·d` with
-/// the direction `d`.
+/// Converts a change of colour `W·d` with the direction `d` to the three coefficients of degree 1, each with
+/// three channels.
 pub(super) fn of_directional(w: DMat3) -> [DVec3; 3] {
     // Adding zero turns −0 into 0.
     [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)

@@ -1,8 +1,7 @@
-//! What a model file held.
+//! Result of importing a model file.
 //!
-//! A row that is not finite is skipped and counted, not an error: one broken splat must not lose a
-//! model of a million. What else was ignored, guessed or converted is a [`Note`], which window and
-//! command line word for the user.
+//! Non-finite rows are skipped and counted, so one broken splat does not lose a model of a million. Anything
+//! else that was ignored, guessed or converted is reported as a [`Note`].
 
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
@@ -12,35 +11,33 @@ use crate::model::splat::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
 use std::fmt;
 
-/// A model read from a file.
+/// Model read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
-    /// Finite splats in file order, in the file's axes (PLY, `.splat`) or turned to z-up (glTF, SPZ). Those of a
-    /// point cloud are opaque balls about as wide as half the spacing of the points. With degree-1
-    /// colour where the file has it.
+    /// Finite splats in file order, in the file's axes (PLY, `.splat`) or rotated to z-up (glTF, SPZ). Points
+    /// become opaque spheres with half the point spacing as radius. Colour by direction has degree 1 at most.
     pub splats: SplatSet,
-    /// What the rows were.
+    /// Kind of the rows.
     pub kind: ModelKind,
-    /// What positions are relative to in the file's world, in the axes of `splats`; zero where the file does
-    /// not say.
+    /// Local origin in the file's world, in the axes of `splats`; zero if the file has none.
     pub local_origin: DVec3,
-    /// Whether the format says what is up, so that reading turned it to z.
+    /// True if the format defines the up axis, so that reading rotated it to z.
     pub is_z_up: bool,
-    /// Rows left out because a field was NaN or infinite.
+    /// Number of rows skipped because a field was NaN or infinite.
     pub skipped: usize,
     /// What was ignored, guessed or converted.
     pub notes: Vec<Note>,
-    /// Comment lines of a PLY, `asset.extras.comments` of a glTF.
+    /// Comment lines of a PLY, or `asset.extras.comments` of a glTF.
     pub comments: Vec<String>,
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// Start of the PLY comment that names the direction pointing up; brush reads it too.
+/// Start of the PLY comment with the up direction, which brush reads too.
 pub(super) const VERTICAL_AXIS: &str = "Vertical axis:";
 
 impl Imported {
-    /// Unit vector that points up in the model's world, where the file says so.
+    /// Up direction of the model's world as a unit vector, if the file states one.
     pub fn up(&self) -> Option<DVec3> {
         if self.is_z_up {
             return Some(DVec3::Z);
@@ -51,7 +48,7 @@ impl Imported {
     }
 }
 
-/// What a file's rows describe.
+/// Kind of a file's rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelKind {
     /// Gaussian splats: rows with scales and a rotation.
@@ -60,42 +57,42 @@ pub enum ModelKind {
     PointCloud,
 }
 
-/// Something a user should know about an import that succeeded.
+/// Notice about a successful import.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Note {
-    /// Spherical harmonics above degree 1 were dropped, or all above degree 0 where they are
-    /// incomplete or linear.
+    /// Spherical harmonics above degree 1 were ignored; also those of degree 1, if incomplete or in linear
+    /// colour.
     ViewDependentColorIgnored {
-        /// Coefficients per splat that were ignored, over all channels.
+        /// Number of ignored coefficients per splat, over all channels.
         n_coefficients: usize,
     },
-    /// Quaternions of length zero were read as the identity.
+    /// Zero quaternions were read as the identity.
     ZeroRotation {
-        /// Number of splats that this happened to.
+        /// Number of affected splats.
         n_splats: usize,
     },
     /// Colours outside `[0, 1]` were clamped.
     ColorClamped {
-        /// Number of splats that this happened to.
+        /// Number of affected splats.
         n_splats: usize,
     },
-    /// The third scale is missing: splats are flat.
+    /// The third scale is missing, so splats are flat.
     FlatSplats,
-    /// There is no colour: everything is gray.
+    /// The file has no colours, so points are gray.
     NoColor,
     /// Linear colours were encoded to sRGB.
     LinearColorEncoded,
-    /// Scales were logarithms, as drafts of glTF's extension before 2026 had them.
+    /// Scales were logarithms, as in drafts of the glTF extension before 2026.
     LogarithmicScales,
-    /// A glTF names a kernel or colour space of another extension.
+    /// A glTF uses a kernel or colour space of another extension.
     UnknownKernel,
-    /// Splats of a glTF without harmonics have the colours of its points.
+    /// Splats of a glTF without harmonics got the colours of `COLOR_0`.
     FallbackColor,
-    /// Records that extensions of an SPZ define.
+    /// Extension records of an SPZ were ignored.
     ExtensionsIgnored,
-    /// Parts of a glTF that are not what was imported.
+    /// Primitives of a glTF were skipped, such as meshes.
     PrimitivesSkipped {
-        /// Number of primitives left out.
+        /// Number of skipped primitives.
         n_primitives: usize,
     },
 }
@@ -121,8 +118,8 @@ impl fmt::Display for Note {
             Note::UnknownKernel => f.write_str(
                 "a kernel or colour space of another extension: read as ellipses in sRGB",
             ),
-            Note::FallbackColor => f.write_str("no harmonics: splats have the colours of COLOR_0"),
-            Note::ExtensionsIgnored => f.write_str("what extensions add to the file is ignored"),
+            Note::FallbackColor => f.write_str("no harmonics: splats use the colours of COLOR_0"),
+            Note::ExtensionsIgnored => f.write_str("extension records of the file were ignored"),
             Note::PrimitivesSkipped { n_primitives } => {
                 write!(f, "{n_primitives} other primitives of the file (meshes, points) skipped")
             }
@@ -130,7 +127,7 @@ impl fmt::Display for Note {
     }
 }
 
-/// Rows as they come in, counted and checked.
+/// Collects and checks imported rows.
 pub(super) struct Rows {
     splats: SplatSet,
     skipped: usize,
@@ -139,13 +136,13 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Room for `n` rows, of which the file is known to hold the bytes.
+    /// Reserves `n` rows; the file must be known to hold them.
     pub fn with_room(n: usize) -> Result<Self, Fault> {
         let splats: Vec<Splat> = reserved(n)?;
         Ok(Self { splats: splats.into(), skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
     }
 
-    /// The rotation of `w x y z`; one without direction is the identity, and counted.
+    /// Normalises the quaternion `w x y z`. A zero quaternion becomes the identity and is counted.
     pub fn rotation(&mut self, quaternion: [f64; 4]) -> DQuat {
         unit_quaternion(quaternion).unwrap_or_else(|| {
             self.n_zero_rotations += 1;
@@ -153,11 +150,11 @@ impl Rows {
         })
     }
 
-    /// Adds a row, or counts it as skipped.
+    /// Adds a row, or counts it as skipped if it is not finite.
     pub fn push(&mut self, row: Gaussian) {
-        // Turned axes may have left the other quaternion of the rotation.
+        // A rotation of the axes may have produced the quaternion with negative w.
         match row.with_positive_w().to_splat() {
-            // Colours are noted only for rows that stay.
+            // Only rows that are retained count as clamped.
             Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.has_wild_color());
                 self.splats.push(splat, appearance);
@@ -166,14 +163,14 @@ impl Rows {
         }
     }
 
-    /// The finished import, with the notes that follow from the rows added to `notes`.
+    /// Completes the import and adds notes about the rows.
     pub fn finish(
         mut self,
         kind: ModelKind,
         mut notes: Vec<Note>,
         comments: Vec<String>,
     ) -> Result<Imported, Fault> {
-        // An empty scene would open and show nothing; better to say why.
+        // An error is clearer than an empty scene.
         if self.splats.is_empty() {
             return Err(Fault::NothingToImport { skipped: self.skipped });
         }
@@ -200,12 +197,12 @@ impl Rows {
     }
 }
 
-/// Half the spacing of points spread over a surface about as large as their bounding box, as the
-/// standard deviation: neighbours then touch whatever the file's unit of length.
+/// Sets the standard deviation to half the point spacing, estimated as if the points covered a surface as
+/// large as their bounding box. Neighbours then touch in any unit of length.
 fn give_points_a_size(points: &mut [Splat]) {
     let diagonal = bounds(points).map_or(0.0, |(lo, hi)| (hi - lo).length());
     let spacing = diagonal / (points.len() as f64).sqrt();
-    // One point, or all in one place, has no spacing; a millimetre in metres can at least be seen.
+    // A single point, or coincident ones, have no spacing; 1 mm (in metres) is at least visible.
     let scale = if spacing > 0.0 { (0.5 * spacing) as f32 } else { 1e-3 };
     for point in points {
         point.scale = [scale; 3];

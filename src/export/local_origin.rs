@@ -1,33 +1,32 @@
-//! What the positions of a file are relative to (`export.md`, Local origin).
+//! Local origin of a file's positions (`export.md`, Local origin).
 //!
-//! Positions are 32-bit in every format: those of a world far from zero are written relative to a place
-//! nearby. A glTF has a transform for it, in decimal numbers; a PLY only a comment, which no other program
-//! reads.
+//! All formats store 32-bit positions, so those far from zero are written relative to a nearby origin. A glTF
+//! stores it as a node transform, in decimal numbers; a PLY only as a comment, which no other program reads.
 
 use glam::DVec3;
 
-/// Start of the comment that names it.
+/// Start of the PLY comment with the local origin.
 const COMMENT: &str = "vbgs local origin ";
-/// Name of it in `asset.extras` of a glTF.
+/// Key of the local origin in `asset.extras` of a glTF.
 pub(super) const EXTRA: &str = "local_origin";
 
-/// How a format says what its positions are relative to.
+/// How a format stores the local origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OriginCarrier {
-    /// By a transform, which every program follows.
+    /// As a transform, which every program applies.
     Transform,
-    /// By a comment, which this program alone reads.
+    /// As a comment, which only this program reads.
     Comment,
     /// Not at all.
     None,
 }
 
-/// Whether a comment of a file names it, and is of that file alone: in its axes and units.
+/// True if a comment states the local origin. It then applies to that file only, in its axes and units.
 pub fn is_comment(line: &str) -> bool {
     line.starts_with(COMMENT)
 }
 
-/// What other programs make of a file with this local origin; `None` if all is well.
+/// Returns a warning if other programs cannot read the local origin.
 ///
 /// ```
 /// use glam::DVec3;
@@ -42,23 +41,23 @@ pub fn warning(origin: DVec3, carrier: OriginCarrier) -> Option<String> {
         _ if origin == DVec3::ZERO => return None,
         OriginCarrier::Transform => return None,
         OriginCarrier::Comment => {
-            "which only a comment of the file says: other programs do not read it"
+            "which only a comment of the file states: other programs do not read it"
         }
-        OriginCarrier::None => "which the file cannot say: write it down",
+        OriginCarrier::None => "which the file cannot store: note it down",
     };
     let [x, y, z] = origin.to_array();
     Some(format!(
-        "its 32-bit positions cannot hold a world so far from zero; they are relative to ({x}, {y}, {z}), {says}; export GLB, whose node has the translation"
+        "32-bit positions cannot hold a world this far from zero; they are relative to ({x}, {y}, {z}), {says}; export GLB, whose node has the translation"
     ))
 }
 
-/// The comment for an origin in the axes and units of the file; none for zero.
+/// Formats the comment for an origin in the axes and units of the file; `None` for zero.
 pub(super) fn comment(origin: DVec3) -> Option<String> {
     let [x, y, z] = origin.to_array();
     (origin != DVec3::ZERO).then(|| format!("{COMMENT}{x} {y} {z}"))
 }
 
-/// What comments say; zero where they do not.
+/// Reads the local origin from comments; zero if there is none.
 pub(super) fn of_comments(comments: &[String]) -> DVec3 {
     let named = comments.iter().find_map(|line| line.strip_prefix(COMMENT));
     named.and_then(parsed).unwrap_or(DVec3::ZERO)

@@ -1,6 +1,5 @@
-//! Natively rendered splats as plain ones (`export.md`, Native splats as plain ones). Plain files
-//! end at opacity 1 and hold no colour gradient; here a flat top becomes a wider splat, and a
-//! gradient several splats.
+//! Conversion of native splats to plain ones (`export.md`, Native splats as plain ones). Plain files allow
+//! opacities up to 1 and no colour gradient. A flat top becomes a wider splat, and a gradient several splats.
 //!
 //! ```
 //! use vbgs_studio::export::mapping::{Mapping, GradientSplit, to_plain};
@@ -17,7 +16,7 @@
 //! assert_eq!(plain.len(), 2);
 //! assert!(plain.iter().all(|s| s.opacity <= 0.99));
 //! assert!(plain[0].color[0] < 0.4 && plain[1].color[0] > 0.6);
-//! // Nothing is left to map.
+//! // Plain splats need no mapping.
 //! assert!(to_plain(plain.view(), Mapping::default()).is_none());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -29,31 +28,31 @@ use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// How native splats become plain ones; `default()` writes one splat for each.
+/// Conversion of native splats to plain ones; `default()` writes one splat for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mapping {
-    /// What becomes of opacities above 1.
+    /// Treatment of opacities above 0.99.
     pub opacity: OpacityMapping,
-    /// What becomes of colour gradients.
+    /// Treatment of colour gradients.
     pub split: GradientSplit,
 }
 
-/// What becomes of opacities above 0.99.
+/// Treatment of opacities above 0.99.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OpacityMapping {
-    /// 0.99, and standard deviations that give the splat the area which its flat top covered.
+    /// Sets the opacity to 0.99 and enlarges the splat so that it covers the area of its flat top.
     #[default]
     EqualArea,
-    /// Opacity cut to 0.99, standard deviations kept: flat tops shrink.
+    /// Clips the opacity to 0.99 without changing the scales, so flat tops shrink.
     Clip,
 }
 
-/// Plain splats for each native one.
+/// Number of plain splats per native one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GradientSplit {
-    /// One: the colour gradient is lost.
+    /// One; the colour gradient is lost.
     #[default]
     One,
     /// Two along the longest axis, coloured by the gradient.
@@ -63,10 +62,10 @@ pub enum GradientSplit {
 }
 
 impl Mapping {
-    /// The opacity mapping that measured best with a split.
+    /// Returns the opacity treatment that measured best for a split.
     pub fn of(split: GradientSplit) -> Self {
-        // On Lego four clipped splats gave 26.6 dB and two of equal area 26.5; single ones 26.1 of
-        // equal area, 25.7 clipped.
+        // On Lego, four clipped splats gave 26.6 dB and two of equal area 26.5. Single splats gave 26.1 with
+        // equal area and 25.7 clipped.
         let opacity = match split {
             GradientSplit::One | GradientSplit::Two => OpacityMapping::EqualArea,
             GradientSplit::Four => OpacityMapping::Clip,
@@ -74,9 +73,9 @@ impl Mapping {
         Self { opacity, split }
     }
 
-    /// Factor on standard deviations. Clipped splats without a gradient look best wider than such of equal
-    /// area: at 1.5 times the deviation of the points where native ones have 1.2. What crack filling adds
-    /// to opacity widens a splat too, by less than it would if its neighbours were not there.
+    /// Factor on standard deviations. Clipped splats without a split measure best at 1.5 times the deviation
+    /// of the points, where native ones use 1.2. Crack filling also widens splats, by the fourth root of its
+    /// opacity factor, because neighbours overlap.
     fn scale(self, full_coverage: f64) -> f64 {
         let narrower = full_coverage.powf(0.25);
         match (self.split, self.opacity) {
@@ -88,7 +87,7 @@ impl Mapping {
 }
 
 impl GradientSplit {
-    /// Axes along which a splat is split, the longest first.
+    /// Number of axes along which a splat is split, the longest first.
     fn n_axes(self) -> usize {
         match self {
             GradientSplit::One => 0,
@@ -97,7 +96,7 @@ impl GradientSplit {
         }
     }
 
-    /// Distance of the centres from the mean along each of these axes, in standard deviations.
+    /// Distance of the pieces' centres from the mean along each axis, in standard deviations.
     fn reach(self) -> f64 {
         match self {
             GradientSplit::One => 0.0,
@@ -107,16 +106,16 @@ impl GradientSplit {
     }
 }
 
-/// Whether a plain file can hold the drawable splats as they are: none more opaque than 1, none with
-/// a colour gradient, and cracks between them left open.
+/// True if a plain file can hold the drawable splats unchanged: no opacity above 1, no colour gradient and no
+/// crack filling.
 pub fn is_plain(view: SplatView) -> bool {
     view.finishing().full_coverage == 1.0
         && drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
 }
 
-/// Splats that a plain file can hold, or `None` if these are (see [`is_plain`]). One native splat
-/// makes a scene native, and all its splats are mapped alike. Degree-1 colour stays as it is; what
-/// cannot be drawn is left out.
+/// Converts splats for a plain file; `None` if they are plain already (see [`is_plain`]). A single native
+/// splat makes the scene native, and all splats are then mapped. Colour of degree 1 is unchanged; undrawable
+/// splats are left out.
 pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
@@ -132,7 +131,7 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     Some(plain)
 }
 
-/// Piece `k` of splat `i`, which is `native`; `None` if it is more than a file can hold.
+/// Piece `k` of splat `i`, which is `native`; `None` if it is not finite in f32.
 pub(super) fn plain_piece(
     view: SplatView,
     i: usize,
@@ -145,7 +144,7 @@ pub(super) fn plain_piece(
     plain_of(piece, full_coverage, mapping).to_splat()
 }
 
-/// Number of pieces a splat becomes.
+/// Number of plain splats that replace a native one.
 pub(super) fn n_pieces(native: &Gaussian, mapping: Mapping) -> usize {
     1 << split_axes(native, mapping.split).count()
 }
@@ -154,27 +153,27 @@ fn gradient(view: SplatView, i: usize) -> DMat3 {
     view.appearance().get(i).map_or(DMat3::ZERO, |appearance| from_rows(appearance.gradient))
 }
 
-/// The axes a splat is split along: the longest, where a gradient changes the colour most.
+/// Axes along which a splat is split. The longest come first, because the gradient changes the colour most
+/// along them.
 fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterator<Item = usize> {
     let scale = native.scale;
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| scale[b].total_cmp(&scale[a]));
-    // Along an axis without extent the pieces would lie on each other.
+    // Along an axis without extent the pieces would coincide.
     order
         .into_iter()
         .take(split.n_axes())
         .filter(move |&i| scale[i] > scale_floor(scale) && scale[i] != SCALE_FLOOR)
 }
 
-/// One of the pieces of a splat, whose centres, covariances and colours together are its own.
+/// Returns piece `k` of a splat. All pieces together have the mean, covariance and colour of the splat.
 fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> Gaussian {
     let frame = DMat3::from_quat(native.rotation);
     let (mut scale, mut offset) = (native.scale, DVec3::ZERO);
     for (bit, axis) in split_axes(native, split).rev().enumerate() {
         let step = split.reach() * native.scale[axis] * frame.col(axis);
         offset += if k >> bit & 1 == 1 { step } else { -step };
-        // What the centres' spread adds to the variance, the pieces give up: together they have the
-        // splat's own.
+        // The spread of the centres adds variance, so each piece gets correspondingly less.
         scale[axis] *= (1.0 - split.reach().powi(2)).sqrt();
     }
     let limit = DVec3::splat(GRADIENT_LIMIT);
@@ -186,10 +185,10 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
     }
 }
 
-/// The splat with an opacity that plain files can hold.
+/// Limits the opacity to that of plain files.
 fn plain_of(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
     let mut factor = mapping.scale(full_coverage);
-    // Where one splat alone covers a pixel, that is what crack filling makes of it.
+    // Undoes crack filling, exactly where a single splat covers a pixel.
     let splat = Gaussian { opacity: splat.opacity / full_coverage, ..splat };
     if mapping.opacity == OpacityMapping::EqualArea {
         factor *= of_equal_area(splat.opacity).1;

@@ -1,7 +1,6 @@
-//! Models as files: PLY in the 3DGS layout, point-cloud PLY, GLB with `KHR_gaussian_splatting` and SPZ for
-//! other programs, and the native [`checkpoint`]. The only place where file conventions (log scales,
-//! logits, quaternion order, axes, linear colour) are converted; everywhere else a splat is a
-//! [`crate::model::splat::splats::Splat`].
+//! Export and import of models: 3DGS PLY, point-cloud PLY, GLB with `KHR_gaussian_splatting`, SPZ and the
+//! native [`checkpoint`]. File conventions (log scales, logits, quaternion order, axes, linear colour) are
+//! converted here only; everywhere else a splat is a [`crate::model::splat::splats::Splat`].
 //!
 //! ```
 //! use vbgs_studio::export::{ModelFormat, ModelKind, WriteOptions, read, write};
@@ -28,7 +27,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![doc = include_str!("export.md")]
-// Files come from anywhere: a number in one must never be an index that is not there.
+// Files are untrusted: a number from a file must never cause an out-of-range index.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]
 
 pub mod atomic;
@@ -41,7 +40,7 @@ pub mod format;
 pub mod imported;
 pub mod local_origin;
 pub mod mapping;
-#[expect(clippy::indexing_slicing, reason = "made of splats here: nothing in it is read")]
+#[expect(clippy::indexing_slicing, reason = "computed from splats in memory, no file is read")]
 pub mod mesh;
 pub mod progress;
 pub mod video;

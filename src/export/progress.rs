@@ -1,18 +1,19 @@
-//! How far writing is, told to whoever waits and may want it to end.
+//! Progress reports and cancellation of writing.
 
 use super::error::Cancelled;
 use std::fmt;
 use std::io;
 
-/// Told the share that is done, from 0 to 1, between blocks of rows; answers whether to go on.
+/// Callback between blocks of rows. Receives the completed fraction, 0 to 1, and returns false to cancel.
 #[derive(Clone, Copy, Default)]
 pub struct WriteProgress<'a>(Option<&'a dyn Fn(f64) -> bool>);
 
 impl<'a> WriteProgress<'a> {
-    /// Asks and tells nobody.
+    /// No callback.
     pub const NONE: WriteProgress<'static> = WriteProgress(None);
 
-    /// Tells `told`, and ends the work with [`super::Fault::Cancelled`] where it answers `false`.
+    /// Reports progress to the callback; if it returns `false`, writing ends with
+    /// [`super::Fault::Cancelled`].
     pub fn new(told: &'a dyn Fn(f64) -> bool) -> Self {
         Self(Some(told))
     }
@@ -24,7 +25,6 @@ impl fmt::Debug for WriteProgress<'_> {
     }
 }
 
-/// Counts the rows of one file.
 pub(super) struct Steps<'a> {
     progress: WriteProgress<'a>,
     done: usize,
@@ -32,12 +32,12 @@ pub(super) struct Steps<'a> {
 }
 
 impl<'a> Steps<'a> {
-    /// Before the first of `total` rows, each column's counted by itself.
+    /// Starts a count of `total` rows. Rows written per column count once for each column.
     pub fn new(progress: WriteProgress<'a>, total: usize) -> Self {
         Self { progress, done: 0, total }
     }
 
-    /// After `n` more rows.
+    /// Counts `n` more rows and reports the progress.
     pub fn advance(&mut self, n: usize) -> io::Result<()> {
         self.done += n;
         let share = self.done as f64 / self.total.max(1) as f64;

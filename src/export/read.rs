@@ -1,4 +1,4 @@
-//! Files into models: the content says the format, never the name.
+//! Import of model files. The format is detected from the content.
 
 use super::error::{ExportError, Fault, reserved, shorten};
 use super::imported::Imported;
@@ -6,21 +6,21 @@ use super::{glb, ply, splat, spz};
 use std::io::Read;
 use std::path::Path;
 
-/// Most splats [`read`] accepts: about 1.4 GB of PLY.
+/// Maximum number of splats [`read`] accepts: about 1.4 GB of PLY.
 pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 
-/// Reads a model, recognised by its content and never by its name: PLY (splats, points or PlayCanvas'
-/// compressed form), GLB, glTF with `data:` or sibling buffers, SPZ 1 to 4 or `.splat`. Accepts up to
+/// Reads a model: PLY (splats, points or PlayCanvas' compressed form), GLB, glTF with `data:` or sibling
+/// buffers, SPZ 1 to 4 or `.splat`. The format is detected from the content. Accepts up to
 /// [`DEFAULT_MAX_SPLATS`] rows.
 ///
 /// # Errors
-/// The file cannot be read, is no model, is damaged, or uses what this program does not support;
-/// the [`Fault`] says which. Rows that are not finite are no error: they are counted.
+/// The file cannot be read, is no model, is damaged, or uses unsupported features, as the [`Fault`] states.
+/// Non-finite rows are no error; they are counted.
 pub fn read(path: &Path) -> Result<Imported, ExportError> {
     read_up_to(path, DEFAULT_MAX_SPLATS)
 }
 
-/// Like [`read`], with another limit on the number of rows.
+/// Reads like [`read`], with another limit on the number of rows.
 ///
 /// # Errors
 /// As [`read`], and [`Fault::TooMany`] above `max_splats`.
@@ -34,7 +34,7 @@ pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportErro
     import().map_err(|fault: Fault| fault.at(path))
 }
 
-/// Reads what a file would hold, which has no files beside it.
+/// Reads a model from memory, without sibling files.
 pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
     parse(bytes, Path::new(""), DEFAULT_MAX_SPLATS)
 }
@@ -50,7 +50,7 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
     } else if spz::read::is_plain(bytes) || spz::read::is_gzip(bytes) {
         spz::read::spz(bytes, max_splats)
     } else if splat::is_likely(bytes) {
-        // Last: the only format without a mark of its own.
+        // Last, because this format has no magic bytes.
         splat::splat(bytes, max_splats)
     } else {
         let start = String::from_utf8_lossy(bytes.get(..16).unwrap_or(bytes));
@@ -62,14 +62,13 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
     }
 }
 
-/// The whole file; memory is reserved for the size it really has.
+/// Reads a complete file into memory reserved for its actual size.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     let io = |source: std::io::Error| match source.kind() {
         std::io::ErrorKind::NotFound => Fault::Missing,
         _ => Fault::Io { action: "read", source },
     };
-    // Asked before it is opened: opening a FIFO waits for whoever writes to it, and a device may never
-    // end.
+    // Checked before opening: opening a FIFO blocks until it has a writer, and a device may never end.
     let kind = std::fs::metadata(path).map_err(io)?.file_type();
     if !kind.is_file() {
         return Err(if kind.is_dir() { Fault::IsFolder } else { Fault::IsStream });

@@ -1,4 +1,4 @@
-//! What a file gives back, without the file: what a preview shows before anything is written.
+//! Export and re-import in memory, for previews of lossy formats.
 
 use super::error::Fault;
 use super::format::WriteOptions;
@@ -7,17 +7,17 @@ use super::source::turn;
 use super::{read, write};
 use crate::model::splat::appearance::{SplatSet, SplatView};
 
-/// A model as a file gives it back.
+/// Model after export and import.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadBack {
-    /// The splats of the file, in the axes and units of the model.
+    /// Splats of the file, in the axes and units of the model.
     pub splats: SplatSet,
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// Writes and reads a model in memory: what its file would give back, where the model stands. Takes the
-/// memory of the file and of its splats.
+/// Writes a model in memory and reads it again, in the model's own axes and units. Takes the memory of the
+/// file and of its splats.
 ///
 /// ```
 /// use vbgs_studio::export::{ModelFormat, WriteOptions, read_back};
@@ -35,7 +35,7 @@ pub struct ReadBack {
 /// ```
 ///
 /// # Errors
-/// Those of [`write()`](super::write()) and [`read()`](super::read()), without those of files.
+/// Those of [`write()`](super::write()) and [`read()`](super::read()), except file errors.
 pub fn read_back<'a>(
     splats: impl Into<SplatView<'a>>,
     options: &WriteOptions,

@@ -1,7 +1,7 @@
-//! The splats of a file: which of a model's, made plain, and in the file's axes and units.
+//! Rows of an exported file: selected splats, made plain, in the file's axes and units.
 //!
-//! A row is computed each time it is asked for, from the model itself: a copy of a native scene as
-//! plain splats would take as much memory as the scene. What is kept is where each row comes from.
+//! Only the origin of each row is stored, and rows are computed on demand. A plain copy of a native scene
+//! would take as much memory as the scene.
 
 use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions, WriteSelection};
@@ -12,22 +12,20 @@ use crate::model::splat::appearance::SplatView;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// The rows of one file.
 pub(super) struct Source<'a> {
     view: SplatView<'a>,
-    /// How native splats become plain ones; `None` where they are plain or only points.
+    /// Mapping of native splats; `None` for plain splats and point clouds.
     mapping: Option<Mapping>,
     turn: Turn,
     unit_scale: f64,
     rows: Vec<Row>,
     has_directions: bool,
-    /// Splats that files can hold, selected or not.
+    /// Number of drawable splats, selected or not.
     n_drawable: usize,
-    /// Of those, not selected.
+    /// Number of drawable splats that are not selected.
     n_left_out: usize,
 }
 
-/// Where a row comes from.
 #[derive(Clone, Copy)]
 struct Row {
     splat: u32,
@@ -35,7 +33,7 @@ struct Row {
 }
 
 impl<'a> Source<'a> {
-    /// The rows that the options ask for.
+    /// Selects the rows according to the options.
     pub fn new(view: SplatView<'a>, options: &WriteOptions) -> Result<Self, Fault> {
         check(view.splats().len(), options)?;
         let is_points = options.format == ModelFormat::PointCloudPly;
@@ -55,7 +53,7 @@ impl<'a> Source<'a> {
         let mut rows = Vec::new();
         for (i, n_pieces) in found.iter().enumerate().filter_map(|(i, f)| Some((i, (*f)?.0))) {
             let row = |piece| Row { splat: i as u32, piece };
-            // A piece may be too large for f32 where the whole is not.
+            // A piece may be too large for f32 even if the splat is not.
             let fits =
                 |piece: &u8| mapping.is_none() || plain(view, row(*piece), mapping).is_some();
             rows.extend((0..n_pieces).filter(fits).map(row));
@@ -72,31 +70,30 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Splats that files can hold, selected or not.
+    /// Number of drawable splats, selected or not.
     pub fn n_drawable(&self) -> usize {
         self.n_drawable
     }
 
-    /// Splats that files can hold and that were not asked for.
+    /// Number of drawable splats that are not selected.
     pub fn n_left_out(&self) -> usize {
         self.n_left_out
     }
 
-    /// Number of the splat that a row shows.
-    #[expect(clippy::indexing_slicing, reason = "asked for rows below their number")]
+    #[expect(clippy::indexing_slicing, reason = "rows are below the number of rows")]
     pub fn splat_of(&self, row: usize) -> usize {
         self.rows[row].splat as usize
     }
 
-    /// The splat of a row in the model's own axes and units.
-    #[expect(clippy::indexing_slicing, reason = "asked for rows below their number")]
+    /// Splat of a row in the model's axes and units.
+    #[expect(clippy::indexing_slicing, reason = "rows are below the number of rows")]
     pub fn in_world(&self, row: usize) -> Gaussian {
         let row = self.rows[row];
-        // Kept rows are of splats that can be drawn: the other branch is never taken.
+        // Rows only refer to drawable splats, so the fallback is never used.
         plain(self.view, row, self.mapping).unwrap_or(Gaussian::NOTHING)
     }
 
-    /// A direction in the axes of the file.
+    /// Rotates a direction into the axes of the file.
     pub fn direction(&self, v: DVec3) -> DVec3 {
         self.turn.vector(v)
     }
@@ -125,7 +122,7 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     Some(Gaussian::of(&splat, &appearance))
 }
 
-/// The turn from the model's world to the axes of the file.
+/// Rotation from the model's world to the axes of the file.
 pub(super) fn turn(options: &WriteOptions) -> Turn {
     let to_z_up = Turn::to_z_up(options.up.normalize());
     match (options.format, options.axes) {
@@ -137,12 +134,12 @@ pub(super) fn turn(options: &WriteOptions) -> Turn {
     }
 }
 
-/// The local origin in the axes and units of the file.
+/// Local origin in the axes and units of the file.
 pub(super) fn origin(options: &WriteOptions) -> DVec3 {
     turn(options).vector(options.local_origin) * options.unit_scale
 }
 
-/// Refuses axes and units without a meaning.
+/// Refuses invalid axes and units.
 pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
     let setting = |setting, expected: &str, found: String| {
         Err(Fault::Setting { setting, expected: expected.into(), found })
@@ -174,14 +171,14 @@ fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
         ("uncertainty", uncertainty.map(<[f64]>::len)),
         ("left out", left_out.map(<[bool]>::len)),
     ];
-    // A list of another length would give every splat a stranger's number.
+    // With lists of another length, splats would get each other's values.
     for (name, length) in lists {
         if let Some(length) = length.filter(|length| *length != n_splats) {
             let expected = format!("one value for each of {n_splats} splats");
             return setting(name, &expected, format!("{length} values"));
         }
     }
-    let training = "a model with its training behind it (a checkpoint)";
+    let training = "a model with training statistics (a checkpoint)";
     match (min_evidence, options.confidence, max_uncertainty, uncertainty) {
         (Some(_), None, ..) => setting("least evidence", training, "splats alone".into()),
         (.., Some(_), None) => setting("largest uncertainty", training, "splats alone".into()),

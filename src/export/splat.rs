@@ -1,20 +1,20 @@
-//! `.splat` (`export.md`, Dot-splat): 32 bytes a splat and nothing else: no header, no version, no axes.
+//! Import of `.splat` (`export.md`, Dot-splat): 32 bytes per splat, without header, version or axes.
 
 use super::error::Fault;
 use super::gaussian::Gaussian;
 use super::imported::{Imported, ModelKind, Rows};
 use glam::{DMat3, DVec3};
 
-/// Bytes of a splat: position and scale as six f32, colour and opacity as four bytes, the rotation
-/// `w x y z` as four more.
+/// Bytes of a splat: position and scale as six f32, colour and opacity as four bytes, the rotation `w x y z`
+/// as four more.
 const ROW_BYTES: usize = 32;
-/// Rows looked at to tell the format, which has no mark of its own.
+/// Number of rows examined to detect the format, which has no magic bytes.
 const N_PROBED: usize = 64;
-/// Largest distance of a quaternion's squared length from 1: eight bits and a byte of 255 for one.
+/// Tolerance of a quaternion's squared length: 8-bit components, of which 255 represents 1.
 const LENGTH_SLACK: f64 = 0.1;
 
-/// Whether most of the first rows look like splats: finite, scales not negative and no rotation
-/// other than one of length 1, which words and pictures are not.
+/// True if most of the first rows are plausible splats: finite, no negative scales, and a unit quaternion.
+/// Text and images are not.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     let probed = bytes.as_chunks::<ROW_BYTES>().0.iter().take(N_PROBED);
     let likely = |row: &&[u8; ROW_BYTES]| {
@@ -25,11 +25,10 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
             && scale.min_element() >= 0.0
             && (length - 1.0).abs() < LENGTH_SLACK
     };
-    // Of no rows at all not most are.
+    // False for an empty file.
     2 * probed.clone().filter(likely).count() > probed.len()
 }
 
-/// Reads a file of at most `max_splats` splats.
 pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
     let (records, rest) = bytes.as_chunks::<ROW_BYTES>();
     if !rest.is_empty() {
@@ -47,7 +46,7 @@ pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> 
             mean,
             opacity,
             color: DVec3::new(r, g, b),
-            // A negative deviation is no number of the format: counted as not finite.
+            // A negative standard deviation is invalid, so the row counts as not finite.
             scale: if scale.min_element() < 0.0 { DVec3::NAN } else { scale },
             rotation,
             directional: DMat3::ZERO,
@@ -56,13 +55,12 @@ pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> 
     rows.finish(ModelKind::Splats, Vec::new(), Vec::new())
 }
 
-/// The numbers of a row.
 struct Record {
     mean: DVec3,
     scale: DVec3,
     /// Red, green, blue and opacity, 0 to 1.
     color: [f64; 4],
-    /// `w x y z`, each byte 128 for 0 and a step of 1/128.
+    /// `w x y z`; byte 128 is 0, with steps of 1/128.
     rotation: [f64; 4],
 }
 

@@ -1,32 +1,29 @@
-//! Rows on their way into a file: encoded on all threads, written in order, a block in memory.
+//! Parallel encoding of rows, written in order with one block in memory.
 //!
-//! Rows are computed from the splats when they are needed, as often as a format has columns: whatever
-//! the size of the model, only a block of bytes is kept. Encoding is most of the work, logarithms and
-//! quaternions, and each row is by itself.
+//! Rows are computed on demand, once per column of the format, so memory does not depend on the model size.
+//! Encoding dominates the cost (logarithms, quaternions), and rows are independent.
 
 use super::gaussian::Gaussian;
 use super::progress::Steps;
 use rayon::prelude::*;
 use std::io::{self, Write};
 
-/// Rows encoded before they are written and before progress is told: at most 16 MB of the widest.
+/// Rows encoded before they are written and progress is reported: at most 16 MB of the widest format.
 const BLOCK_ROWS: usize = 1 << 16;
-/// Rows that one thread takes at a time.
 const PART_ROWS: usize = 1 << 12;
 
-/// Splats in the axes and units of a file, computed when asked for.
+/// Splats in the axes and units of a file, computed on demand.
 pub(super) trait SplatRows: Sync {
-    /// Number of rows.
     fn n_rows(&self) -> usize;
 
-    /// The splat of a row below [`SplatRows::n_rows`].
+    /// Returns the splat of a row below [`SplatRows::n_rows`].
     fn row(&self, row: usize) -> Gaussian;
 
-    /// Whether some colour depends on the direction it is seen from.
+    /// True if any colour depends on the view direction.
     fn has_directions(&self) -> bool;
 }
 
-/// Writes what `encode` adds for each of the rows, in order.
+/// Writes the bytes that `encode` appends for each row, in order.
 pub(super) fn write_rows(
     out: &mut dyn Write,
     n_rows: usize,
@@ -49,7 +46,7 @@ pub(super) fn write_rows(
     Ok(())
 }
 
-/// Adds values as little-endian f32.
+/// Appends values as little-endian f32.
 pub(super) fn put_floats(row: &mut Vec<u8>, values: &[f64]) {
     for value in values {
         row.extend_from_slice(&(*value as f32).to_le_bytes());

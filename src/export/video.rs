@@ -1,5 +1,5 @@
-//! Pictures as a video, put together by the `ffmpeg` on the path: encoders are large and encumbered, and
-//! whoever wants a video has one.
+//! Video output through the `ffmpeg` program on the path. No encoder is built in, because encoders are large
+//! and patent-encumbered.
 
 use crate::math::image::RgbImage;
 use std::io::{self, Write};
@@ -7,25 +7,25 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
 
-/// Why there is no video.
+/// Error of writing a video.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: expected ffmpeg to write this video, found: {found}; install ffmpeg, or write pictures into a folder", path.display())]
+#[error("{}: expected ffmpeg to write this video, found: {found}; install ffmpeg, or write pictures to a folder", path.display())]
 pub struct VideoError {
-    /// The video.
+    /// Path of the video.
     pub path: PathBuf,
-    /// What ffmpeg or the system said.
+    /// Message of ffmpeg or of the system.
     pub found: String,
 }
 
-/// A video that is being written: it appears whole, or not at all.
+/// Writer of a video, whose file appears once it is complete.
 pub struct VideoWriter {
     path: PathBuf,
     ffmpeg: Child,
-    /// Where it grows, beside its place: a file of ffmpeg's own has the permissions that files have here.
+    /// Temporary folder beside the output. ffmpeg creates the file in it with default permissions.
     folder: TempDir,
 }
 
-/// Endings of videos, and how each is encoded: nearly as drawn, and playable anywhere.
+/// Video extensions and their encoder options: near-lossless and widely playable.
 const ENDINGS: [(&str, &[&str]); 3] = [
     ("mp4", &["-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]),
     ("webm", &["-c:v", "libvpx-vp9", "-crf", "28", "-b:v", "0", "-pix_fmt", "yuv420p"]),
@@ -38,48 +38,48 @@ fn encoding(path: &Path) -> Option<&'static [&'static str]> {
     known.map(|(_, encoding)| *encoding)
 }
 
-/// Whether a name is that of a video: .mp4, .webm or .webp.
+/// True for the extensions .mp4, .webm and .webp.
 pub fn is_video(path: &Path) -> bool {
     encoding(path).is_some()
 }
 
-/// What it is called while it grows: ffmpeg takes the form from the ending.
+/// Name of the unfinished file; ffmpeg derives the container from its extension.
 fn part_name(path: &Path) -> PathBuf {
     Path::new("video").with_extension(path.extension().unwrap_or_default())
 }
 
 impl VideoWriter {
-    /// Begins a video of so many pictures a second, each of `width` × `height` pixels.
+    /// Starts a video of `fps` frames per second, with `width` × `height` pixels.
     ///
     /// # Errors
-    /// A name that is no video's ([`is_video`]), a folder that cannot be written to, no ffmpeg.
+    /// An extension that is no video's ([`is_video`]), a folder that is not writable, or no ffmpeg.
     pub fn new(path: &Path, [width, height]: [u32; 2], fps: f64) -> Result<Self, VideoError> {
         let failed = |found: String| VideoError { path: path.to_owned(), found };
         let encoding = encoding(path)
-            .ok_or_else(|| failed("a name that ends in none of .mp4, .webm and .webp".into()))?;
+            .ok_or_else(|| failed("a name that does not end in .mp4, .webm or .webp".into()))?;
         let folder = match path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
             _ => Path::new("."),
         };
         let growing = TempDir::with_prefix_in(".video-", folder)
             .map_err(|error| failed(format!("{} ({error})", folder.display())))?;
-        // A name that begins with a dash would be read as an option.
+        // An absolute path, because a name with a leading dash would be read as an option.
         let target = std::path::absolute(growing.path().join(part_name(path)))
             .map_err(|error| failed(error.to_string()))?;
         let mut ffmpeg = Command::new("ffmpeg");
         ffmpeg.args(["-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
         ffmpeg.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"]);
-        // Most players want even sides.
+        // Most players require even dimensions.
         ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]).args(encoding).arg(target);
         ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let ffmpeg = ffmpeg.spawn().map_err(|e| failed(format!("no ffmpeg that runs ({e})")))?;
+        let ffmpeg = ffmpeg.spawn().map_err(|e| failed(format!("no runnable ffmpeg ({e})")))?;
         Ok(Self { path: path.to_owned(), ffmpeg, folder: growing })
     }
 
     /// Appends a picture.
     ///
     /// # Errors
-    /// ffmpeg takes no more; [`Self::finish`] says why.
+    /// ffmpeg accepts no more data; [`Self::finish`] returns the cause.
     pub fn push(&mut self, image: &RgbImage) -> io::Result<()> {
         match &mut self.ffmpeg.stdin {
             Some(stdin) => stdin.write_all(&image.to_rgb8()),
@@ -87,17 +87,17 @@ impl VideoWriter {
         }
     }
 
-    /// Gives the video up: nothing is left of it.
+    /// Aborts the video and removes all its files.
     pub fn give_up(mut self) {
-        // One that has ended by itself needs no end.
+        // Fails if ffmpeg has already exited.
         let _ = self.ffmpeg.kill();
         let _ = self.ffmpeg.wait();
     }
 
-    /// Ends the video and gives it its name.
+    /// Completes the video and moves it to its final name.
     ///
     /// # Errors
-    /// What ffmpeg says went wrong, or the system.
+    /// The first line of ffmpeg's error output, or a system error.
     pub fn finish(self) -> Result<(), VideoError> {
         let Self { path, ffmpeg, folder } = self;
         let failed = |found: String| VideoError { path: path.clone(), found };

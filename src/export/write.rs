@@ -1,4 +1,4 @@
-//! Models into files: the options are checked, splats selected and mapped, and one format writes.
+//! Export of models: checks the options, selects and maps splats, and writes one format.
 
 use super::error::{ExportError, Fault, shorten};
 use super::format::{ModelFormat, WriteOptions};
@@ -10,31 +10,30 @@ use crate::model::splat::appearance::SplatView;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// What an export wrote.
+/// Summary of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteSummary {
-    /// Splats in the file: as many as were drawable and selected, times two or four if they were
-    /// split.
+    /// Number of splats written: the drawable and selected ones, times two or four if they were split.
     pub n_written: usize,
-    /// Splats left out: not finite, or of opacity 0 (unused components).
+    /// Number of undrawable splats: not finite, or with opacity 0 (unused components).
     pub n_skipped: usize,
-    /// Drawable splats that [`WriteOptions::selection`] leaves out.
+    /// Number of drawable splats excluded by [`WriteOptions::selection`].
     pub n_left_out: usize,
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// Writes the drawable splats to `path`, whole or not at all (see [`atomic::write_atomic`]), mapped
-/// to plain ones where they are more than that (see [`super::mapping`]). Besides the model it takes
-/// 8 bytes of memory a splat and a block of rows; for SPZ also the compressed file and 16 bytes a splat.
+/// Writes the drawable splats to `path` atomically (see [`atomic::write_atomic`]); native splats are mapped
+/// to plain ones (see [`super::mapping`]). Takes 8 bytes of memory per splat and a block of rows; for SPZ
+/// also the compressed file and 16 bytes per splat.
 ///
-/// Positions are exact but in SPZ, scales at least 1e-7; opacities in PLY are kept within
-/// `[1e-6, 1 − 1e-6]`.
+/// Positions are exact except in SPZ, and scales are at least 1e-7. Opacities in PLY are limited to `[1e-6, 1
+/// − 1e-6]`.
 ///
 /// # Errors
-/// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::NothingSelected`] if none is asked for,
-/// [`Fault::Setting`] for options that do not fit the splats, [`Fault::TooLargeForGlb`] from 4 GiB,
-/// [`Fault::Cancelled`], and whatever writing the file can meet.
+/// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::NothingSelected`] if none is selected,
+/// [`Fault::Setting`] for invalid options, [`Fault::TooLargeForGlb`] from 4 GiB, [`Fault::Cancelled`], or an
+/// error of writing the file.
 pub fn write<'a>(
     path: &Path,
     splats: impl Into<SplatView<'a>>,
@@ -49,7 +48,7 @@ pub fn write<'a>(
     Ok(WriteSummary { n_written: source.n_rows(), n_skipped, n_left_out, bytes })
 }
 
-/// What [`write()`] would write, in memory.
+/// Returns the bytes that [`write()`] would write.
 pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
     let source = source(view, options)?;
     let content = prepare(&source, options)?;
@@ -58,7 +57,7 @@ pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>,
     Ok(bytes)
 }
 
-/// The rows of the file, of which there is at least one.
+/// Selects the rows of the file; fails if there are none.
 fn source<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Source<'a>, Fault> {
     check_comments(options.comments)?;
     let source = Source::new(view, options)?;
@@ -71,7 +70,7 @@ fn source<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Source<'a>,
 
 type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
 
-/// Checks everything that can be wrong with the options before a file is created.
+/// Checks all options before a file is created, and returns the writer of its content.
 fn prepare<'a>(source: &'a Source<'a>, options: &'a WriteOptions) -> Result<Content<'a>, Fault> {
     let steps = |n_columns: usize| Steps::new(options.progress, source.n_rows() * n_columns);
     Ok(match options.format {

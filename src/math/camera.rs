@@ -6,22 +6,22 @@ use glam::{DVec2, DVec3};
 /// Pinhole intrinsics in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
-    /// Columns of the image.
+    /// Image width.
     pub width: u32,
-    /// Rows of the image.
+    /// Image height.
     pub height: u32,
-    /// Horizontal focal length.
+    /// Horizontal focal length, pixels.
     pub fx: f64,
-    /// Vertical focal length.
+    /// Vertical focal length, pixels.
     pub fy: f64,
-    /// Principal point, column.
+    /// Column of the principal point, pixels.
     pub cx: f64,
-    /// Principal point, row.
+    /// Row of the principal point, pixels.
     pub cy: f64,
 }
 
 impl Intrinsics {
-    /// Square pixels and a centred principal point from the horizontal field of view (radians).
+    /// Builds intrinsics from a horizontal field of view (radians): square pixels, centred principal point.
     pub fn from_horizontal_fov(width: u32, height: u32, fov_x: f64) -> Self {
         let focal = 0.5 * width as f64 / (0.5 * fov_x).tan();
         Self {
@@ -34,18 +34,19 @@ impl Intrinsics {
         }
     }
 
-    /// Square pixels and a centred principal point from the vertical field of view (radians).
+    /// Builds intrinsics from a vertical field of view (radians): square pixels, centred principal point.
     pub fn from_vertical_fov(width: u32, height: u32, fov_y: f64) -> Self {
         let focal = 0.5 * height as f64 / (0.5 * fov_y).tan();
-        // Any field of view: only size and principal point are taken from it.
+        // The field of view passed here is arbitrary: `fx` and `fy` are replaced.
         Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
     }
 
-    /// Intrinsics of an equidistant fisheye, whose focal lengths are pixels per radian: square pixels and
-    /// a centred principal point from the horizontal field of view (radians, up to 2π).
+    /// Builds an equidistant fisheye with square pixels and a centred principal point.
+    ///
+    /// `fov_x` is in radians, up to 2π; the focal lengths are in pixels per radian.
     pub fn fisheye(width: u32, height: u32, fov_x: f64) -> Self {
         let focal = width as f64 / fov_x;
-        // Any field of view: only size and principal point are taken from it.
+        // The field of view passed here is arbitrary: `fx` and `fy` are replaced.
         Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
     }
 
@@ -59,11 +60,11 @@ impl Intrinsics {
         2.0 * (0.5 * self.height as f64 / self.fy).atan()
     }
 
-    /// Intrinsics of this view in an image `factor` times as large (both sides rounded, at least 1 pixel).
+    /// Scales the image by `factor` at the same view. Both sides are rounded, to at least 1 pixel.
     pub fn scaled(&self, factor: f64) -> Self {
         let width = ((self.width as f64 * factor).round() as u32).max(1);
         let height = ((self.height as f64 * factor).round() as u32).max(1);
-        // Sides round by themselves: each axis is scaled by what its side became.
+        // Sides are rounded independently, so each axis has its own effective factor.
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         Self {
             width,
@@ -75,7 +76,7 @@ impl Intrinsics {
         }
     }
 
-    /// Camera-space direction with `z = 1` through the centre of a pixel.
+    /// Returns the camera-space direction with `z = 1` through the centre of a pixel.
     #[inline]
     pub fn ray(&self, column: usize, row: usize) -> DVec3 {
         DVec3::new(
@@ -86,7 +87,7 @@ impl Intrinsics {
     }
 }
 
-/// Intrinsics and pose.
+/// Pinhole camera with a pose.
 ///
 /// ```
 /// use glam::{DVec2, DVec3};
@@ -100,14 +101,14 @@ impl Intrinsics {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// How camera space maps to pixels.
+    /// Pinhole intrinsics.
     pub intrinsics: Intrinsics,
-    /// Where the camera stands.
+    /// `world_from_camera` transform.
     pub pose: Pose,
 }
 
 impl Camera {
-    /// Continuous pixel coordinates and depth `z` of a world point; meaningless for `z ≤ 0`.
+    /// Returns the pixel coordinates and depth `z` of a world point; meaningless for `z ≤ 0`.
     pub fn project(&self, world: DVec3) -> (DVec2, f64) {
         let (rotation, translation) = self.pose.inverse();
         let p = rotation * world + translation;

@@ -1,29 +1,29 @@
-//! Cameras that move: keyframes, and every moment between them.
+//! Camera animation: keyframes and interpolation between them.
 
 use super::orbit::Orbit;
 use super::pose::Pose;
 use glam::{DQuat, DVec3, DVec4};
 use std::f64::consts::TAU;
 
-/// Keyframes of a turn: between them a cubic is off the circle by a thousandth of its radius.
+// A cubic between 12 keyframes deviates from the circle by a thousandth of its radius.
 const TURNTABLE_KEYFRAMES: u32 = 12;
 
-/// Where a camera stands at a moment.
+/// Camera pose and field of view at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keyframe {
-    /// Seconds from the beginning of the path.
+    /// Seconds from the start of the path.
     pub time: f64,
-    /// World units.
+    /// Camera pose, world units.
     pub pose: Pose,
     /// Vertical field of view, radians.
     pub fov_y: f64,
 }
 
-/// A smooth way through some keyframes.
+/// A smooth camera path through keyframes.
 ///
-/// Places, turns and fields of view are cubic between keyframes and have one speed on both sides of each (Catmull
-/// and Rom 1974, with the tangents of uneven times). Turns are interpolated as quaternions, nearest signs first,
-/// and normalised: neighbours ought to be less than half a turn apart.
+/// Position, rotation and field of view are piecewise cubic with a continuous first derivative (Catmull and
+/// Rom 1974, with tangents for uneven times). Rotations are interpolated as quaternions of matching sign and
+/// normalised; neighbouring keyframes should be less than half a turn apart.
 ///
 /// ```
 /// use glam::DVec3;
@@ -44,7 +44,7 @@ pub struct CameraPath {
     is_loop: bool,
 }
 
-/// Everything of a keyframe that is interpolated.
+/// Interpolated values of a keyframe.
 #[derive(Clone, Copy)]
 struct Values {
     place: DVec3,
@@ -53,18 +53,19 @@ struct Values {
 }
 
 impl CameraPath {
-    /// A path through at least two keyframes whose times rise; of a loop the last is where the first is, and its
-    /// speed is the first's. `None` of others.
+    /// Builds a path through at least two keyframes with increasing times; `None` otherwise.
+    ///
+    /// The last keyframe of a loop must equal the first in pose and field of view; their speeds are matched.
     pub fn new(keyframes: Vec<Keyframe>, is_loop: bool) -> Option<Self> {
         let rises = keyframes.windows(2).all(|pair| pair[0].time < pair[1].time);
         (keyframes.len() > 1 && rises).then_some(Self { keyframes, is_loop })
     }
 
-    /// Once around an orbit's target in so many seconds, above 0: a loop.
+    /// Builds a loop once around an orbit's target in `seconds`, which must be positive.
     pub fn turntable(orbit: &Orbit, fov_y: f64, seconds: f64) -> Self {
         let keyframe = |i: u32| {
             let share = f64::from(i) / f64::from(TURNTABLE_KEYFRAMES);
-            // The last is the first to the bit.
+            // The loop closes bit for bit.
             let turn = if i == TURNTABLE_KEYFRAMES { 0.0 } else { share * TAU };
             let pose = Orbit { azimuth: orbit.azimuth + turn, ..*orbit }.pose();
             Keyframe { time: share * seconds, pose, fov_y }
@@ -72,22 +73,22 @@ impl CameraPath {
         Self { keyframes: (0..=TURNTABLE_KEYFRAMES).map(keyframe).collect(), is_loop: true }
     }
 
-    /// Its keyframes.
+    /// Returns the keyframes in order of time.
     pub fn keyframes(&self) -> &[Keyframe] {
         &self.keyframes
     }
 
-    /// Whether it ends as it begins.
+    /// True if the path ends where it starts.
     pub fn is_loop(&self) -> bool {
         self.is_loop
     }
 
-    /// Seconds from the first keyframe to the last.
+    /// Returns the seconds from the first keyframe to the last.
     pub fn duration(&self) -> f64 {
         self.keyframes[self.keyframes.len() - 1].time - self.keyframes[0].time
     }
 
-    /// The camera so many seconds after the first keyframe; before it and after the last as there.
+    /// Interpolates the camera `seconds` after the first keyframe; clamped to both ends.
     pub fn at(&self, seconds: f64) -> Keyframe {
         let time = self.keyframes[0].time + seconds.clamp(0.0, self.duration());
         let next = self.keyframes.partition_point(|keyframe| keyframe.time <= time);
@@ -107,11 +108,11 @@ impl CameraPath {
         Keyframe { time, pose: Pose::IDENTITY.attached(found.place, turn), fov_y: found.fov_y }
     }
 
-    /// Change a second at a keyframe, its turn being written by this quaternion.
+    /// Change per second at keyframe `i`; `turn` is its quaternion with the sign to use.
     fn speed(&self, i: usize, turn: DVec4) -> Values {
         let last = self.keyframes.len() - 1;
         let here = self.keyframes[i];
-        // A loop goes on from its last keyframe to the one after its first.
+        // In a loop, the successor of the last keyframe is the second one.
         let before = match (i, self.is_loop) {
             (0, false) => None,
             (0, true) => Some((self.keyframes[last - 1], self.duration())),
@@ -129,7 +130,7 @@ impl CameraPath {
             there.minus(here_values).times(sign / span)
         };
         match (before, after) {
-            // Parabola through three keyframes: the shorter side counts more.
+            // Slope of the parabola through three keyframes: the shorter interval weighs more.
             (Some(before), Some(after)) => {
                 let [a, b] =
                     [here.time - before.0.time + before.1, after.0.time - here.time + after.1];
@@ -143,7 +144,7 @@ impl CameraPath {
     }
 }
 
-/// Of a keyframe, its quaternion on the same side as another keyframe's.
+/// Values of a keyframe, with the quaternion's sign matched to keyframe `beside`.
 fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     let turn =
         |keyframe: &Keyframe| DVec4::from(DQuat::from_mat3(&keyframe.pose.rotation()).normalize());
@@ -151,7 +152,7 @@ fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     beside.map_or(own, |beside| signed(own, turn(beside)))
 }
 
-/// With the sign of the quaternion that is nearer to another: both mean the same turn.
+/// Chooses the sign of the quaternion nearer to `beside`; both signs are the same rotation.
 fn signed(values: Values, beside: DVec4) -> Values {
     let sign = if values.turn.dot(beside) < 0.0 { -1.0 } else { 1.0 };
     Values { turn: sign * values.turn, ..values }
@@ -175,7 +176,7 @@ impl Values {
     }
 }
 
-/// Hermite's cubic between two values with changes over the whole span at both ends; `t` from 0 to 1.
+/// Cubic Hermite interpolation; `out` and `into` are end slopes times the span, `t` is in `[0, 1]`.
 fn hermite(t: f64, [a, b]: [Values; 2], [out, into]: [Values; 2]) -> Values {
     let (t2, t3) = (t * t, t * t * t);
     a.times(2.0 * t3 - 3.0 * t2 + 1.0)
@@ -243,7 +244,7 @@ mod tests {
 
     #[test]
     fn either_sign_of_a_quaternion_is_the_same_turn() {
-        // A whole turn in steps of 60 degrees: the quaternions' signs change on the way.
+        // A full turn in steps of 60 degrees, during which the quaternions change sign.
         let keyframes =
             (0..=6).map(|i| looking(f64::from(i), f64::from(i) * std::f64::consts::FRAC_PI_3, 2.0));
         let path = CameraPath::new(keyframes.collect(), true).unwrap();

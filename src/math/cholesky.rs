@@ -1,4 +1,4 @@
-//! Dense symmetric systems of few unknowns.
+//! Dense symmetric linear systems with few unknowns.
 
 /// Cholesky factor of a symmetric positive definite matrix.
 ///
@@ -12,13 +12,14 @@
 #[derive(Clone, Debug)]
 pub struct Cholesky {
     n: usize,
-    /// Lower triangle in rows of `n`; what lies above is the matrix's.
+    /// Lower triangle, row-major `n`×`n`; entries above the diagonal are those of the input and unused.
     lower: Vec<f64>,
 }
 
 impl Cholesky {
-    /// Of an `n`×`n` matrix, row by row; only its lower triangle is read. `None` unless it is
-    /// positive definite.
+    /// Factors an `n`×`n` row-major matrix, of which only the lower triangle is read.
+    ///
+    /// Returns `None` unless the matrix is positive definite.
     pub fn new(n: usize, matrix: &[f64]) -> Option<Self> {
         let mut lower = matrix.to_vec();
         for row in 0..n {
@@ -27,7 +28,7 @@ impl Cholesky {
                 let rest = lower[row * n + column] - known.sum::<f64>();
                 lower[row * n + column] = if row > column {
                     rest / lower[column * n + column]
-                // NaN fails this comparison: an undefined matrix has no factor either.
+                // NaN fails this comparison, so a matrix with NaN has no factor.
                 } else if rest > 0.0 {
                     rest.sqrt()
                 } else {
@@ -38,7 +39,7 @@ impl Cholesky {
         Some(Self { n, lower })
     }
 
-    /// The solution `x` of `matrix · x = right`.
+    /// Solves `matrix · x = right` for `x`.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let Self { n, lower } = self;
         let mut x = right.to_vec();

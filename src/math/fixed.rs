@@ -1,12 +1,11 @@
-//! Fixed-point accumulation: integer addition is associative, so totals do not depend on the
-//! order of frames, on the number of threads or on how a dataset was sharded.
+//! Fixed-point sums: integer addition is associative, so totals do not depend on the order of
+//! frames, the number of threads or how a dataset was sharded.
 //!
-//! Two widths. [`to_fixed`] gives totals as `i128` with 80 fraction bits. [`Quanta`] hold a sum
-//! in an `i64` that almost always suffices, so that loops over it are vector code, and a carry
-//! for the rest.
+//! Two formats: [`to_fixed`] gives an `i128` with 80 fraction bits. [`Quanta`] hold an `i64`, which
+//! almost always suffices and keeps loops vectorisable, and a carry.
 
-/// Fraction bits of a wide total: the quantum is 2⁻⁸⁰ = 8.3e-25, far below the smallest prior term
-/// (4e-15 for a million components), and the range is ±1.4e14.
+/// Fraction bits of an `i128` total. The quantum is 2⁻⁸⁰ = 8.3e-25, far below the smallest prior
+/// term (4e-15 for a million components); the range is ±1.4e14.
 pub const FRACTION_BITS: i32 = 80;
 
 /// Converts a finite `f64` to fixed point, rounding to nearest with ties away from zero.
@@ -31,13 +30,13 @@ pub fn to_fixed(value: f64) -> i128 {
     let mantissa = ((bits & ((1 << 52) - 1)) | (1 << 52)) as i128;
     // value = mantissa * 2^(biased - 1075)
     let shift = biased - 1075 + FRACTION_BITS;
-    // A mantissa of 53 bits moved up by 73 fills 126: the last that an i128 surely holds.
+    // A 53-bit mantissa shifted by 73 has 126 bits, the most that fit in an `i128` with a margin.
     let magnitude = if biased == 0x7FF || shift > 73 {
         if value.is_nan() { 0 } else { i128::MAX / 2 }
     } else if shift >= 0 {
         mantissa << shift
     } else if shift >= -54 {
-        // One bit more than wanted is kept and rounds the rest, halves away from zero.
+        // One extra bit is retained for rounding to nearest, halves away from zero.
         ((mantissa >> (-shift - 1)) + 1) >> 1
     } else {
         0
@@ -45,24 +44,24 @@ pub fn to_fixed(value: f64) -> i128 {
     if value < 0.0 { -magnitude } else { magnitude }
 }
 
-/// The value of a total, rounded to nearest.
+/// Converts a total to `f64`, rounded to nearest.
 #[inline]
 pub fn from_fixed(total: i128) -> f64 {
     const QUANTUM: f64 = 1.0 / (1u128 << FRACTION_BITS) as f64;
     total as f64 * QUANTUM
 }
 
-/// A number of quanta `high · 2⁶⁴ + low`. The pair is unique, so equal sums have equal bits.
+/// A number of quanta, `high · 2⁶⁴ + low`. The representation is unique: equal sums have equal bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quanta {
-    /// What does not fit in 64 bits; 0 almost always.
+    /// Carry beyond 64 bits; almost always 0.
     pub high: i32,
-    /// The signed rest.
+    /// Signed remainder.
     pub low: i64,
 }
 
-/// Quanta of 2^−`bits` in a value, to nearest, ties to even. What exceeds 96 bits saturates; NaN
-/// counts as zero (callers drop non-finite points first).
+/// Converts a value to quanta of 2^−`bits`, rounding to nearest with ties to even. Values beyond
+/// 96 bits saturate; NaN counts as zero (callers drop non-finite points first).
 #[inline(always)]
 pub fn to_quanta(value: f64, bits: u32) -> Quanta {
     let scaled = value * (1u64 << bits) as f64;
@@ -72,12 +71,12 @@ pub fn to_quanta(value: f64, bits: u32) -> Quanta {
     }
 }
 
-/// The nearest integer, ties to even, of numbers of less than 2⁵¹; whether this is one. Without a
-/// branch or a call, so that loops over it are vectorised.
+/// Rounds to the nearest integer, ties to even; the flag is true if `scaled` is below 2⁵¹, where the
+/// result is valid. Free of branches and calls, so that loops over it are vectorised.
 #[inline(always)]
 pub fn round_small(scaled: f64) -> (i64, bool) {
-    /// Added to a small number, leaves its integer part in the low mantissa bits.
-    // At 1.5·2⁵² neighbouring numbers differ by 1, and the sign of a summand borrows no exponent.
+    // Adding 1.5·2⁵² leaves the integer part of a small number in the low mantissa bits: neighbouring
+    // numbers differ by 1 there, and negative summands do not change the exponent.
     const SHIFTER: f64 = 1.5 * (1u64 << 52) as f64;
     let quanta = (scaled + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits());
     (quanta as i64, scaled.abs() < (1u64 << 51) as f64)
@@ -85,7 +84,7 @@ pub fn round_small(scaled: f64) -> (i64, bool) {
 
 #[cold]
 fn to_many_quanta(scaled: f64) -> Quanta {
-    // One step short of the range, so that the negative of every value has a place.
+    // One less than the full range, so that every value can be negated.
     const MOST: i128 = (i32::MAX as i128) << 64;
     let quanta = (scaled.round_ties_even() as i128).clamp(-MOST, MOST);
     let low = quanta as i64;
@@ -93,11 +92,11 @@ fn to_many_quanta(scaled: f64) -> Quanta {
 }
 
 impl Quanta {
-    /// The sum; its high part saturates.
+    /// Adds two values; the high part saturates.
     #[inline(always)]
     pub fn plus(self, other: Self) -> Self {
         let (low, overflowed) = self.low.overflowing_add(other.low);
-        // Overflow happens between equal signs only, towards that sign.
+        // Overflow occurs only between equal signs, in the direction of that sign.
         let carry = if !overflowed {
             0
         } else if other.low > 0 {
@@ -108,7 +107,7 @@ impl Quanta {
         Self { high: self.high.saturating_add(other.high).saturating_add(carry), low }
     }
 
-    /// The value in units of 2^−`bits`, rounded to nearest.
+    /// Converts to `f64` from units of 2^−`bits`, rounded to nearest.
     #[inline]
     pub fn value(self, bits: u32) -> f64 {
         let quanta = (i128::from(self.high) << 64) + i128::from(self.low);

@@ -1,4 +1,4 @@
-//! A rectangle of values, row by row.
+//! Row-major images.
 
 /// Row-major image: pixel `(column, row)` is `data[row * width + column]`.
 ///
@@ -23,7 +23,7 @@ pub struct Image<T> {
 pub type RgbImage = Image<[f32; 3]>;
 
 impl<T: Clone> Image<T> {
-    /// An image of one value.
+    /// Creates an image filled with one value.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self { width, height, data: vec![value; width * height] }
     }
@@ -36,7 +36,7 @@ impl<T> Image<T> {
         Self { width, height, data }
     }
 
-    /// The value at `(column, row)`.
+    /// Returns the value at `(column, row)`.
     #[inline]
     pub fn at(&self, column: usize, row: usize) -> &T {
         &self.data[row * self.width + column]
@@ -48,15 +48,15 @@ impl<T> Image<T> {
     }
 }
 
-/// A channel in `[0, 1]` as a byte, rounded to nearest; values outside are clamped, NaN is 0.
+/// Converts a channel in `[0, 1]` to a byte, rounded to nearest; clamps values outside, NaN gives 0.
 #[inline]
 pub fn unit_to_byte(value: f32) -> u8 {
-    // The cast itself clamps and takes NaN to 0.
+    // The cast saturates and maps NaN to 0.
     (value * 255.0 + 0.5) as u8
 }
 
 impl RgbImage {
-    /// RGB bytes, rows from the top, for PNG writers and textures.
+    /// Returns interleaved RGB bytes, rows from the top, for PNG encoders and textures.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.data.iter().flat_map(|p| p.map(unit_to_byte)).collect()
     }

@@ -1,24 +1,25 @@
-//! Cholesky factors of eight small matrices at a time, a matrix in each lane.
+//! Cholesky factors of eight small matrices at once, one per SIMD lane.
 //!
-//! A lower triangle is kept row by row, entry `(i, j)` at `i(i+1)/2 + j`. Factors are invariant to the
-//! units of the parameters, so f32 holds systems that mix metres and radians.
+//! Lower triangles are stored row by row, entry `(i, j)` at `i(i+1)/2 + j`. Factors are invariant to
+//! parameter units, so f32 suffices for systems that mix metres and radians.
 
 use super::simd::Vector;
 
-/// Place of entry `(i, j)`, `j ≤ i`, in a triangle.
+/// Index of entry `(i, j)`, `j ≤ i`, in a triangle.
 pub const fn at(i: usize, j: usize) -> usize {
     i * (i + 1) / 2 + j
 }
 
-/// Turns the triangles of symmetric matrices into those of their factors, whose diagonals are kept as
-/// reciprocals; a mask of the lanes whose matrix is positive definite. Other lanes say nothing.
+/// Factors symmetric matrices in place. Diagonals of the factors are stored as reciprocals.
+///
+/// Returns a mask of lanes whose matrix is positive definite; other lanes are undefined.
 #[inline(always)]
 pub fn factor<V: Vector, const N: usize, const P: usize>(lower: &mut [V; P]) -> V {
     let least = V::splat(f32::MIN_POSITIVE);
     let mut sound = V::splat(0.0).mask_at_most(V::splat(0.0));
     for k in 0..N {
         let pivot = lower[at(k, k)];
-        // NaN fails this comparison: an undefined matrix has no factor either.
+        // NaN fails this comparison, so a matrix with NaN has no factor.
         let positive = least.mask_at_most(pivot);
         sound = sound.and(positive);
         let per_root = V::splat(1.0) / V::select(positive, pivot, V::splat(1.0)).sqrt();
@@ -26,7 +27,7 @@ pub fn factor<V: Vector, const N: usize, const P: usize>(lower: &mut [V; P]) -> 
         for i in k + 1..N {
             lower[at(i, k)] = lower[at(i, k)] * per_root;
         }
-        // Every entry that is left at once, not each in turn: these do not wait for one another.
+        // Right-looking update of all remaining entries: they are independent of one another.
         for i in k + 1..N {
             let factor = lower[at(i, k)];
             for j in k + 1..=i {
@@ -37,7 +38,7 @@ pub fn factor<V: Vector, const N: usize, const P: usize>(lower: &mut [V; P]) -> 
     sound
 }
 
-/// Turns the right sides of the systems into their solutions.
+/// Solves the systems in place: `x` holds the right sides, then the solutions.
 #[inline(always)]
 pub fn substitute<V: Vector, const N: usize, const P: usize>(lower: &[V; P], x: &mut [V; N]) {
     for k in 0..N {

@@ -1,39 +1,39 @@
-//! A pixel of a photograph with what depth cameras know of it.
+//! A pixel of a photograph with coverage and depth.
 
 use bytemuck::{Pod, Zeroable};
 
-/// What was measured of a pixel.
+/// Measurements of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MeasuredPixel {
     /// Red, green and blue, sRGB-encoded over black in `[0, 1]`.
     pub color: [f32; 3],
-    /// How much of it surfaces cover; NaN where that is not known.
+    /// Fraction of the pixel covered by surfaces; NaN if unknown.
     pub coverage: f32,
-    /// Depth of the surface along the camera's axis, world units; says nothing where `per_tolerance` is 0.
+    /// Depth of the surface along the optical axis, world units; undefined if `per_tolerance` is 0.
     pub depth: f32,
-    /// One over how far a surface may lie from that depth and still be the measured one, per world unit;
-    /// 0 where no depth is known.
+    /// Reciprocal of the depth tolerance within which a surface counts as the measured one, per world
+    /// unit; 0 if the depth is unknown.
     pub per_tolerance: f32,
 }
 
 impl MeasuredPixel {
-    /// Colour and coverage, of a pixel without a depth.
+    /// Creates a pixel with colour and coverage but no depth.
     pub fn flat([r, g, b, coverage]: [f32; 4]) -> Self {
         Self { color: [r, g, b], coverage, depth: 0.0, per_tolerance: 0.0 }
     }
 
-    /// With a depth; surfaces within `margin[0] + margin[1]·depth` are the measured one, world units.
+    /// Adds a depth with tolerance `margin[0] + margin[1]·depth` (world units), if both are valid.
     pub fn at_depth(self, depth: f32, margin: [f32; 2]) -> Self {
         let per_tolerance = 1.0 / (margin[0] + margin[1] * depth);
-        // Nothing is known of a depth that is none, nor by a margin that is none.
+        // Invalid depths and zero tolerances leave the depth unknown.
         match per_tolerance.is_finite() && per_tolerance > 0.0 && depth > 0.0 {
             true => Self { depth, per_tolerance, ..self },
             false => self,
         }
     }
 
-    /// Black, of which nothing else is known.
+    /// Black, with unknown coverage and depth.
     pub const UNKNOWN: Self =
         Self { color: [0.0; 3], coverage: f32::NAN, depth: 0.0, per_tolerance: 0.0 };
 }

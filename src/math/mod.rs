@@ -1,6 +1,6 @@
-//! Numbers, geometry and plain containers that every layer shares.
+//! Numerics, geometry and containers shared by all layers.
 //!
-//! Nothing here knows of mixtures, files or windows. Lengths are in world units (metres where the
+//! Nothing here depends on mixtures, files or windows. Lengths are in world units (metres if the
 //! dataset is metric), angles in radians, colours sRGB-encoded in `[0, 1]`.
 
 pub mod camera;

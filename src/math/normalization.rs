@@ -1,9 +1,9 @@
-//! The affine map between the world and the coordinates in which a mixture works.
+//! Affine map between world coordinates and the mixture's normalised coordinates.
 
 use glam::DVec3;
 
-/// Affine map from world positions and colours in `[0, 1]` to the coordinates the model works in:
-/// per axis the mean and standard deviation of a uniform law on a given range (`model.md`, Normalisation).
+/// Affine map from world positions and colours in `[0, 1]` to the model's coordinates. Offset and
+/// scale are mean and standard deviation of a uniform distribution on a range (`model.md`, Normalisation).
 ///
 /// ```
 /// use glam::DVec3;
@@ -22,42 +22,42 @@ pub struct Normalization {
     pub scale: [f64; 3],
 }
 
-/// Offset of the colour normalisation: the mean of a uniform law on `[0, 1]`.
+/// Offset of the colour normalisation: mean of a uniform distribution on `[0, 1]`.
 pub const COLOR_OFFSET: f64 = 0.5;
 
 /// Scale of the colour normalisation, `1/√12`.
 pub const COLOR_SCALE: f64 = 0.288_675_134_594_812_9;
 
 impl Normalization {
-    /// The world itself.
+    /// Identity map.
     pub const IDENTITY: Self = Self { offset: [0.0; 3], scale: [1.0; 3] };
 
-    /// From the range of positions, `lo < hi` on every axis.
+    /// Builds the map from the range of positions, `lo < hi` on every axis.
     pub fn from_range(lo: DVec3, hi: DVec3) -> Self {
-        // √12: a uniform law of width 1 has variance 1/12.
+        // √12: a uniform distribution of width 1 has variance 1/12.
         let scale = (hi - lo) / 12f64.sqrt();
         Self { offset: ((lo + hi) * 0.5).to_array(), scale: scale.to_array() }
     }
 
-    /// Normalised position of a world point.
+    /// Converts a world point to normalised coordinates.
     #[inline]
     pub fn normalize(&self, world: DVec3) -> DVec3 {
         (world - DVec3::from_array(self.offset)) / DVec3::from_array(self.scale)
     }
 
-    /// World position of a normalised point.
+    /// Converts a normalised point to world coordinates.
     #[inline]
     pub fn denormalize(&self, normalized: DVec3) -> DVec3 {
         normalized * DVec3::from_array(self.scale) + DVec3::from_array(self.offset)
     }
 
-    /// Normalised value of a colour channel in `[0, 1]`.
+    /// Normalises a colour channel in `[0, 1]`.
     #[inline]
     pub fn normalize_channel(channel: f64) -> f64 {
         (channel - COLOR_OFFSET) / COLOR_SCALE
     }
 
-    /// Colour in `[0, 1]` (not clamped) of a normalised colour.
+    /// Converts a normalised colour to `[0, 1]`, without clamping.
     #[inline]
     pub fn denormalize_color(color: DVec3) -> DVec3 {
         color * COLOR_SCALE + DVec3::splat(COLOR_OFFSET)

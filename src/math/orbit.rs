@@ -1,10 +1,10 @@
-//! A camera on a sphere around a target: what people steer, and what turntables follow.
+//! Orbit camera: a camera on a sphere around a target, for mouse navigation and turntables.
 
 use super::pose::Pose;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Closest the elevation comes to the poles, radians: at the pole "up" would have no direction.
+// Minimum distance of the elevation from the poles, radians: at a pole `up` has no image direction.
 const POLE_MARGIN: f64 = 1e-3;
 
 /// Camera position in spherical coordinates around a target.
@@ -21,11 +21,11 @@ const POLE_MARGIN: f64 = 1e-3;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
-    /// Point looked at, world units.
+    /// Point at the image centre, world units.
     pub target: DVec3,
     /// Direction that points up in the image; unit length.
     pub up: DVec3,
-    /// Turn about `up`, radians; 0 looks along the horizontal axis nearest to −x.
+    /// Rotation about `up`, radians; at 0 the view direction is the horizontal axis nearest to −x.
     pub azimuth: f64,
     /// Angle above the horizon, radians.
     pub elevation: f64,
@@ -34,7 +34,7 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// The orbit a posed camera is on, if it turns about a target `distance` in front of it.
+    /// Builds the orbit of a posed camera whose target lies `distance` in front of it.
     pub fn from_pose(pose: &Pose, up: DVec3, distance: f64) -> Self {
         let (right, ahead) = horizon(up);
         let back = -pose.forward();
@@ -42,45 +42,45 @@ impl Orbit {
             target: pose.centre() + pose.forward() * distance,
             up,
             azimuth: back.dot(ahead).atan2(back.dot(right)),
-            // Rounding may carry the product past 1, where the arc sine is NaN.
+            // Rounding may push the product past 1, where the arcsine is NaN.
             elevation: back.dot(up).clamp(-1.0, 1.0).asin(),
             distance,
         }
     }
 
-    /// Unit vector from the target to the camera.
+    /// Returns the unit vector from the target to the camera.
     pub fn outward(&self) -> DVec3 {
         let (right, ahead) = horizon(self.up);
-        // Clamped here, not where it is set: a drag over the pole and back returns to its start.
+        // Clamped here and not on input: a drag over the pole and back returns to its start.
         let elevation = self.elevation.clamp(-FRAC_PI_2 + POLE_MARGIN, FRAC_PI_2 - POLE_MARGIN);
         let horizontal = right * self.azimuth.cos() + ahead * self.azimuth.sin();
         horizontal * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Pose of the camera.
+    /// Returns the camera's pose.
     pub fn pose(&self) -> Pose {
         let eye = self.target + self.outward() * self.distance;
-        // The margin keeps the view direction off `up`, and the distance is positive.
+        // The margin keeps the view direction off `up`, and the distance is positive, so this succeeds.
         Pose::look_at(eye, self.target, self.up).unwrap_or(Pose::IDENTITY)
     }
 }
 
-/// Two horizontal unit vectors that with `up` form a right-handed frame.
+/// Two horizontal unit vectors that form a right-handed frame with `up`.
 fn horizon(up: DVec3) -> (DVec3, DVec3) {
     let aligned = DQuat::from_rotation_arc(DVec3::Z, up);
     (aligned * DVec3::X, aligned * DVec3::Y)
 }
 
-/// Angle within which a mean up direction counts as a coordinate axis, as a cosine (30°).
+// cos 30°: a mean up direction within this angle snaps to a coordinate axis.
 const AXIS_COSINE: f64 = 0.866;
 
-/// World direction that is up on average in posed images, snapped to a coordinate axis if one is
-/// within 30°; z where the cameras do not agree on any.
+/// Mean up direction of posed images in the world, snapped to a coordinate axis within 30°; z if the
+/// cameras disagree.
 pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
     let (sum, n) =
         poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));
     let mean = sum / n.max(1) as f64;
-    // Cameras all around something, or held anyhow: their mean says nothing.
+    // Cameras all around an object or held arbitrarily: their mean direction is meaningless.
     if mean.length() < 0.2 {
         return DVec3::Z;
     }

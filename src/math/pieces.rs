@@ -1,6 +1,6 @@
-//! A list in pieces, for threads that fill one each.
+//! Splits a slice into disjoint parts, one per thread.
 
-/// A list in pieces of so many, which it holds.
+/// Splits a slice into consecutive parts of the given sizes. Parts past the end are empty.
 pub fn pieces<T>(list: &mut [T], sizes: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
     let mut rest = list;
     sizes.map(|size| rest.split_off_mut(..size).unwrap_or_default()).collect()

@@ -1,41 +1,40 @@
-//! Rigid camera poses, checked once when they enter the program.
+//! Rigid camera poses, validated once on input.
 //!
-//! A [`Pose`] is made of a rotation and a finite position only, so nothing behind it asks again.
-//! Files round their matrices: what is near a rotation is replaced by the nearest one. What is
-//! further off is refused, because scale or a mirror image is a mistake of convention, not of
-//! rounding.
+//! A [`Pose`] always has an orthonormal rotation and a finite position, so later code needs no checks.
+//! Rounded matrices are replaced by the nearest rotation. Larger deviations are errors: scale or a
+//! mirror image means a wrong axis convention, not rounding.
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
-/// Largest deviation of `RᵀR` from the identity that still counts as a rotation. Files round poses
-/// to 4–7 digits; real sensors' logs were seen up to 1e-4, so 1e-2 leaves room and rejects scale.
+/// Largest entry of `RᵀR − I` accepted as rounding. Files round poses to 4–7 digits and sensor logs
+/// deviate by up to 1e-4; 1e-2 leaves room and still rejects scale.
 pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
 
-/// Why a matrix is not a camera pose.
+/// Reason why a matrix is not a camera pose.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PoseError {
-    /// NaN or infinity in the matrix.
+    /// NaN or infinity, with its row and column.
     #[error("expected 16 finite numbers, found {0} at row {1}, column {2}")]
     NotFinite(f64, usize, usize),
     /// The last row is not 0 0 0 1.
     #[error("expected the last row 0 0 0 1, found {0:?}: is the matrix transposed?")]
     LastRow([f64; 4]),
-    /// Columns are not orthonormal (singular, scaled or sheared), or mirror space.
+    /// The columns are not orthonormal (singular, scaled or sheared), or the matrix mirrors space.
     #[error(
         "expected a rotation (orthonormal columns, determinant 1), found determinant {determinant:.6} and |RᵀR − I| = {deviation:.2e}"
     )]
     NotRigid {
-        /// Of the 3×3 part.
+        /// Determinant of the 3×3 part.
         determinant: f64,
         /// Largest entry of `|RᵀR − I|`.
         deviation: f64,
     },
 }
 
-/// Largest deviation of a quaternion's length from 1 that still counts as a rotation.
+// Largest deviation of a quaternion's length from 1 accepted as rounding.
 const UNIT: f64 = 1e-6;
 
-/// The rotation of a unit quaternion x, y, z, w; `None` for any other.
+/// Converts a unit quaternion x, y, z, w to a rotation; `None` if its length is not 1.
 pub fn unit_rotation(quaternion: [f64; 4]) -> Option<DQuat> {
     let rotation = DQuat::from_array(quaternion);
     // NaN fails this comparison, too.
@@ -49,8 +48,8 @@ pub fn unit_rotation(quaternion: [f64; 4]) -> Option<DQuat> {
 /// use vbgs_studio::math::pose::Pose;
 ///
 /// let eye = DVec3::new(0.0, -2.0, 1.0);
-/// let pose = Pose::look_at(eye, DVec3::Z, DVec3::Z).ok_or("looks along up")?;
-/// // Two units ahead of the camera lies what it looks at.
+/// let pose = Pose::look_at(eye, DVec3::Z, DVec3::Z).ok_or("view direction parallel to up")?;
+/// // The target lies two units ahead of the camera.
 /// assert!((pose.transform_point(2.0 * DVec3::Z) - DVec3::Z).length() < 1e-12);
 /// assert!(Pose::from_opencv(DMat4::from_scale(DVec3::splat(2.0))).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -62,10 +61,10 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// A camera at the origin that looks along +z.
+    /// A camera at the origin facing +z.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
-    /// Checks an OpenCV camera-to-world matrix and re-orthonormalises its rotation.
+    /// Validates an OpenCV camera-to-world matrix and re-orthonormalises its rotation.
     pub fn from_opencv(world_from_camera: DMat4) -> Result<Self, PoseError> {
         let columns = world_from_camera.to_cols_array_2d();
         for (column, values) in columns.iter().enumerate() {
@@ -73,7 +72,7 @@ impl Pose {
                 return Err(PoseError::NotFinite(values[row], row, column));
             }
         }
-        // Before the rotation: a transposed matrix has its translation here, and gets its own hint.
+        // Checked first: a transposed matrix has its translation here, and this error hints at that.
         let last_row = [columns[0][3], columns[1][3], columns[2][3], columns[3][3]];
         if (0..4).any(|i| (last_row[i] - if i == 3 { 1.0 } else { 0.0 }).abs() > 1e-6) {
             return Err(PoseError::LastRow(last_row));
@@ -82,7 +81,7 @@ impl Pose {
         let gram = rotation.transpose() * rotation - DMat3::IDENTITY;
         let deviation = gram.to_cols_array().iter().fold(0.0f64, |a, v| a.max(v.abs()));
         let determinant = rotation.determinant();
-        // A mirror image passes the first test; its determinant is −1.
+        // A mirror image is orthonormal; its determinant is −1.
         if deviation > ORTHONORMALITY_TOLERANCE || determinant <= 0.0 {
             return Err(PoseError::NotRigid { determinant, deviation });
         }
@@ -92,15 +91,16 @@ impl Pose {
         })
     }
 
-    /// Checks a camera-to-world matrix in OpenGL/Blender axes (x right, y up, looking along −z) and
+    /// Validates a camera-to-world matrix in OpenGL/Blender axes (x right, y up, −z forward) and
     /// re-orthonormalises its rotation.
     pub fn from_opengl(world_from_camera: DMat4) -> Result<Self, PoseError> {
         let flip = DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0));
         Self::from_opencv(world_from_camera * flip)
     }
 
-    /// A camera at `eye` looking at `target`; `up` points up in the image. `None` if the view
-    /// direction is zero or parallel to `up`.
+    /// Places a camera at `eye` facing `target`, with `up` pointing up in the image.
+    ///
+    /// Returns `None` if the view direction is zero or parallel to `up`.
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Option<Self> {
         let forward = (target - eye).try_normalize()?;
         let right = forward.cross(up).try_normalize()?;
@@ -108,73 +108,73 @@ impl Pose {
         Some(Self { rotation: DMat3::from_cols(right, down, forward), translation: eye })
     }
 
-    /// Rotation part: columns are the camera's right, down and forward in the world.
+    /// Returns the rotation; its columns are the camera's right, down and forward axes in the world.
     pub fn rotation(&self) -> DMat3 {
         self.rotation
     }
 
-    /// Position of the camera's centre in the world.
+    /// Returns the camera centre in the world.
     pub fn centre(&self) -> DVec3 {
         self.translation
     }
 
-    /// The same camera in a world that has its origin elsewhere.
+    /// Returns the same camera in a world whose origin is at `origin`.
     pub fn relative_to(&self, origin: DVec3) -> Self {
         Self { translation: self.translation - origin, ..*self }
     }
 
-    /// Direction of view in the world.
+    /// Returns the viewing direction in the world.
     pub fn forward(&self) -> DVec3 {
         self.rotation.z_axis
     }
 
-    /// A camera fixed to this one: its centre at `offset` in this camera's frame, world units, its
-    /// axes turned from this camera's by `turn`.
+    /// Returns the pose of a camera rigidly attached to this one: its centre is at `offset` in this
+    /// camera's frame (world units), its axes are rotated by `turn`.
     pub fn attached(&self, offset: DVec3, turn: DQuat) -> Self {
         let rotation = self.rotation * DMat3::from_quat(turn.normalize());
         Self { rotation, translation: self.transform_point(offset) }
     }
 
-    /// This camera in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    /// Applies a rigid motion of the world; `motion` maps old coordinates to new ones.
     pub fn moved(&self, motion: &Self) -> Self {
         let rotation = motion.rotation * self.rotation;
         Self { rotation, translation: motion.transform_point(self.translation) }
     }
 
-    /// What [`Self::attached`] makes `other` of: its centre in this camera's frame, world units, and how its
-    /// axes are turned from this camera's.
+    /// Inverse of [`Self::attached`]: returns the centre of `other` in this camera's frame (world units)
+    /// and the rotation of its axes relative to this camera's.
     pub fn offset_to(&self, other: &Self) -> (DVec3, DQuat) {
         let back = self.rotation.transpose();
         let turn = DQuat::from_mat3(&(back * other.rotation)).normalize();
         (back * (other.translation - self.translation), turn)
     }
 
-    /// Camera coordinates to world coordinates.
+    /// Transforms camera coordinates to world coordinates.
     pub fn transform_point(&self, camera_point: DVec3) -> DVec3 {
         self.rotation * camera_point + self.translation
     }
 
-    /// `camera_from_world` as rotation and translation.
+    /// Returns `camera_from_world` as rotation and translation.
     pub fn inverse(&self) -> (DMat3, DVec3) {
         let rotation = self.rotation.transpose();
         (rotation, -(rotation * self.translation))
     }
 
-    /// OpenCV camera-to-world matrix.
+    /// Returns the OpenCV camera-to-world matrix.
     pub fn to_opencv(&self) -> DMat4 {
         let mut m = DMat4::from_mat3(self.rotation);
         m.w_axis = self.translation.extend(1.0);
         m
     }
 
-    /// OpenGL camera-to-world matrix, as NeRF-synthetic files hold it.
+    /// Returns the OpenGL camera-to-world matrix, as used by NeRF-synthetic files.
     pub fn to_opengl(&self) -> DMat4 {
         self.to_opencv() * DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0))
     }
 }
 
-/// One Newton step of the polar decomposition squares the (already small) deviation; the
-/// quaternion then makes the result orthonormal to the last bit.
+// One Newton step of the polar decomposition squares the (already small) deviation; the
+// quaternion then makes the result orthonormal to the last bit.
 fn nearest_rotation(m: DMat3) -> DMat3 {
     let polar = (m + m.inverse().transpose()) * 0.5;
     DMat3::from_quat(DQuat::from_mat3(&polar).normalize())
@@ -217,7 +217,7 @@ mod tests {
         assert!(Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Z).is_none());
     }
 
-    /// What the attached camera sees is what this one sees, told in its own frame.
+    /// A point in the attached camera's frame transforms like the same point in the base camera's frame.
     #[test]
     fn an_attached_camera_rides_along() {
         let pose = Pose::look_at(DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();

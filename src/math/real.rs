@@ -1,10 +1,10 @@
-//! The two floating-point types the engine runs in.
+//! Floating-point type of the engine.
 
 use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-/// `f32` (hot loops of the mixed path) or `f64` (the oracle).
+/// `f32` (mixed precision) or `f64` (reference).
 pub trait Real:
     Copy
     + Debug
@@ -25,19 +25,19 @@ pub trait Real:
     const ZERO: Self;
     /// The multiplicative identity.
     const ONE: Self;
-    /// Positive infinity, above every number.
+    /// Positive infinity.
     const INFINITY: Self;
     /// Rounds to the nearest representable value.
     fn of(value: f64) -> Self;
-    /// Widens (or keeps) the value.
+    /// Converts to `f64` exactly.
     fn to_f64(self) -> f64;
-    /// Exponential function, equal bits on every platform.
+    /// Exponential function, bitwise equal on every platform.
     fn exp(self) -> Self;
-    /// Natural logarithm, equal bits on every platform.
+    /// Natural logarithm, bitwise equal on every platform.
     fn ln(self) -> Self;
-    /// Neither infinite nor NaN.
+    /// True if neither infinite nor NaN.
     fn is_finite(self) -> bool;
-    /// Total order in which NaN has a place.
+    /// Compares in a total order that includes NaN.
     fn total_cmp(&self, other: &Self) -> std::cmp::Ordering;
 }
 
@@ -75,6 +75,6 @@ macro_rules! impl_real {
     };
 }
 
-// `libm`, not `std`: what `std` calls differs in its last bits from system to system.
+// `libm`, not `std`: results of `std` differ in the last bits between platforms.
 impl_real!(f32, libm::expf, libm::logf);
 impl_real!(f64, libm::exp, libm::log);

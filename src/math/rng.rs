@@ -1,20 +1,20 @@
-//! Counter-based random numbers: a stream is named by (seed, purpose, index), so its state is its
-//! name and nothing drifts when work is reordered or resumed.
+//! Counter-based random numbers: a stream is identified by (seed, purpose, index), so results do not
+//! change when work is reordered or resumed.
 //!
 //! The mixer is SplitMix64's finaliser (Steele, Lea, Flood 2014) applied to a keyed counter.
 
-/// What a stream is used for; streams of different purposes never overlap.
+/// Purpose of a stream; streams of different purposes are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// Initial means and Dirichlet weights.
     Init,
     /// Reassignment draws of one frame.
     Reassign,
-    /// Order of frames.
+    /// Order of the frames.
     Order,
     /// Procedural scenes and their sensor noise.
     Synthetic,
-    /// Photographs out of those that wait.
+    /// Selection from the shuffle buffer of photographs.
     Photographs,
 }
 
@@ -46,53 +46,53 @@ fn mix(mut z: u64) -> u64 {
 const GOLDEN_GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;
 
 impl Rng {
-    /// The stream of `seed` for `purpose`; `index` is a frame, component or pixel number.
+    /// Creates the stream of `seed` for `purpose`; `index` is a frame, component or pixel number.
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
-        // Mixed before they meet: neighbouring seeds and indices must not cancel out.
+        // Mixed before they are combined: neighbouring seeds and indices must not cancel out.
         let key = mix(seed.wrapping_add(GOLDEN_GAMMA))
             ^ mix((purpose as u64 + 1).wrapping_mul(0xD1B5_4A32_D192_ED03));
         Self { key: mix(key ^ mix(index.wrapping_mul(GOLDEN_GAMMA) ^ 0x5851_F42D)), counter: 0 }
     }
 
-    /// 64 uniform bits.
+    /// Returns 64 uniform random bits.
     pub fn next_u64(&mut self) -> u64 {
         self.counter = self.counter.wrapping_add(GOLDEN_GAMMA);
         mix(self.key ^ mix(self.counter))
     }
 
-    /// Uniform in `[0, 1)`, 53 bits.
+    /// Returns a uniform number in `[0, 1)` with 53 bits.
     pub fn uniform(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Number `index` of a sequence of its own, uniform in `(0, 1]`; the stream stays where it is.
+    /// Returns number `index` of a separate sequence, uniform in `(0, 1]`; the stream does not advance.
     #[inline]
     pub fn uniform_at(&self, index: u64) -> f64 {
-        // The complement of the key: another sequence than the stream counts through.
+        // The complemented key gives a sequence distinct from the stream's.
         let bits = mix(!self.key ^ mix(index.wrapping_mul(GOLDEN_GAMMA)));
         ((bits >> 11) + 1) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Uniform in `[lo, hi)`.
+    /// Returns a uniform number in `[lo, hi)`.
     pub fn range(&mut self, lo: f64, hi: f64) -> f64 {
         lo + (hi - lo) * self.uniform()
     }
 
-    /// Standard normal (Box-Muller).
+    /// Returns a standard normal number (Box-Muller).
     pub fn normal(&mut self) -> f64 {
-        // `uniform` may be 0, whose logarithm is infinite; 1 − it may not.
-        // The method gives two; keeping the other would take a state besides the counter.
+        // `1 − uniform` avoids the logarithm of 0. The method's second value is dropped: storing it
+        // would need state besides the counter.
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
 
-    /// Uniform integer in `0..n`; `n` must be positive.
+    /// Returns a uniform integer in `0..n`; `n` must be positive.
     pub fn below(&mut self, n: usize) -> usize {
-        // 64x64 -> 128 multiply: bias below 2^-40 for every n that fits a frame.
+        // Multiply-shift (64×64 → 128 bits): bias below 2^-40 for every `n` of a frame's size.
         ((self.next_u64() as u128 * n as u128) >> 64) as usize
     }
 
-    /// Fisher-Yates shuffle.
+    /// Shuffles in place (Fisher-Yates).
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for i in (1..items.len()).rev() {
             items.swap(i, self.below(i + 1));

@@ -1,4 +1,4 @@
-//! Special functions of the Wishart and Dirichlet laws, for D = 3 where they are multivariate.
+//! Special functions of the Wishart and Dirichlet distributions; multivariate ones for D = 3.
 
 /// Digamma `ψ(x)` for `x > 0`: recurrence up to 12, then the asymptotic series (Abramowitz &
 /// Stegun 6.3.18). Absolute error below 1e-14 · max(1, |ψ|). NaN outside the domain.
@@ -7,7 +7,7 @@ pub fn digamma(mut x: f64) -> f64 {
         return f64::NAN;
     }
     let mut shift = 0.0;
-    // From 12 on the series below is right to rounding with seven terms.
+    // From 12 on, seven terms of the series are accurate to rounding.
     while x < 12.0 {
         shift -= 1.0 / x;
         x += 1.0;
@@ -37,10 +37,10 @@ pub fn mv_ln_gamma3(a: f64) -> f64 {
     1.5 * std::f64::consts::PI.ln() + ln_gamma(a) + ln_gamma(a - 0.5) + ln_gamma(a - 1.0)
 }
 
-/// `ln Σ exp(v)`, stable; negative infinity for an empty slice.
+/// Computes `ln Σ exp(v)` without overflow; negative infinity for an empty slice.
 pub fn log_sum_exp(values: &[f64]) -> f64 {
     let max = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    // All −∞, or an ∞ among them: subtracting it would give NaN.
+    // All are −∞ or one is ∞: subtracting it would give NaN.
     if !max.is_finite() {
         return max;
     }

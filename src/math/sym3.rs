@@ -1,8 +1,8 @@
-//! Symmetric 3×3 matrices in f64: factorisations that few-point components survive.
+//! Symmetric 3×3 matrices in f64, with factorisations robust to components of few points.
 //!
-//! Covariances of a few points on a surface are ill-conditioned. Determinants and inverses go
-//! through a Cholesky factor, because cofactors lose up to 10⁴ times more digits there, and
-//! eigenvalues through Jacobi rotations, which are right to rounding whatever the conditioning.
+//! Covariances of a few points on a surface are ill-conditioned. Determinants and inverses use a
+//! Cholesky factor, because cofactors lose up to 10⁴ times more digits there. Eigenvalues use Jacobi
+//! rotations, which are accurate to rounding for any condition number.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -38,27 +38,27 @@ pub struct Sym3 {
 pub struct Eigen3 {
     /// Eigenvalues in descending order.
     pub values: DVec3,
-    /// Columns belong to `values`; a proper rotation.
+    /// Eigenvectors as columns in the order of `values`; a proper rotation.
     pub vectors: DMat3,
 }
 
 impl Sym3 {
-    /// `value` times the identity.
+    /// Returns `value` times the identity.
     pub fn diagonal(value: f64) -> Self {
         Self { xx: value, yy: value, zz: value, ..Self::default() }
     }
 
-    /// From xx, xy, xz, yy, yz, zz.
+    /// Creates a matrix from xx, xy, xz, yy, yz, zz.
     pub fn from_array([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Self {
         Self { xx, xy, xz, yy, yz, zz }
     }
 
-    /// As xx, xy, xz, yy, yz, zz.
+    /// Returns xx, xy, xz, yy, yz, zz.
     pub fn to_array(self) -> [f64; 6] {
         [self.xx, self.xy, self.xz, self.yy, self.yz, self.zz]
     }
 
-    /// The symmetric part of a full matrix.
+    /// Returns the symmetric part of a full matrix.
     pub fn from_mat3(m: DMat3) -> Self {
         Self {
             xx: m.x_axis.x,
@@ -70,7 +70,7 @@ impl Sym3 {
         }
     }
 
-    /// As a full matrix.
+    /// Returns the full matrix.
     pub fn to_mat3(self) -> DMat3 {
         DMat3::from_cols(
             DVec3::new(self.xx, self.xy, self.xz),
@@ -79,7 +79,7 @@ impl Sym3 {
         )
     }
 
-    /// The outer product `v vᵀ`.
+    /// Outer product `v vᵀ`.
     pub fn outer(v: DVec3) -> Self {
         Self {
             xx: v.x * v.x,
@@ -97,12 +97,12 @@ impl Sym3 {
         Self::from_array(std::array::from_fn(|i| a[i] + factor * b[i]))
     }
 
-    /// Every entry times `factor`.
+    /// Multiplies every entry by `factor`.
     pub fn scaled(self, factor: f64) -> Self {
         Self::from_array(self.to_array().map(|v| factor * v))
     }
 
-    /// `A self A` for a diagonal `A`: the covariance after scaling each axis.
+    /// `A self A` for a diagonal `A`: the covariance after scaling the axes.
     pub fn scaled_axes(self, a: DVec3) -> Self {
         Self {
             xx: self.xx * a.x * a.x,
@@ -119,13 +119,12 @@ impl Sym3 {
         v.dot(self.to_mat3() * v)
     }
 
-    /// Sum of the diagonal.
+    /// Trace.
     pub fn trace(self) -> f64 {
         self.xx + self.yy + self.zz
     }
 
-    /// Lower Cholesky factor (columns of the returned matrix), or `None` if the matrix is not
-    /// positive definite in floating point.
+    /// Returns the lower Cholesky factor, or `None` if the matrix is not numerically positive definite.
     pub fn cholesky(self) -> Option<DMat3> {
         let l00 = positive_sqrt(self.xx)?;
         let (l10, l20) = (self.xy / l00, self.xz / l00);
@@ -139,17 +138,17 @@ impl Sym3 {
         ))
     }
 
-    /// `ln |self|` from a Cholesky factor; the cofactor determinant loses up to 10⁴ times more
-    /// digits on ill-conditioned matrices. `None` if not positive definite.
+    /// Computes `ln |self|` by Cholesky; `None` if not positive definite. The cofactor determinant loses
+    /// up to 10⁴ times more digits on ill-conditioned matrices.
     pub fn ln_det(self) -> Option<f64> {
         let l = self.cholesky()?;
         Some(2.0 * (l.x_axis.x.ln() + l.y_axis.y.ln() + l.z_axis.z.ln()))
     }
 
-    /// Inverse through the Cholesky factor, `None` if not positive definite.
+    /// Inverts by Cholesky; `None` if not positive definite.
     pub fn inverse(self) -> Option<Self> {
         let l = self.cholesky()?;
-        // The factor is inverted, then multiplied with its transpose: symmetric by construction.
+        // The inverse factor times its transpose is symmetric by construction.
         let i00 = 1.0 / l.x_axis.x;
         let i11 = 1.0 / l.y_axis.y;
         let i22 = 1.0 / l.z_axis.z;
@@ -166,8 +165,8 @@ impl Sym3 {
         })
     }
 
-    /// Eigen-decomposition by cyclic Jacobi rotations: backward stable, so eigenvalues are right to
-    /// 1e-15 of the largest one whatever the conditioning.
+    /// Eigendecomposition by cyclic Jacobi rotations. Backward stable: eigenvalues are accurate to 1e-15
+    /// of the largest one for any condition number.
     pub fn eigen(self) -> Eigen3 {
         let mut a =
             [[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]];
@@ -175,7 +174,7 @@ impl Sym3 {
         for _ in 0..JACOBI_SWEEPS {
             let off = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
             let diagonal = a[0][0].abs() + a[1][1].abs() + a[2][2].abs();
-            // Relative to the diagonal: covariances are in squares of any unit.
+            // Relative to the diagonal, since covariances may have any unit.
             if off <= f64::EPSILON * 1e-3 * diagonal {
                 break;
             }
@@ -187,7 +186,7 @@ impl Sym3 {
     }
 }
 
-/// Three sweeps reach full precision for 3×3; the rest is margin for extreme scalings.
+// Three sweeps reach full precision for 3×3; the rest is margin for extreme scaling.
 const JACOBI_SWEEPS: usize = 12;
 
 fn positive_sqrt(value: f64) -> Option<f64> {
@@ -199,17 +198,17 @@ fn jacobi_rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usiz
         return;
     }
     let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-    // θ² would overflow; there 1/(2θ) is the root to rounding.
+    // θ² would overflow; 1/(2θ) equals the root to rounding here.
     let t = if theta.abs() > 1e150 {
         0.5 / theta
     } else {
-        // The smaller root turns by at most 45 degrees, which is what makes sweeps converge.
+        // The smaller root rotates by at most 45 degrees, which makes the sweeps converge.
         theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt())
     };
     let c = 1.0 / (t * t + 1.0).sqrt();
     let s = t * c;
     let (app, aqq, apq) = (a[p][p], a[q][q], a[p][q]);
-    // What changes is added: the full formula would cancel where an eigenvalue is small.
+    // Adding the change avoids the cancellation of the full formula for small eigenvalues.
     a[p][p] = app - t * apq;
     a[q][q] = aqq + t * apq;
     a[p][q] = 0.0;
@@ -232,7 +231,7 @@ fn sorted_descending(a: [[f64; 3]; 3], v: [[f64; 3]; 3]) -> Eigen3 {
     order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
     let column = |i: usize| DVec3::new(v[0][i], v[1][i], v[2][i]);
     let mut vectors = DMat3::from_cols(column(order[0]), column(order[1]), column(order[2]));
-    // Eigenvectors have no sign; a rotation must have one.
+    // The sign of an eigenvector is arbitrary; flipping one makes the matrix a proper rotation.
     if vectors.determinant() < 0.0 {
         vectors.z_axis = -vectors.z_axis;
     }
@@ -240,7 +239,7 @@ fn sorted_descending(a: [[f64; 3]; 3], v: [[f64; 3]; 3]) -> Eigen3 {
     Eigen3 { values, vectors }
 }
 
-/// Unit quaternion of a rotation, `w ≥ 0`.
+/// Returns the unit quaternion of a rotation, with `w ≥ 0`.
 pub fn rotation_quaternion(rotation: DMat3) -> DQuat {
     let q = DQuat::from_mat3(&rotation).normalize();
     if q.w < 0.0 { -q } else { q }

@@ -1,27 +1,27 @@
-//! What is known of a component beside its splat.
+//! Attributes of a component besides its splat: evidence, uncertainty, ELBO, birth.
 
 use super::conjugate::posterior::ComponentPosterior;
 use super::scene::photometric::PhotometricDeviations;
 use crate::math::normalization::Normalization;
 
-/// What is known of a component beside its splat.
+/// Attributes of a component besides its splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComponentAttributes {
-    /// Points it has received, `N_k`; `None` for splats that no training stands behind.
+    /// Number of points received, `N_k`; `None` for splats that were not trained here.
     pub evidence: Option<f32>,
-    /// Standard deviation of the position of what is drawn, world units: of the points' mean
-    /// ([`ComponentPosterior::mean_deviation`]), or what photographs leave uncertain of the splat.
+    /// Standard deviation of the drawn position, world units: that of the points' mean
+    /// ([`ComponentPosterior::mean_deviation`]), or of the splat's position as estimated from photographs.
     pub uncertainty: Option<f32>,
-    /// Mean ELBO, nats, of the points of the last frame that it has the largest share in; `None` if
-    /// it has none, or where nobody asked for the sum.
+    /// Mean ELBO, nats, of the points of the last frame for which this component has the largest
+    /// responsibility; `None` if there are none or the sum was not requested.
     pub elbo: Option<f32>,
-    /// Position in the run of the frame in which it first received points; `None` where that is not
-    /// known, or before.
+    /// Index, within the run, of the frame in which the component first received points; `None` if unknown or
+    /// not yet born.
     pub birth: Option<u32>,
 }
 
 impl ComponentAttributes {
-    /// Attributes of a component by its posterior; one without points has none.
+    /// Derives the attributes from a posterior; a component without points has none.
     pub fn new(
         posterior: &ComponentPosterior,
         normalization: &Normalization,
@@ -39,7 +39,7 @@ impl ComponentAttributes {
         }
     }
 
-    /// The same of a component whose splat photographs have moved: they alone, since it began.
+    /// Replaces the uncertainty by the photometric one, if photographs have changed the splat.
     pub fn photographed(self, found: Option<PhotometricDeviations>) -> Self {
         let uncertainty = found.map(|found| found.position() as f32).or(self.uncertainty);
         Self { uncertainty, ..self }
@@ -54,8 +54,8 @@ mod tests {
     use crate::model::conjugate::statistics::Moments;
     use glam::DVec3;
 
-    /// Four points around the initial mean, a unit apart on the first axis: the expected covariance
-    /// is about that of the points, and their mean is known √4 times better than one of them.
+    /// Four points around the initial mean, one unit apart along the first axis: the expected covariance is
+    /// close to that of the points, and the mean's deviation is smaller by √4.
     #[test]
     fn uncertainty_is_the_deviation_of_the_mean_in_world_units() {
         let moments = Moments {

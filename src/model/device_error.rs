@@ -1,11 +1,11 @@
-//! What a device beside the processor says when it cannot do its part of a frame.
+//! Error of a compute device that cannot complete its part of a frame.
 
-/// A device could not do its part; whoever asked it goes on without.
+/// A device failed; the caller continues on the processor.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: expected a pass over a frame, which failed: {reason}")]
+#[error("{device} failed to compute a pass over a frame: {reason}")]
 pub struct DeviceError {
-    /// What it was to run on.
+    /// Name of the device.
     pub device: String,
-    /// What went wrong, in the device's words.
+    /// Reason as reported by the device.
     pub reason: String,
 }

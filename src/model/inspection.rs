@@ -1,4 +1,4 @@
-//! Everything known of one component, in world units.
+//! Complete description of one component, in world units.
 
 use super::attributes::ComponentAttributes;
 use super::conjugate::posterior::ComponentPosterior;
@@ -9,12 +9,12 @@ use crate::math::normalization::Normalization;
 use crate::math::sym3::Sym3;
 use glam::{DQuat, DVec3};
 
-/// Everything known of one component.
+/// Complete description of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inspection {
-    /// Its number.
+    /// Number of the component.
     pub id: u32,
-    /// Its posterior, normalised coordinates.
+    /// Posterior in normalised coordinates.
     pub posterior: ComponentPosterior,
     /// Posterior mean, world units.
     pub mean: DVec3,
@@ -22,7 +22,7 @@ pub struct Inspection {
     pub covariance: Sym3,
     /// Standard deviations along the axes of `rotation`, world units, largest first.
     pub scales: DVec3,
-    /// Turns the axes of `scales` into the world.
+    /// Rotation from the axes of `scales` to the world.
     pub rotation: DQuat,
     /// Posterior mean of the colour, sRGB-encoded, not clamped.
     pub color: DVec3,
@@ -30,16 +30,16 @@ pub struct Inspection {
     pub weight: f64,
     /// Evidence, uncertainty, ELBO and birth.
     pub attributes: ComponentAttributes,
-    /// As renderers draw it; opacity 0 if they do not.
+    /// Splat as drawn; opacity 0 if it is not drawn.
     pub splat: Splat,
-    /// How its colour varies.
+    /// Variation of its colour with position and direction.
     pub appearance: Appearance,
-    /// What photographs leave uncertain of the splat; `None` where they teach nothing.
+    /// Standard deviations of the photometric estimate; `None` without photometric learning.
     pub photographed: Option<PhotometricDeviations>,
 }
 
 impl Inspection {
-    /// Of the component `id` by its posterior, of a mixture whose weights `α` add up to `total`.
+    /// Describes component `id` of a mixture whose concentrations `α` sum to `total`.
     pub fn new(
         id: u32,
         posterior: ComponentPosterior,

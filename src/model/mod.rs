@@ -1,9 +1,9 @@
-//! The mixture itself: laws, hyper-parameters, statistics, posterior, and the splats it becomes.
+//! The mixture: distributions, hyper-parameters, statistics, posterior, and the resulting splats.
 //!
-//! Three models are kept apart (`model.md`, Three models). The *prior* never changes
-//! ([`conjugate::prior::Hyper`]). The *initial model* supplies every E-step and changes by
-//! reassignment only ([`paper::mixture::InitialModel`]). The *posterior* is the prior plus all
-//! statistics so far; it is what is rendered and never feeds back ([`conjugate::posterior`]).
+//! Three models are separate (`model.md`, Three models). The *prior* never changes
+//! ([`conjugate::prior::Hyper`]). The *initial model* serves every E-step and changes by reassignment only
+//! ([`paper::mixture::InitialModel`]). The *posterior* is the prior plus all statistics so far; it is
+//! rendered and never feeds back ([`conjugate::posterior`]).
 #![doc = include_str!("model.md")]
 
 pub mod attributes;

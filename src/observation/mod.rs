@@ -1,5 +1,5 @@
-//! What one frame says: normalised points for the published algorithm, measured surfaces for the
-//! scene preset. `dataset` makes them, `train` learns from them.
+//! Training data of one frame: normalised points for the published algorithm, measured surfaces for the
+//! scene preset. `dataset` creates them, `train` consumes them.
 
 pub mod photograph;
 pub mod points;

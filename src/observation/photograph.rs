@@ -1,4 +1,4 @@
-//! The picture that a frame's camera took, as learning compares it with what a scene shows.
+//! Photograph of a frame, which training compares with rendered images.
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
@@ -7,33 +7,33 @@ use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// A frame's photograph and where it was taken from.
+/// Photograph of a frame with its camera.
 #[derive(Clone, Debug)]
 pub struct Photograph {
-    /// Pinhole of the camera that took it.
+    /// Pinhole intrinsics of the colour camera.
     pub intrinsics: Intrinsics,
-    /// Where that camera stands in the frame of the depth camera, world units.
+    /// Position of the colour camera in the depth camera's frame, world units.
     pub offset: DVec3,
-    /// How its axes are turned against those of the depth camera.
+    /// Rotation of the colour camera relative to the depth camera.
     pub turn: DQuat,
-    /// Red, green, blue and opacity of its pixels, sRGB-encoded, in 255ths.
+    /// Red, green, blue and opacity in 255ths, sRGB-encoded.
     pub colors: Arc<Image<[u8; 4]>>,
-    /// Factors that a calibration puts on red, green and blue.
+    /// Calibrated gains of red, green and blue.
     pub gain: [f32; 3],
-    /// Depth of the surface in every pixel along this camera's axis, world units; 0 where it is not known.
+    /// Depth of the surface in each pixel along this camera's optical axis, world units; 0 if unknown.
     pub depths: Image<f32>,
-    /// Whether opacities and depths say how much of a pixel surfaces cover.
+    /// True if opacities and depths indicate how much of a pixel surfaces cover.
     pub shows_coverage: bool,
 }
 
 impl Photograph {
-    /// The camera that took it, where the depth camera has this pose.
+    /// Colour camera for a given pose of the depth camera.
     pub fn camera(&self, depth: &Pose) -> Camera {
         Camera { intrinsics: self.intrinsics, pose: depth.attached(self.offset, self.turn) }
     }
 
-    /// What was measured of a row of its pixels, in order, with its own gain; surfaces within `margin[0] +
-    /// margin[1]·depth` of a depth are the measured one, world units.
+    /// Measured pixels of one row in order, with the photograph's gain. A surface within `margin[0] +
+    /// margin[1]·depth` (world units) of the depth counts as the measured one.
     pub fn row(
         &self,
         row: usize,
@@ -55,7 +55,7 @@ impl Photograph {
         })
     }
 
-    /// What was measured of all its pixels, with a gain on red, green and blue beside its own.
+    /// Measured pixels of the whole photograph, with an additional gain on red, green and blue.
     pub fn exposed(&self, gain: [f32; 3], margin: [f32; 2]) -> Image<MeasuredPixel> {
         let exposed = |pixel: MeasuredPixel| {
             let [r, g, b] = pixel.color;

@@ -1,14 +1,14 @@
-//! Coloured points of one frame in structure-of-arrays form: what the published algorithm learns
-//! from.
+//! Coloured points of one frame in structure-of-arrays form: training data of the published algorithm.
 
 use crate::math::real::Real;
 
-/// Points per tile when the source has no pixel structure.
-// As many as a tile of 8×8 pixels has.
+/// Points per tile if the source has no pixel structure.
+// As many as in a tile of 8×8 pixels.
 const DEFAULT_TILE: usize = 64;
 
-/// Points of one frame, normalised (see [`Normalization`](crate::math::normalization::Normalization)), grouped into tiles: sums are formed
-/// tile by tile, so results depend on the tiles and never on how they are spread over threads.
+/// Points of one frame, normalised (see [`Normalization`](crate::math::normalization::Normalization)),
+/// grouped into tiles. Sums are formed per tile, so results depend on the tiles but not on the number of
+/// threads.
 ///
 /// ```
 /// use vbgs_studio::observation::points::Points;
@@ -27,24 +27,24 @@ pub struct Points<R> {
     pub y: Vec<R>,
     /// Position, third axis.
     pub z: Vec<R>,
-    /// Red, normalised as a channel.
+    /// Red, normalised per channel.
     pub r: Vec<R>,
-    /// Green, normalised as a channel.
+    /// Green, normalised per channel.
     pub g: Vec<R>,
-    /// Blue, normalised as a channel.
+    /// Blue, normalised per channel.
     pub b: Vec<R>,
-    /// Tile `t` holds the points `tiles[t]..tiles[t + 1]`; ascending, starts at 0 and ends at
-    /// [`Points::len`] once closed. Tiles hold 1 to 64 points.
+    /// Tile `t` consists of the points `tiles[t]..tiles[t + 1]`. Ascending, starts at 0 and ends at
+    /// [`Points::len`] once closed. Tiles have 1 to 64 points.
     pub tiles: Vec<u32>,
 }
 
 impl<R: Real> Points<R> {
-    /// No points and no tiles.
+    /// Creates an empty list.
     pub fn new() -> Self {
         Self { tiles: vec![0], ..Self::default() }
     }
 
-    /// Points from rows `[x, y, z, r, g, b]`, in tiles of 64.
+    /// Converts rows `[x, y, z, r, g, b]`, in tiles of 64.
     pub fn from_rows(rows: &[[f64; 6]]) -> Self {
         let mut points = Self::new();
         for chunk in rows.chunks(DEFAULT_TILE) {
@@ -61,7 +61,7 @@ impl<R: Real> Points<R> {
         self.x.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no points.
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
     }
@@ -76,19 +76,19 @@ impl<R: Real> Points<R> {
         self.tiles[tile] as usize..self.tiles[tile + 1] as usize
     }
 
-    /// Forgets the points, keeps the memory.
+    /// Removes all points; retains the allocated memory.
     pub fn clear(&mut self) {
         for column in [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
         {
             column.clear();
         }
-        // An end without a beginning is no tile: the first bound is always there.
+        // The first bound always exists.
         self.tiles.clear();
         self.tiles.push(0);
     }
 
-    /// Makes room for so many points more in tiles of so many: columns that grow together leave holes of
-    /// half their size in each other's memory.
+    /// Reserves memory for `points` more points in `tiles` more tiles. Columns that grow alternately
+    /// fragment each other's memory by half their size.
     pub fn reserve(&mut self, points: usize, tiles: usize) {
         for column in [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
         {
@@ -108,7 +108,7 @@ impl<R: Real> Points<R> {
         self.b.push(row[5]);
     }
 
-    /// Appends a tile of `[x, y, z, r, g, b]` in columns of one length, none of it open.
+    /// Appends a closed tile of `[x, y, z, r, g, b]` columns of equal length.
     #[inline]
     pub fn push_tile(&mut self, columns: [&[R]; 6]) {
         let own = [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b];
@@ -118,10 +118,10 @@ impl<R: Real> Points<R> {
         self.close_tile();
     }
 
-    /// Ends the open tile; an empty one is not kept.
+    /// Closes the open tile; an empty one is dropped.
     pub fn close_tile(&mut self) {
         let end = self.len() as u32;
-        // An empty tile would be summed for nothing and count as one.
+        // An empty tile would be summed needlessly and counted.
         if self.tiles.last() != Some(&end) {
             self.tiles.push(end);
         }
@@ -139,14 +139,14 @@ impl<R: Real> Points<R> {
         [self.r[i], self.g[i], self.b[i]]
     }
 
-    /// Points and tiles rounded to another precision.
+    /// Converts points and tiles to another precision.
     pub fn cast<S: Real>(&self) -> Points<S> {
         let mut points = Points::new();
         self.cast_into(&mut points);
         points
     }
 
-    /// Replaces `points` by these points rounded to another precision.
+    /// Replaces `points` by these points in another precision.
     pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
         let cast = |from: &[R], to: &mut Vec<S>| {
             to.clear();

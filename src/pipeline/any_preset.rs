@@ -1,5 +1,4 @@
-//! What can be asked of a preset's settings without knowing the preset: by far the most of what a run,
-//! a checkpoint or a panel wants to know. Whoever needs the types asks
+//! Interface to a preset's settings that does not depend on the preset. Code that needs the types uses
 //! [`TypedPreset`](super::preset::TypedPreset).
 
 use super::mismatch::Mismatch;
@@ -12,80 +11,80 @@ use crate::model::stored::StoredModel;
 use crate::train::learner::Learner;
 use crate::train::memory::MemoryEstimate;
 
-/// What can be asked of a preset's settings without knowing the preset.
+/// Settings of a run, independent of the preset.
 pub trait AnyPreset {
     /// Seed of every random stream.
     fn seed(&self) -> u64;
 
-    /// Corrections of the cameras, if the preset knows any.
+    /// Camera calibration, if the preset supports any.
     fn calibration(&self) -> Option<&Calibration>;
 
-    /// The camera that photographs were taken by; `None` if the one that measured depth.
+    /// Colour camera of the photographs; `None` if the depth camera took them.
     fn color_camera(&self) -> Option<ColorCamera> {
         self.calibration()?.color_camera
     }
 
-    /// How many components there may be.
+    /// Maximum number of components.
     fn component_limit(&self) -> ComponentLimit;
 
-    /// How the posterior of a component becomes the shape of a splat.
+    /// Conversion of a component's posterior covariance to the shape of a splat.
     fn covariance_form(&self) -> CovarianceForm;
 
-    /// What was found on the dataset and places the model in the world: names and values. Models are
-    /// added only where these agree.
+    /// Names and values of settings that were estimated on the dataset and position the model in the world.
+    /// Models are only merged if these agree.
     fn placement(&self) -> Vec<(&'static str, String)>;
 
-    /// How pixels of a layout become rays.
+    /// Convention by which pixels of a layout become rays.
     fn camera_convention(&self, layout: Layout) -> CameraConvention;
 
-    /// What a run over frames of `pixels` takes of the machine's memory at most.
+    /// Upper bound on the memory of a run with frames of `pixels` pixels.
     fn memory(&self, pixels: usize) -> MemoryEstimate;
 
-    /// The setting by which a model of so many components depends on the order of frames, and what
-    /// to do about it; `None` if it does not, or if only its start can tell.
+    /// Setting by which a model with this number of components depends on the order of frames. `None` if it
+    /// does not, or if only its start can show it.
     fn order_dependence(&self, components: usize) -> Option<OrderDependence>;
 
-    /// Whether models of these settings have components of their own, so that they are fused; others have
-    /// the same from the beginning, and are added.
+    /// True if runs create their own components, so that models are fused. Otherwise all runs have the same
+    /// components from the start, and statistics are added.
     fn is_fused(&self) -> bool;
 
-    /// The models, in this order, as one that may exceed no limit of these settings; all went on from
-    /// `origin`, if there is one. `None` unless they are fused and of these settings.
+    /// Fuses the models in this order, within the limits of these settings. `origin` is the model that all of
+    /// them continued, if any. `None` unless they are fusible and match these settings.
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel>;
 
-    /// Refuses a stored model that is not one of these settings.
+    /// Checks that a stored model matches these settings.
     ///
     /// # Errors
-    /// [`Mismatch`] says in what.
+    /// [`Mismatch`] states the difference.
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch>;
 
-    /// A learner with the stored model, whatever it learns from.
+    /// Restores a learner with the stored model, for any observation type.
     ///
     /// # Errors
     /// As [`TypedPreset::restore`](super::preset::TypedPreset::restore).
     fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch>;
 }
 
-/// How many components a model may have.
+/// Maximum number of components of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ComponentLimit {
-    /// It has so many from the start, used or not.
+    /// Fixed number of components, used or not.
     Fixed(usize),
-    /// It grows up to so many, which the user asked for.
+    /// Maximum set by the user.
     Asked(usize),
-    /// It grows up to so many, as nobody asked for fewer.
+    /// Default maximum.
     Default(usize),
 }
 
 impl ComponentLimit {
-    /// How many, whoever asked.
+    /// Maximum number of components.
     pub fn components(self) -> usize {
         let (Self::Fixed(n) | Self::Asked(n) | Self::Default(n)) = self;
         n
     }
 }
 
-/// A learner out of a checkpoint.
+/// Learner restored from a checkpoint.
 pub struct Revived {
     /// The learner.
     pub learner: Box<dyn Learner>,
@@ -93,11 +92,11 @@ pub struct Revived {
     pub normalization: Normalization,
 }
 
-/// Why a model depends on the order of frames.
+/// Reason why a model depends on the order of frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OrderDependence {
-    /// The setting that makes it so, as the command line spells it.
+    /// The setting responsible, in the spelling of the command line.
     pub found: String,
-    /// What to train with instead.
+    /// Setting to use instead.
     pub advice: &'static str,
 }

@@ -1,8 +1,8 @@
-//! Saving a run on its way without holding it up (`pipeline.md`, Autosave).
+//! Autosave without blocking training (`pipeline.md`, Autosave).
 //!
-//! Between two frames the training thread copies what a checkpoint is made of and goes on; another
-//! thread writes the copy. One save is in flight at most: one that falls due meanwhile is put off
-//! until that has ended, so that a slow disk costs saves and neither frames nor memory.
+//! Between two frames the training thread takes a snapshot and continues; another thread writes it. At most
+//! one save is in progress. One that falls due meanwhile is postponed, so a slow disk costs saves, but
+//! neither frames nor memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
 use super::panic_text::{NO_WORDS, panic_text};
@@ -12,52 +12,52 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often a run is saved on its way: by frames or by time, whichever comes first.
+/// Autosave interval, in frames or time, whichever comes first.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutosaveInterval {
-    /// Whenever the number of frames learnt is a multiple of this, at least 1.
+    /// Saves whenever the number of trained frames is a multiple of this, at least 1.
     pub frames: Option<usize>,
-    /// Time from one save to the next.
+    /// Time between saves.
     pub time: Option<Duration>,
 }
 
-/// A save that succeeded.
+/// Result of a successful save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Autosaved {
-    /// Frames learnt that are in the file.
+    /// Number of trained frames in the file.
     pub frames: u64,
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// A save that failed. The files are as they were before it.
+/// Failed save. Existing files are unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum AutosaveError {
-    /// It could not be written.
-    #[error("{0}; training goes on, and the next save is tried when it is due")]
+    /// The file could not be written.
+    #[error("{0}; training continues, and the next save is attempted when it is due")]
     Run(#[from] RunError),
-    /// There is no thread to write it.
-    #[error("{}: the thread that saves did not start: {source}; the next save is tried when it is due", path.display())]
+    /// The save thread could not be started.
+    #[error("{}: the save thread did not start: {source}; the next save is attempted when it is due", path.display())]
     Thread {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The thread ended by a defect of the program.
-    #[error("{}: this save was ended by a defect of this program, please report it: {said}; training goes on, and the next save is tried when it is due", path.display())]
+    /// The save thread panicked.
+    #[error("{}: this save failed by a defect of this program, please report it: {said}; training continues, and the next save is attempted when it is due", path.display())]
     Panicked {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the panic said.
+        /// Message of the panic.
         said: String,
     },
 }
 
-/// What became of a save.
+/// Result of a save.
 pub type SaveOutcome = Result<Autosaved, AutosaveError>;
 
-/// Saves one run again and again under one name; the file before stays as `<name>.bak`.
+/// Repeated saves of one run under one name; the previous file is retained as `<name>.bak`.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -76,41 +76,41 @@ pub type SaveOutcome = Result<Autosaved, AutosaveError>;
 /// let every_frame = AutosaveInterval { frames: Some(1), ..AutosaveInterval::default() };
 /// let mut autosave = Autosave::new(path.clone(), every_frame, &session);
 /// session.step()?;
-/// assert!(autosave.between_frames(&session).is_none(), "begun, not waited for");
-/// let saved = autosave.wait().expect("one was in flight")?;
+/// assert!(autosave.between_frames(&session).is_none(), "started, not finished");
+/// let saved = autosave.wait().expect("a save in progress")?;
 /// assert_eq!((saved.frames, SavedRun::read(&path)?.content.cursor.frames), (1, 1));
-/// assert!(!autosave.is_pending(&session), "nothing was learnt since");
+/// assert!(!autosave.is_pending(&session), "no frames since the save");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Autosave {
     path: PathBuf,
     interval: AutosaveInterval,
-    /// Frames learnt, and the moment, when the latest save began.
+    /// Number of trained frames and time at the start of the latest save.
     begun: (u64, Instant),
     in_flight: Option<JoinHandle<SaveOutcome>>,
 }
 
 impl Autosave {
-    /// Counts from now on. What saves to this name that were cut short have left is removed: no two
-    /// runs may save to one name.
+    /// Starts counting now and removes leftovers of interrupted saves to this path. Two runs must not save to
+    /// the same path.
     pub fn new(path: PathBuf, interval: AutosaveInterval, session: &Session) -> Self {
         atomic::remove_leftovers(&path);
         let begun = (session.learner().frames(), Instant::now());
         Self { path, interval, begun, in_flight: None }
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Changes how often.
+    /// Changes the interval.
     pub fn set_interval(&mut self, interval: AutosaveInterval) {
         self.interval = interval;
     }
 
-    /// To be called between frames: begins a save if one is due and none is in flight. What became of
-    /// the one before, once, when it has ended.
+    /// Starts a save if one is due and none is in progress; call it between frames. Returns the result of the
+    /// previous save, once, when it has finished.
     pub fn between_frames(&mut self, session: &Session) -> Option<SaveOutcome> {
         if self.in_flight.as_ref().is_some_and(|save| !save.is_finished()) {
             return None;
@@ -118,20 +118,20 @@ impl Autosave {
         let ended = self.wait();
         let is_due = self.is_due(session.learner().frames());
         let refused = is_due.then(|| self.begin(session).err()).flatten();
-        // A thread that does not start is news; that the save before succeeded is none beside it.
+        // A thread that did not start takes precedence over the success of the previous save.
         refused.map(Err).or(ended)
     }
 
-    /// Whether a save is in flight, or will be due after a while by what was learnt so far.
+    /// True if a save is in progress, or frames were trained on since the last one.
     pub fn is_pending(&self, session: &Session) -> bool {
         let (saved, _) = self.begun;
         self.in_flight.is_some() || session.learner().frames() > saved
     }
 
-    /// Begins a save, due or not, once the one in flight has ended.
+    /// Starts a save immediately, after waiting for the one in progress.
     ///
     /// # Errors
-    /// [`AutosaveError::Thread`]; or what became of the save in flight, if that failed.
+    /// [`AutosaveError::Thread`], or the error of the save in progress.
     pub fn begin(&mut self, session: &Session) -> Result<(), AutosaveError> {
         self.begin_by(write, session)
     }
@@ -153,7 +153,7 @@ impl Autosave {
         Ok(())
     }
 
-    /// Waits for the save in flight; what became of it.
+    /// Waits for the save in progress and returns its result.
     pub fn wait(&mut self) -> Option<SaveOutcome> {
         let outcome = self.in_flight.take()?.join();
         Some(outcome.unwrap_or_else(|panic| {
@@ -164,7 +164,7 @@ impl Autosave {
 
     fn is_due(&self, frames: u64) -> bool {
         let (before, at) = self.begun;
-        // Multiples rather than distances, so that a run that goes on saves where it would have.
+        // Multiples instead of distances, so that a resumed run saves at the same frames.
         let by_frames = |n: usize| frames / n.max(1) as u64 > before / n.max(1) as u64;
         let by_time = |time: Duration| frames > before && at.elapsed() >= time;
         self.interval.frames.is_some_and(by_frames) || self.interval.time.is_some_and(by_time)
@@ -172,7 +172,7 @@ impl Autosave {
 }
 
 impl Drop for Autosave {
-    /// No file changes after the run is over.
+    /// Waits, so that no file changes after the end of the run.
     fn drop(&mut self) {
         drop(self.wait());
     }
@@ -224,17 +224,17 @@ mod tests {
         session.step().unwrap();
         autosave.begin_by(defect, &session).unwrap();
         let said = autosave.wait().unwrap().unwrap_err().to_string();
-        for part in ["run.vbgs", "injected into a save", "training goes on", "when it is due"] {
+        for part in ["run.vbgs", "injected into a save", "training continues", "when it is due"] {
             assert!(said.contains(part), "{part:?} is missing in: {said}");
         }
         let frames = || SavedRun::read(&path).unwrap().content.cursor.frames;
-        assert_eq!(frames(), 1, "the save before is whole");
+        assert_eq!(frames(), 1, "the previous save is complete");
 
         session.step().unwrap();
-        assert!(autosave.between_frames(&session).is_none(), "begun, not waited for");
+        assert!(autosave.between_frames(&session).is_none(), "started, not finished");
         assert_eq!(autosave.wait().unwrap().unwrap().frames, 3);
         assert_eq!(frames(), 3);
         let left = std::fs::read_dir(folder.path()).unwrap().count();
-        assert_eq!(left, 2, "the run and the one before, nothing of the save that panicked");
+        assert_eq!(left, 2, "the run and its backup, nothing of the save that panicked");
     }
 }

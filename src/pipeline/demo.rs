@@ -1,4 +1,4 @@
-//! The built-in demo: one definition for the window and for machines without a display.
+//! Built-in demo, shared by the window and the command line.
 
 use super::error::SessionError;
 use super::plan::Selection;
@@ -8,23 +8,23 @@ use crate::dataset::Dataset;
 use crate::dataset::synthetic::{self, ParamsError};
 use std::sync::Arc;
 
-/// Why the demo cannot start.
+/// Error of starting the demo.
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
-    /// The scene's parameters.
+    /// Invalid scene parameters.
     #[error("{0}")]
     Scene(#[from] ParamsError),
-    /// The session.
+    /// The session could not be started.
     #[error("{0}")]
     Session(#[from] SessionError),
 }
 
-/// The synthetic room.
+/// Returns the synthetic room.
 pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
     Ok(Arc::new(synthetic::demo()?))
 }
 
-/// A session over all of the demo's frames.
+/// Starts a session over all frames of the demo.
 pub fn session(asked: impl Into<MethodRequest>) -> Result<Session, DemoError> {
     Ok(Session::new(dataset()?, asked, Selection::everything())?)
 }

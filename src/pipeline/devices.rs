@@ -1,4 +1,4 @@
-//! What a session computes on beside the processor.
+//! Compute devices of a session besides the CPU.
 
 use super::session::Session;
 use crate::model::device_error::DeviceError;
@@ -8,21 +8,20 @@ use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::device_trial::DevicePolicy;
 
 impl Session {
-    /// Compares photographs on a device beside the processor from now on, where they are learnt from.
+    /// Compares photographs on a device from now on, if they are trained on.
     pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.learner_mut().compare_on(comparer, policy);
     }
 
-    /// Finds the seeds of points, and sums points, on a device beside the processor from now on, where one
-    /// can.
+    /// Assigns points to seeds and sums them on a device from now on, if the learner supports it.
     pub fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
         self.learner_mut().fit_on(device, policy);
     }
 
-    /// Computes passes over frames on a device beside the processor from now on, where one can.
+    /// Computes mixture passes over frames on a device from now on, if the learner supports it.
     ///
     /// # Errors
-    /// [`DeviceError`] if it has no room for the model; then it is not used.
+    /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
     pub fn compute_on(
         &mut self,
         device: Box<dyn MixtureDevice>,

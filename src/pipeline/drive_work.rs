@@ -1,8 +1,7 @@
-//! Work that asks drives, which may never answer: on a thread of its own, so that whoever waits for it can
-//! give it up.
+//! Work that accesses drives, on its own thread, so that callers can abandon it.
 //!
-//! Nothing can end a thread that waits for a network drive that is gone. One that is given up stays behind
-//! with what it waits for, and is heard no more.
+//! A thread that waits for a lost network drive cannot be stopped. An abandoned thread stays blocked, and its
+//! result is discarded.
 
 use std::any::Any;
 use std::io;
@@ -11,7 +10,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, Builder};
 use std::time::{Duration, Instant};
 
-/// Work that is under way; dropping it lets the work go on unheard.
+/// Work in progress; dropping it abandons the work.
 pub struct DriveWork<T> {
     since: Instant,
     answers: Receiver<thread::Result<T>>,
@@ -21,30 +20,30 @@ impl<T: Send + 'static> DriveWork<T> {
     /// Starts the work on a thread with this name.
     ///
     /// # Errors
-    /// What the system says where it has no thread to spare.
+    /// The system cannot start a thread.
     pub fn start(name: &str, work: impl FnOnce() -> T + Send + 'static) -> io::Result<Self> {
         let (answer, answers) = sync_channel(1);
         Builder::new().name(name.to_owned()).spawn(move || {
-            // Nothing that the work may have left half done is used afterwards but its answer, for
-            // which nobody listens where it was given up.
+            // Unwind-safe, because only the result is used afterwards. Sending fails if the work was
+            // abandoned.
             let _ = answer.send(catch_unwind(AssertUnwindSafe(work)));
         })?;
         Ok(Self { since: Instant::now(), answers })
     }
 
-    /// What came of it, or the panic that ended it, if it ends within that time; once.
+    /// Waits up to `patience` for the result or the panic that ended the work; available once.
     pub fn wait(&self, patience: Duration) -> Option<thread::Result<T>> {
         match self.answers.recv_timeout(patience) {
             Ok(ended) => Some(ended),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => {
-                let ended: Box<dyn Any + Send> = Box::new("the thread has ended unheard");
+                let ended: Box<dyn Any + Send> = Box::new("the thread ended without a result");
                 Some(Err(ended))
             }
         }
     }
 
-    /// How long ago it was started.
+    /// Time since the start.
     pub fn elapsed(&self) -> Duration {
         self.since.elapsed()
     }

@@ -1,4 +1,4 @@
-//! Why a session cannot start or go on.
+//! Errors of starting and continuing a session.
 
 use super::memory::MemoryError;
 use super::mismatch::Mismatch;
@@ -8,44 +8,44 @@ use crate::dataset::error::DatasetError;
 use crate::dataset::range::RangeError;
 use crate::train::candidates::IndexError;
 
-/// Why a session cannot start or go on.
+/// Reason why a session cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
-    /// The dataset does not hold what was asked for.
+    /// The dataset lacks what was requested.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The scene preset does not suit the dataset.
+    /// The scene preset does not fit the dataset.
     #[error("{0}")]
     Scene(#[from] SceneError),
-    /// The range of positions could not be found.
+    /// The range of positions could not be estimated.
     #[error("{0}")]
     Range(#[from] RangeError),
-    /// The decoding thread did not start.
+    /// A decoding thread could not be started.
     #[error("{0}")]
     Spawn(#[from] SpawnError),
-    /// The machine has not enough memory.
+    /// The machine has too little memory.
     #[error("{0}")]
     Memory(#[from] MemoryError),
     /// The candidate index could not be built.
     #[error("{0}")]
     Index(#[from] IndexError),
-    /// Frames are to be gone through again, and would teach nothing.
+    /// Further passes would have no effect.
     #[error(
-        "passes: expected 1 where photographs are not learnt, found {0}: points count once; learn photographs, or go through the frames once"
+        "passes: expected 1 without photometric training, found {0}: points count once; train on photographs, or use one pass"
     )]
     Passes(usize),
-    /// Tracking cannot go with another setting.
+    /// Tracking excludes another setting.
     #[error("--poses track: expected {expected}, found {found}")]
     Tracking {
-        /// What tracking needs.
+        /// Setting that tracking requires.
         expected: &'static str,
-        /// The setting in its way.
+        /// Conflicting setting.
         found: String,
     },
-    /// A stored model is not one of the settings stored beside it.
+    /// A stored model does not match the settings stored with it.
     #[error("{0}")]
     Stored(Mismatch),
-    /// Settings or reports could not be written as JSON.
+    /// Settings or reports could not be serialized as JSON.
     #[error("writing the run's settings as JSON failed: {0}; report this as a defect")]
     Json(#[from] serde_json::Error),
     /// Every frame was skipped.
@@ -55,7 +55,7 @@ pub enum SessionError {
     NoUsableFrame {
         /// Name of the dataset.
         dataset: String,
-        /// Frames skipped.
+        /// Number of skipped frames.
         skipped: usize,
         /// Message of the first one.
         first: String,

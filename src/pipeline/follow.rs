@@ -1,7 +1,6 @@
-//! When to look for the frames of a recording that is under way, and what to do about what is found.
+//! Polling of a recording in progress: when to scan it, and what to do with the result.
 //!
-//! Looks are asked for between frames, by whoever trains, who waits a moment for them: so nothing watches
-//! that nobody asks.
+//! The training thread polls between frames with a short timeout; no background watcher exists.
 
 use super::error::SessionError;
 use super::looks::{Found, Looks};
@@ -16,59 +15,57 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Longest that whoever trains waits for a look: most take less, and nobody feels it.
+/// Maximum time that training waits for a scan; most take less, and it is not noticeable.
 const MOMENT: Duration = Duration::from_millis(50);
 
-/// A drive that takes so long does not answer.
+/// Time after which a drive counts as not responding.
 const SILENT: Duration = Duration::from_secs(3);
 
-/// A recording that is followed while it grows.
+/// Recording that is followed while it grows.
 pub struct Follow {
     path: PathBuf,
     looks: Looks,
     selection: Selection,
-    /// Found before a session has begun.
+    /// Frames found before a session has started.
     dataset: Option<Arc<Dataset>>,
     started: Instant,
     pace: LookPace,
     problem: Option<String>,
-    /// Why a session could not begin on the frames so far.
+    /// Why a session could not start on the frames so far.
     unfit: Option<String>,
-    /// What is said while a look takes too long.
+    /// Notice while a scan takes too long.
     silence: Option<String>,
     is_over: bool,
 }
 
 impl Follow {
-    /// Begins with nothing: even the folder may come later.
+    /// Starts without frames; the folder may not exist yet.
     ///
     /// # Errors
-    /// A selection that needs to know all frames, an option out of its range, a file in place of a
-    /// folder.
+    /// A selection that requires all frames, an option out of range, or a file instead of a folder.
     pub fn new(
         path: &Path,
         load: &LoadOptions,
         selection: &Selection,
     ) -> Result<Self, DatasetError> {
         if selection.order != Order::Sequential {
-            return Err(not_followed("order", "sequential beside follow", "shuffled"));
+            return Err(not_followed("order", "sequential with follow", "shuffled"));
         }
         if selection.passes > 1 {
-            return Err(not_followed("passes", "1 beside follow", &selection.passes.to_string()));
+            return Err(not_followed("passes", "1 with follow", &selection.passes.to_string()));
         }
         if selection.hold_out == HoldOut::Sector {
-            return Err(not_followed("hold-out", "every-8th beside follow", "sector"));
+            return Err(not_followed("hold-out", "every-8th with follow", "sector"));
         }
         if selection.split.as_deref() == Some(HELD_OUT) {
-            let expected = "the split that is recorded, beside follow";
+            let expected = "the recorded split, with follow";
             return Err(not_followed("split", expected, HELD_OUT));
         }
         let recording = GrowingRecording::new(path, load, selection.split.as_deref())?;
         Ok(Self::with(recording, selection))
     }
 
-    /// Goes on behind the frames of a dataset that was opened; `None` for one that is no folder, and
-    /// where a sector trains.
+    /// Continues after the frames of an opened dataset. `None` if it is no folder, or with a sector hold-out.
     pub(super) fn of(dataset: &Dataset, split: usize, selection: &Selection) -> Option<Self> {
         if selection.hold_out == HoldOut::Sector {
             return None;
@@ -91,11 +88,11 @@ impl Follow {
         }
     }
 
-    /// The recording so far, whenever it has grown and holds a frame to train on; for a session to
-    /// begin with, to which [`Session::follow`](super::session::Session::follow) hands the rest over.
+    /// Returns the recording so far, whenever it has grown and has a frame to train on. Start a session with
+    /// it and pass `self` to [`Session::follow`](super::session::Session::follow).
     ///
     /// # Errors
-    /// What is wrong with a recording that has ended.
+    /// A defect of a recording that has ended.
     pub fn more(&mut self) -> Result<Option<Arc<Dataset>>, DatasetError> {
         let (Found::Frames(found) | Found::End(Some(found))) = self.look()? else {
             return Ok(None);
@@ -117,23 +114,24 @@ impl Follow {
         Ok((has_frames || self.is_over).then(|| dataset.clone()))
     }
 
-    /// Whether a session may begin after more frames although it did not now: these show nothing.
+    /// True if a session may start later with more frames although it failed now, because these have no
+    /// usable points.
     pub fn forgives(&mut self, error: &SessionError) -> bool {
         let is_of_frames =
             matches!(error, SessionError::Range(_) | SessionError::Scene(SceneError::NoPoints(_)));
         if is_of_frames {
-            // Kept until there are more frames: the next look finds nothing wrong with the recording.
+            // Stored until there are more frames, because the next scan finds no fault in the recording.
             self.unfit = Some(error.to_string());
         }
         is_of_frames && !self.is_over
     }
 
-    /// What is selected, and that it is followed.
+    /// Selection of frames, with `follow` set.
     pub fn selection(&self) -> &Selection {
         &self.selection
     }
 
-    /// Time until a look may find something.
+    /// Time until the next scan may find something.
     pub fn rest(&self) -> Duration {
         match self.looks.under_way() {
             Some(_) => Duration::ZERO,
@@ -141,26 +139,26 @@ impl Follow {
         }
     }
 
-    /// Why the last look found nothing, or nothing began with what was found, where that is not for lack of new
-    /// files.
+    /// Why the last scan found nothing, or why no session started with its result. `None` if there are simply
+    /// no new files.
     pub fn problem(&self) -> Option<&str> {
         self.silence.as_deref().or(self.problem.as_deref()).or(self.unfit.as_deref())
     }
 
-    /// The folder.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// From here on a session holds the frames.
+    /// Drops the dataset, once a session owns the frames.
     pub(super) fn hand_over(self) -> Self {
         Self { dataset: None, ..self }
     }
 
-    /// What came since the last look, if it is time for another.
+    /// Returns what was recorded since the last scan, if a scan is due.
     ///
     /// # Errors
-    /// What is wrong with a recording that has ended. Before, time may mend it.
+    /// A defect of a recording that has ended. Before the end it may be temporary.
     pub(super) fn look(&mut self) -> Result<Found, DatasetError> {
         if self.is_over {
             return Ok(Found::End(None));
@@ -173,7 +171,7 @@ impl Follow {
             self.pace.ask(now);
             if let Err(source) = self.looks.begin(self.pace.retries(now), now.as_secs_f64()) {
                 self.problem =
-                    Some(format!("{}: no thread to look at it: {source}", self.path.display()));
+                    Some(format!("{}: no thread to scan it: {source}", self.path.display()));
             }
         }
         let Some(looked) = self.looks.wait(MOMENT) else {
@@ -195,7 +193,7 @@ impl Follow {
         Ok(found)
     }
 
-    /// Lets a frame that could not be read be found again when its files no longer look so.
+    /// Allows an unreadable frame to be found again once its files have changed.
     pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
         self.looks.give_back(frame, marks);
     }
@@ -205,10 +203,10 @@ fn not_followed(setting: &'static str, expected: &'static str, found: &str) -> D
     DatasetError::Option { setting, expected, found: found.to_owned() }
 }
 
-/// What is said of a folder that was asked so long ago and has not answered; `None` while it may yet.
+/// Returns a warning if a drive has not responded for too long.
 pub fn silence(path: &Path, elapsed: Duration) -> Option<String> {
     let (path, s) = (path.display(), SILENT.as_secs());
     (elapsed > SILENT).then(|| format!(
-        "{path}: expected its drive to answer, found it silent for {s} seconds; check the connection: what was learnt can be saved meanwhile"
+        "{path}: expected its drive to respond, found it silent for {s} seconds; check the connection: the result so far can be saved meanwhile"
     ))
 }

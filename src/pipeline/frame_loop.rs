@@ -1,4 +1,4 @@
-//! The heart of the training loop: prepared frames in, a learner that has learnt them out.
+//! Inner training loop: takes prepared frames and updates the learner.
 
 use super::prefetch::{NextFrame, PlannedFrame, Prefetch, Prepared, PreparedFrame};
 use super::prepare::Prepare;
@@ -9,61 +9,56 @@ use crate::train::outcome::{FrameOutcome, FrameTracking};
 use crate::train::scene::track::TrackingLoss;
 use std::time::Duration;
 
-/// Frames and the learner they are for, whichever preset ties them together.
+/// Prefetch and learner of one preset, with their types erased.
 pub(super) trait FrameLoop: Send {
-    /// Learns from the next frame, waiting no longer than that for it to be decoded.
+    /// Trains on the next frame, waiting at most `patience` for it to be decoded.
     fn step(&mut self, patience: Duration) -> Stepped;
 
-    /// Frames that come behind all others.
+    /// Appends frames to the queue.
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
 
-    /// The learner.
     fn learner(&self) -> &dyn Learner;
 
-    /// The learner, to ask it for more.
     fn learner_mut(&mut self) -> &mut dyn Learner;
 }
 
-/// What a step came to.
+/// Result of a step.
 pub(super) enum Stepped {
     Frame(SteppedFrame),
-    /// The next frame is not read yet.
+    /// The next frame is not decoded yet.
     Unread,
-    /// There are no more frames.
     Finished,
 }
 
-/// A frame that was gone through.
 pub(super) struct SteppedFrame {
     /// Position in the plan.
     pub position: usize,
-    /// Name within the split.
     pub name: String,
-    /// What its files looked like before they were read.
+    /// Marks of its files before they were read.
     pub marks: FrameMarks,
-    /// What became of it.
+    /// What happened to it.
     pub status: FrameStatus,
 }
 
-/// What became of a frame.
+/// What happened to a frame.
 pub(super) enum FrameStatus {
-    /// It was learnt.
+    /// The learner was updated.
     Learnt {
         outcome: Box<FrameOutcome>,
-        /// Measured pixels that made no point.
+        /// Measured pixels without a point.
         dropped: usize,
         load_ms: f64,
         prepare_ms: f64,
     },
-    /// It cannot be used, and why.
+    /// The frame is unusable, for this reason.
     Skipped(String),
-    /// Tracking could not place it, and why.
+    /// Tracking could not estimate its pose.
     Lost(TrackingLoss),
-    /// The learner cannot go on.
+    /// The learner cannot continue.
     Failed(IndexError),
 }
 
-/// A preparation and the learner of what it prepares.
+/// Prefetch and the learner of its observations.
 pub(super) struct PresetLoop<P: Prepare> {
     pub prefetch: Prefetch<P>,
     pub learner: Box<dyn Learns<P::Observation>>,

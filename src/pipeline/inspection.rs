@@ -1,11 +1,11 @@
-//! What is known of single components of a session's model.
+//! Inspection of single components.
 
 use super::session::Session;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::inspection::Inspection;
 
 impl Session {
-    /// What colours components by something other than their colour, for the listed ones.
+    /// Returns attributes of the listed components for false-colour views.
     pub fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         ids.iter().map(|&id| self.attributes(id as usize)).collect()
     }
@@ -19,14 +19,14 @@ impl Session {
             .photographed(engine.photographed(component))
     }
 
-    /// Everything known of a component; `None` if there is none of that number.
+    /// Returns all data of a component; `None` if `id` is out of range.
     pub fn inspect(&self, id: u32) -> Option<Inspection> {
         let component = id as usize;
         if component >= self.learner().components() {
             return None;
         }
         let posterior = self.learner().posterior(component);
-        // Responsibilities of a point add up to 1, so the counts add up to the points learnt.
+        // The responsibilities of a point sum to 1, so the counts sum to the number of points.
         let alpha0 = posterior.alpha - posterior.count;
         let total = alpha0 * self.learner().components() as f64 + self.points() as f64;
         let (attributes, splat) = (self.attributes(component), self.learner().splat(component));

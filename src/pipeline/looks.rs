@@ -1,5 +1,5 @@
-//! Looks at a recording that is under way, each in a thread of its own: a drive that does not answer keeps
-//! nobody from saving what was learnt.
+//! Scans of a recording in progress, each on its own thread: a drive that does not respond never blocks
+//! saving.
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
@@ -10,31 +10,29 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// What a look found.
+/// Result of a scan.
 pub(super) enum Found {
-    /// No frame that is whole.
+    /// No complete new frame.
     Nothing,
-    /// Frames.
     Frames(Dataset),
-    /// The end of the recording, and what was there before it.
+    /// The recording has ended; with the frames found before the end.
     End(Option<Dataset>),
 }
 
-/// What came of a look.
 pub(super) struct Looked {
     pub found: Result<Found, DatasetError>,
-    /// Whether the recorder wrote its last file.
+    /// True if the recorder has written its last file.
     pub has_ended: bool,
-    /// How long reading took; `None` where there was nothing to read.
+    /// Time spent reading; `None` if there was nothing to read.
     pub took: Option<Duration>,
 }
 
-/// A recording and the look at it that is under way, if one is.
+/// Recording, and its scan in progress, if any.
 pub(super) struct Looks {
-    // Whoever looks holds it for as long as the drive takes.
+    // Locked by the scan thread for as long as the drive takes.
     recording: Arc<Mutex<GrowingRecording>>,
     under_way: Option<UnderWay>,
-    /// Given back during a look.
+    /// Frames given back during a scan.
     returned: Vec<(String, FrameMarks)>,
 }
 
@@ -50,7 +48,7 @@ impl Looks {
         Self { recording, under_way: None, returned: Vec::new() }
     }
 
-    /// The recording; `None` while it is looked at.
+    /// Returns the recording; `None` during a scan.
     pub fn recording(&self) -> Option<MutexGuard<'_, GrowingRecording>> {
         match self.under_way {
             Some(_) => None,
@@ -58,16 +56,15 @@ impl Looks {
         }
     }
 
-    /// How long a look has been under way, if one is.
     pub fn under_way(&self) -> Option<Duration> {
         self.under_way.as_ref().map(|look| look.since.elapsed())
     }
 
-    /// Begins a look, `now_s` seconds after the first; `retries` where one is worth it although no folder and no
-    /// list has changed.
+    /// Starts a scan, `now_s` seconds after the first one. With `retries`, it also scans if unresolved frames
+    /// exist although no folder or list has changed.
     ///
     /// # Errors
-    /// What the system says where it has no thread to spare.
+    /// The system cannot start a thread.
     pub fn begin(&mut self, retries: bool, now_s: f64) -> std::io::Result<()> {
         for (frame, marks) in self.returned.drain(..) {
             lock(&self.recording).give_back(frame, marks);
@@ -75,22 +72,22 @@ impl Looks {
         let (tell, answer) = channel();
         let recording = Arc::clone(&self.recording);
         let thread = Builder::new().name("look".into()).spawn(move || {
-            // Nobody may be waiting any more.
+            // The receiver may be gone.
             let _ = tell.send(look(&mut lock(&recording), retries, now_s));
         })?;
         self.under_way = Some(UnderWay { since: Instant::now(), answer, thread });
         Ok(())
     }
 
-    /// What came of the look that is under way, if it ends within that time.
+    /// Waits up to `patience` for the scan in progress and returns its result.
     ///
     /// # Panics
-    /// Where the look did.
+    /// If the scan panicked.
     pub fn wait(&mut self, patience: Duration) -> Option<Looked> {
         let look = self.under_way.take()?;
         match look.answer.recv_timeout(patience) {
             Ok(looked) => {
-                // It has let go of the recording once it is gone.
+                // The thread releases the recording when it ends.
                 let _ = look.thread.join();
                 Some(looked)
             }
@@ -105,7 +102,7 @@ impl Looks {
         }
     }
 
-    /// Lets a frame that could not be read be found again when its files no longer look so.
+    /// Allows an unreadable frame to be found again once its files have changed.
     pub fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.under_way {
             Some(_) => self.returned.push((frame, marks)),
@@ -119,7 +116,7 @@ fn lock(recording: &Mutex<GrowingRecording>) -> MutexGuard<'_, GrowingRecording>
 }
 
 fn look(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> Looked {
-    // Asked first: what is there when the recorder has ended is all.
+    // Checked before the scan: once the recorder has ended, the scan is complete.
     let has_ended = recording.has_ended();
     let retries = retries && recording.is_unresolved();
     if !(has_ended || retries || recording.has_changed()) {

@@ -1,45 +1,45 @@
-//! Refuses a run that the machine has no free memory for, before it is taken.
+//! Memory check before a run starts.
 
 use super::any_preset::ComponentLimit;
 use crate::eval::machine;
 use crate::train::memory::MemoryEstimate;
 
-/// A run that would not fit.
+/// The run would not fit into memory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MemoryError {
-    /// As many components as were asked for would not.
+    /// The number of components would not fit.
     #[error(
-        "{setting}: expected at most {most} components, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer or close other programs"
+        "{setting}: expected at most {most} components, which fit into the {available_mb} MB of free memory, found {found} ({needed_mb} MB); use fewer or close other programs"
     )]
     Components {
-        /// Setting that says how many.
+        /// Setting with the number of components.
         setting: &'static str,
-        /// Components that would fit.
+        /// Number of components that would fit.
         most: u64,
-        /// Components asked for.
+        /// Requested number of components.
         found: usize,
-        /// Free memory, 10⁶ bytes.
+        /// Free memory, in 10⁶ bytes.
         available_mb: u64,
-        /// Memory needed, 10⁶ bytes.
+        /// Required memory, in 10⁶ bytes.
         needed_mb: u64,
     },
-    /// Not even its frames would.
+    /// The frames alone would not fit.
     #[error(
-        "memory: expected {needed_mb} MB for frames of this size, found {available_mb} MB free; scale the recording down or close other programs"
+        "memory: expected {needed_mb} MB for frames of this size, found {available_mb} MB free; reduce the image size or close other programs"
     )]
     Frames {
-        /// Free memory, 10⁶ bytes.
+        /// Free memory, in 10⁶ bytes.
         available_mb: u64,
-        /// Memory needed, 10⁶ bytes.
+        /// Required memory, in 10⁶ bytes.
         needed_mb: u64,
     },
 }
 
-/// Refuses what the machine has no free memory for, where it says how much it has. Of components that
-/// nobody asked for, but that a default allows, hardly any run has all: they are not counted.
+/// Checks a run against the free memory, if the machine reports it. A default limit on components is not
+/// counted, because hardly any run reaches it.
 ///
 /// # Errors
-/// [`MemoryError`] says how many components would fit.
+/// [`MemoryError`] states how many components would fit.
 pub fn check(estimate: MemoryEstimate, limit: ComponentLimit) -> Result<(), MemoryError> {
     match machine::available_bytes() {
         Some(available) => check_against(estimate, limit, available),
@@ -105,7 +105,12 @@ mod tests {
         let fits = SceneConfig { max_components: would_fit as usize, ..asked };
         assert!(fits.memory(300_000, 3).total() <= scene.frames * 3, "{would_fit}");
         let default = ComponentLimit::Default(20_000_000);
-        assert_eq!(check_against(scene, default, scene.frames), Ok(()), "nobody asked for them");
+        assert_eq!(
+            check_against(scene, default, scene.frames),
+            Ok(()),
+            "a default limit is not \
+                                                                         counted"
+        );
         let error = check_against(scene, default, scene.frames - 1).unwrap_err();
         assert!(matches!(error, MemoryError::Frames { .. }), "{error}");
     }

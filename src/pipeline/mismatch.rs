@@ -1,20 +1,20 @@
-//! How a stored model contradicts the settings stored beside it.
+//! Mismatch between a stored model and the settings stored with it.
 
 use crate::train::candidates::IndexError;
 
-/// How a stored model contradicts the settings stored beside it.
+/// How a stored model contradicts the settings stored with it.
 #[derive(Debug, thiserror::Error)]
 pub enum Mismatch {
-    /// Its prior is not theirs.
+    /// The prior differs.
     #[error("expected the prior that its settings imply, found another")]
     Prior,
-    /// They ask for another kind of model: this one.
-    #[error("expected {0}, as its settings say, found another")]
+    /// The settings require another form of model, described here.
+    #[error("expected {0} according to its settings, found another")]
     Form(String),
     /// A setting is out of range.
     #[error("{0}")]
     Setting(String),
-    /// Its means cannot be indexed.
+    /// The means cannot be indexed.
     #[error(transparent)]
     Index(#[from] IndexError),
 }

@@ -1,5 +1,5 @@
-//! The one training loop. The window and the command line both drive [`session::Session`]: frames
-//! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
+//! Training loop, shared by the window and the command line through [`session::Session`]: frames are decoded
+//! and unprojected ahead on other threads, trained on one by one, and reported.
 #![doc = include_str!("pipeline.md")]
 
 pub mod any_preset;

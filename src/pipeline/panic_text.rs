@@ -1,13 +1,13 @@
-//! What a panic said.
+//! Messages of panics.
 
 use std::any::Any;
 
-/// What stands for a message that is none.
-pub const NO_WORDS: &str = "a panic without words";
+/// Placeholder for a panic without a message.
+pub const NO_WORDS: &str = "a panic without a message";
 
-/// The message in a panic's payload, if it carries one.
+/// Returns the message of a panic's payload, if any.
 pub fn panic_text(payload: &(dyn Any + Send)) -> Option<&str> {
-    // `panic!` carries a `&str` if there is nothing to format in its message, else a `String`.
+    // `panic!` carries a `&str` for a literal message, else a `String`.
     let text = payload.downcast_ref::<&str>().copied();
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
 }

@@ -1,26 +1,25 @@
-//! What a run has behind it.
+//! Progress and frame reports of a run so far.
 
 use crate::dataset::Dataset;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::train::outcome::ComparedPhotograph;
 
-/// What a run has behind it when a session begins.
+/// Progress and frame reports of a run so far.
 #[derive(Clone)]
 pub(super) struct Past {
-    /// Positions of the plan gone through.
+    /// Number of visited positions of the plan.
     pub visited: usize,
-    /// Pixels that the points learnt stand for.
+    /// Number of pixels that the points represent.
     pub points: u64,
-    /// Reports of the frames learnt, as far as they are known.
+    /// Reports of the trained frames, as far as known.
     pub frames: Vec<FrameReport>,
-    /// Frames that could not be used.
     pub skipped: Vec<SkippedFrame>,
-    /// Seconds spent.
+    /// Training time in seconds.
     pub wall_s: f64,
 }
 
 impl Past {
-    /// Nothing but the frames that the dataset refused when it was opened.
+    /// Starts empty, with the frames that the dataset refused when it was opened as skipped.
     pub fn none(dataset: &Dataset, split: usize) -> Self {
         let name = &dataset.splits[split].name;
         let refused = dataset.warnings.iter().filter(|w| w.split == *name);
@@ -33,7 +32,8 @@ impl Past {
         }
     }
 
-    /// Notes with its frame how a photograph compared, after so many frames learnt; what is to be told of it.
+    /// Stores how a photograph compared in its frame's report, after `n_learnt` frames. Returns a warning if
+    /// the frame is a new outlier.
     pub fn compared(&mut self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<String> {
         let at = self.place_of(n_learnt, compared)?;
         let report = self.frames.get_mut(at)?;
@@ -42,13 +42,13 @@ impl Past {
         report.doubt().filter(|_| !is_told)
     }
 
-    /// The report of the frame whose photograph was compared, after so many frames learnt.
+    /// Report of the frame whose photograph was compared, after `n_learnt` frames.
     pub fn report_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<&FrameReport> {
         self.frames.get(self.place_of(n_learnt, compared)?)
     }
 
     fn place_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<usize> {
-        // Reports of the first frames of a long run that went on may not be known.
+        // The reports of the first frames of a resumed run may be unknown.
         let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
         usize::try_from(compared.frame.checked_sub(n_before)?).ok()
     }

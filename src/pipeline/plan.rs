@@ -1,4 +1,4 @@
-//! Which frames are trained on, and in which order.
+//! Selection and order of the frames to train on.
 
 use crate::dataset::Dataset;
 use crate::dataset::error::DatasetError;
@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::str::FromStr;
 use strum::{EnumString, VariantNames};
 
-/// Passes at most: photographs teach little after a few.
+/// Maximum number of passes: after a few, photographs have little effect.
 pub const MAX_PASSES: usize = 100;
 
 /// Order of the frames.
@@ -19,11 +19,11 @@ pub const MAX_PASSES: usize = 100;
 pub enum Order {
     /// As the dataset lists them.
     Sequential,
-    /// Shuffled by the seed.
+    /// Shuffled with the seed.
     Shuffled,
 }
 
-/// One of several runs that share the frames: every `of`-th frame, from the `index`-th on. Written
+/// Shard of the frames for one of several runs: every `of`-th frame, starting with number `index`. Written
 /// `K/N`, `K` from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
@@ -59,32 +59,32 @@ impl From<Shard> for String {
     }
 }
 
-/// What a user asked for.
+/// Requested selection of frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Selection {
-    /// Split to train on; `None` takes the one with depth.
+    /// Split to train on; `None` selects the one with depth.
     pub split: Option<String>,
     /// Order of the frames.
     pub order: Order,
-    /// Every so-many-th frame, at least 1.
+    /// Uses every N-th frame, at least 1.
     pub stride: usize,
-    /// Share of these frames, taken after order and stride.
+    /// Shard, applied after order and stride.
     pub shard: Option<Shard>,
-    /// Frames at most.
+    /// Maximum number of frames.
     pub max_frames: Option<usize>,
-    /// How often these frames are gone through, at least 1: once they are learnt whole, then only their
-    /// photographs teach.
+    /// Number of passes over the frames, at least 1. The first trains on points and photographs, further ones
+    /// only on photographs.
     #[serde(default = "once", skip_serializing_if = "is_once")]
     pub passes: usize,
-    /// Whether frames were taken while they were recorded.
+    /// True if the recording was followed while it grew.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub follow: bool,
-    /// Which frames are held out.
+    /// Hold-out split.
     #[serde(default, skip_serializing_if = "HoldOut::is_default")]
     pub hold_out: HoldOut,
 }
 
-/// Runs that were saved before there was a choice.
+/// Default for runs saved before this field existed.
 fn once() -> usize {
     1
 }
@@ -94,7 +94,7 @@ fn is_once(passes: &usize) -> bool {
 }
 
 impl Selection {
-    /// All frames of the training split, in their order.
+    /// Selects all frames of the training split, in sequential order.
     pub fn everything() -> Self {
         let (split, shard, max_frames) = (None, None, None);
         let (order, stride, passes, follow) = (Order::Sequential, 1, 1, false);
@@ -102,7 +102,7 @@ impl Selection {
         Self { split, order, stride, shard, max_frames, passes, follow, hold_out }
     }
 
-    /// Frames in the order of a further pass, from 1 on: shuffled anew where they are shuffled.
+    /// Returns the frames in the order of further pass `pass`, from 1; reshuffled if they are shuffled.
     fn again(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
         let mut frames = frames.to_vec();
         if self.order == Order::Shuffled {
@@ -112,12 +112,12 @@ impl Selection {
         frames
     }
 
-    /// The frames of all shards, without a limit: what runs that share them have in common.
+    /// Selection without shard and limit, common to all runs that share the frames.
     pub fn whole(&self) -> Self {
         Self { shard: None, max_frames: None, ..self.clone() }
     }
 
-    /// Positions of the frames that are taken of those that train, in order of training.
+    /// Applies stride, order, shard and limit to the training frames.
     fn of(&self, training: Vec<usize>, seed: u64) -> Vec<usize> {
         let mut frames: Vec<usize> = training.into_iter().step_by(self.stride.max(1)).collect();
         if self.order == Order::Shuffled {
@@ -131,7 +131,7 @@ impl Selection {
     }
 }
 
-/// The frames a run goes through.
+/// Sequence of frames of a run.
 ///
 /// ```
 /// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
@@ -145,17 +145,17 @@ impl Selection {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Position of the split in the dataset.
+    /// Index of the split in the dataset.
     pub split: usize,
-    /// Positions of the frames in the split, in order of training; of a further pass again.
+    /// Indices of the frames in the split, in training order, with those of further passes appended.
     pub frames: Vec<usize>,
-    /// Why frames are left out for evaluation, where any are.
+    /// Reason why frames are held out for evaluation, if any are.
     pub held_out: Option<String>,
 }
 
 impl Plan {
-    /// Resolves a selection. Of a split that the user named, every eighth frame trains too; a sector
-    /// is one of any split.
+    /// Resolves a selection. If the user named the split, the `every-8th` hold-out is not applied; a sector
+    /// is always held out.
     pub fn new(dataset: &Dataset, selection: &Selection, seed: u64) -> Result<Self, DatasetError> {
         let split = match &selection.split {
             Some(name) => dataset.split_named(name)?,
@@ -172,28 +172,28 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Appends the further passes to the first.
+    /// Appends the further passes.
     fn repeat(&mut self, selection: &Selection, seed: u64) {
         let first = self.frames.clone();
         let further = (1..selection.passes).flat_map(|pass| selection.again(&first, seed, pass));
         self.frames.extend(further);
     }
 
-    /// The frames of the first pass.
+    /// Frames of the first pass.
     pub fn first_pass(&self) -> Vec<usize> {
         let repeats = self.repeats();
         self.frames.iter().zip(repeats).filter(|(_, again)| !again).map(|(&i, _)| i).collect()
     }
 
-    /// Whether each position's frame was there at one before it.
+    /// For each position, true if its frame occurs at an earlier one.
     pub fn repeats(&self) -> Vec<bool> {
         let mut known = BTreeSet::new();
         self.frames.iter().map(|&frame| !known.insert(frame)).collect()
     }
 
-    /// Appends what a selection takes of the frames of a split that has grown from `known` to
-    /// `n_frames`. Only in the order of the dataset do old frames stay where they are. A sector is
-    /// fixed when the run begins.
+    /// Appends the selected frames of a split that has grown from `known` to `n_frames` frames. Requires
+    /// sequential order, in which known frames keep their positions. With a sector hold-out nothing is added,
+    /// because the sector is fixed at the start.
     pub fn extend(&mut self, selection: &Selection, known: usize, n_frames: usize) {
         if selection.hold_out == HoldOut::Sector {
             return;
@@ -209,15 +209,15 @@ impl Plan {
         self.frames.truncate(most);
     }
 
-    /// Pixels of the largest of the frames.
+    /// Pixels of the largest frame.
     pub fn pixels(&self, dataset: &Dataset) -> usize {
         let frames = self.frames.iter().map(|&i| &dataset.splits[self.split].frames[i]);
         let sizes = frames.map(|f| f.camera.intrinsics.width * f.camera.intrinsics.height);
         sizes.max().unwrap_or(0) as usize
     }
 
-    /// The frames of a selection when `visited` were gone through already, in that order: these
-    /// first, then the others in theirs. `max_frames` counts both, each frame once.
+    /// Plans the continuation of a run that visited `visited` in this order: these come first, then the
+    /// remaining frames. `max_frames` counts both, each frame once.
     pub fn after(
         dataset: &Dataset,
         selection: &Selection,
@@ -227,7 +227,7 @@ impl Plan {
         let all = Selection { max_frames: None, passes: 1, ..selection.clone() };
         let mut plan = Self::new(dataset, &all, seed)?;
         let visited: Vec<usize> = visited.iter().map(|&frame| frame as usize).collect();
-        // Frames of the first pass, then those of all passes that are left.
+        // Frames of the first pass, then the remaining ones of all passes.
         let mut known = BTreeSet::new();
         let first: Vec<usize> =
             visited.iter().copied().filter(|&frame| known.insert(frame)).collect();
@@ -237,7 +237,7 @@ impl Plan {
         plan.repeat(selection, seed);
         let mut left = plan.frames;
         for frame in &visited {
-            // Every visited frame is of the first pass, so each is found as often as passes were begun.
+            // Every visited frame is in the first pass, so it occurs at least as often as it was visited.
             if let Some(at) = left.iter().position(|planned| planned == frame) {
                 left.remove(at);
             }
@@ -280,7 +280,7 @@ mod tests {
         }
         let shuffled = Selection { passes: 2, order: Order::Shuffled, ..Selection::everything() };
         let whole = plan(&shuffled, &[]);
-        assert_ne!(whole[..6], whole[6..], "each pass has an order of its own");
+        assert_ne!(whole[..6], whole[6..], "each pass has its own order");
     }
 
     #[test]

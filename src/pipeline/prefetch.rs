@@ -1,10 +1,8 @@
-//! Decoding and unprojection of the frames to come, on threads of their own and in order: boundedly far
-//! ahead where cores are left for them, else some frames at once between trainings. On a machine whose
-//! cores all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
-//! Prefetch).
+//! Prefetch of frames: decoding and unprojection on other threads, delivered in order. With spare cores, a
+//! bounded number of frames is prepared ahead. Otherwise several are prepared at once between trainings,
+//! because a decoding thread beside a trainer on all cores doubles its time (`pipeline.md`, Prefetch).
 //!
-//! A drive that does not answer holds up the thread that asks it and nobody else: who wants the next frame
-//! waits for it only as long as they say.
+//! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 
 use super::panic_text::{NO_WORDS, panic_text};
 use super::plan::Plan;
@@ -19,19 +17,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Frames prepared at once, at most: ahead of training or between two trainings.
+/// Maximum number of frames prepared at once, ahead of training or between trainings.
 const MAX_AT_ONCE: usize = 4;
-/// Of so many cores one decodes, where nobody says how many threads train.
+/// Cores per decoding thread, unless the number of training threads is set.
 const CORES_PER_DECODER: usize = 8;
 
-/// Threads that train and render where nobody says how many: one per core, less those that decode beside
-/// them on machines of many.
+/// Default number of threads for training and rendering: one per core, minus the decoding threads on machines
+/// with many cores.
 pub fn default_threads() -> usize {
     let cores = cores();
     cores - (cores / CORES_PER_DECODER).min(MAX_AT_ONCE)
 }
 
-/// Frames in memory at once in a run on the current threads: trained on, ready, in the making.
+/// Number of frames in memory at once on the current thread pool: in training, ready, or in preparation.
 pub fn frames_at_once() -> usize {
     match decoders() {
         0 => rayon::current_num_threads().min(MAX_AT_ONCE) + 1,
@@ -39,7 +37,7 @@ pub fn frames_at_once() -> usize {
     }
 }
 
-/// Threads of their own that decode: one for each core that the current thread pool leaves free.
+/// Number of decoding threads: one for each core that the current thread pool leaves free.
 fn decoders() -> usize {
     cores().saturating_sub(rayon::current_num_threads()).min(MAX_AT_ONCE)
 }
@@ -48,44 +46,44 @@ fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// A frame ready to be trained on.
+/// Frame prepared for training.
 pub struct Prepared<O> {
     /// Position in the plan.
     pub position: usize,
-    /// Whether it was there before in the plan.
+    /// True if the frame occurs earlier in the plan.
     pub is_repeat: bool,
     /// Name within the split.
     pub name: String,
-    /// What its files looked like before they were read: whoever trains asks no drive.
+    /// Marks of its files before they were read, so that the training thread never accesses the drive.
     pub marks: FrameMarks,
-    /// What it holds, or why it is skipped.
+    /// Its observation, or the reason to skip it.
     pub result: Result<PreparedFrame<O>, String>,
 }
 
-/// What a frame holds for a learner, and what it took to get it.
+/// Observation of a frame, with statistics of its preparation.
 pub struct PreparedFrame<O> {
-    /// What the learner learns from.
+    /// Observation for the learner.
     pub observation: O,
-    /// Measured pixels that made no point.
+    /// Measured pixels without a point.
     pub dropped: usize,
-    /// Reading and decoding, milliseconds.
+    /// Time for reading and decoding, in milliseconds.
     pub load_ms: f64,
-    /// Filtering, unprojecting and normalising, milliseconds.
+    /// Time for filtering, unprojecting and normalising, in milliseconds.
     pub prepare_ms: f64,
 }
 
-/// A frame of a run.
+/// Frame of a plan.
 pub struct PlannedFrame {
     /// Position in the plan.
     pub position: usize,
-    /// Whether it was there before in the plan.
+    /// True if the frame occurs earlier in the plan.
     pub is_repeat: bool,
-    /// The frame.
+    /// Entry in the dataset.
     pub entry: FrameEntry,
 }
 
 impl PlannedFrame {
-    /// The frames of a plan from position `first` on.
+    /// Iterates over the frames of a plan, starting at position `first`.
     pub fn of(dataset: &Dataset, plan: &Plan, first: usize) -> impl Iterator<Item = Self> {
         let frames = &dataset.splits[plan.split].frames;
         let planned = plan.frames.iter().zip(plan.repeats()).enumerate().skip(first);
@@ -97,50 +95,49 @@ impl PlannedFrame {
     }
 }
 
-/// The frames to come. Dropping it ends its threads, as soon as these are through with their frames.
+/// Queue of prepared frames. When dropped, its threads end after their current frame.
 pub struct Prefetch<P: Prepare> {
     upcoming: VecDeque<PlannedFrame>,
     pace: Pace,
     asked: Sender<Task<P>>,
-    /// Where the frames asked for will be, in their order.
+    /// Receivers of the requested frames, in order.
     coming: VecDeque<Receiver<Prepared<P::Observation>>>,
-    /// Frames that came while the trainer waited for all of them.
+    /// Frames received while waiting for a batch.
     ready: VecDeque<Prepared<P::Observation>>,
     recycle: SyncSender<P::Observation>,
 }
 
-/// When frames are prepared.
+/// Scheduling of the preparation.
 enum Pace {
-    /// All the time, so many ahead.
+    /// Continuously, with this number of frames ahead.
     Ahead(usize),
-    /// While the trainer waits, so many at once.
+    /// While the trainer waits, with this number of frames at once.
     Between(usize),
 }
 
-/// What is had of the next frame.
+/// State of the next frame.
 pub enum NextFrame<O> {
-    /// It is there.
+    /// Prepared.
     Ready(Prepared<O>),
-    /// It is not read yet.
+    /// Not decoded yet.
     Unread,
-    /// There is none.
+    /// There are no more frames.
     None,
 }
 
-/// A frame to prepare, and where to.
+/// Frame to prepare, and the sender for the result.
 type Task<P> = (PlannedFrame, SyncSender<Prepared<<P as Prepare>::Observation>>);
 
-/// What the threads that run ahead share.
 struct Shared<P: Prepare> {
     preparation: P,
     tasks: Mutex<Receiver<Task<P>>>,
     recycled: Mutex<Receiver<P::Observation>>,
 }
 
-/// Prepares frames one after the other; keeps memory between them.
+/// Prepares frames one after another and reuses its buffers.
 struct Worker<P: Prepare> {
     memory: P::Memory,
-    /// An observation whose memory the next frame may take.
+    /// Observation whose memory the next frame may reuse.
     recycled: Option<P::Observation>,
 }
 
@@ -156,8 +153,8 @@ impl<P: Prepare> Default for Worker<P> {
 pub struct SpawnError(#[from] std::io::Error);
 
 impl<P: Prepare> Prefetch<P> {
-    /// Prepares the frames of a plan, in order, from position `first`: ahead if this machine has a
-    /// core that the current thread pool leaves free.
+    /// Starts preparing the frames of a plan, in order, from position `first`. Frames are prepared ahead if
+    /// the current thread pool leaves a core free.
     pub fn start(
         dataset: Arc<Dataset>,
         plan: &Plan,
@@ -170,7 +167,7 @@ impl<P: Prepare> Prefetch<P> {
                 let at_once = rayon::current_num_threads().clamp(1, MAX_AT_ONCE);
                 Self::with_threads(upcoming, preparation, at_once, Pace::Between(at_once))
             }
-            // One frame ready beside those in the making.
+            // One frame ready besides those in preparation.
             n => Self::with_threads(upcoming, preparation, n, Pace::Ahead(n + 1)),
         }
     }
@@ -195,32 +192,32 @@ impl<P: Prepare> Prefetch<P> {
         Ok(prefetch)
     }
 
-    /// Frames that come behind all others.
+    /// Appends frames to the queue.
     pub fn append(&mut self, frames: impl Iterator<Item = PlannedFrame>) {
         self.upcoming.extend(frames);
         self.run_ahead();
     }
 
-    /// Keeps the threads busy, where they work all the time.
+    /// Requests more frames in ahead mode.
     fn run_ahead(&mut self) {
         if let Pace::Ahead(most) = self.pace {
             self.ask(most);
         }
     }
 
-    /// Asks for frames until so many are asked for.
+    /// Requests frames until `most` are outstanding.
     fn ask(&mut self, most: usize) {
         while self.coming.len() < most
             && let Some(frame) = self.upcoming.pop_front()
         {
             let (slot, prepared) = sync_channel(1);
-            // The threads end with the handle alone.
+            // Sending cannot fail: the threads outlive this handle.
             drop(self.asked.send((frame, slot)));
             self.coming.push_back(prepared);
         }
     }
 
-    /// The next frame, waiting for it; `None` after the last.
+    /// Waits for the next frame; `None` after the last one.
     pub fn next_frame(&mut self) -> Option<Prepared<P::Observation>> {
         match self.next_within(Duration::MAX) {
             NextFrame::Ready(frame) => Some(frame),
@@ -228,7 +225,7 @@ impl<P: Prepare> Prefetch<P> {
         }
     }
 
-    /// The next frame, waiting no longer for it than that.
+    /// Returns the next frame, waiting at most `patience`.
     pub fn next_within(&mut self, patience: Duration) -> NextFrame<P::Observation> {
         self.run_ahead();
         if let Pace::Between(at_once) = self.pace
@@ -242,7 +239,7 @@ impl<P: Prepare> Prefetch<P> {
             match first.recv_timeout(patience.saturating_sub(begun.elapsed())) {
                 Ok(frame) => self.ready.push_back(frame),
                 Err(RecvTimeoutError::Timeout) => break,
-                // Its thread is gone, and nothing more comes of it.
+                // The thread ended without a result.
                 Err(RecvTimeoutError::Disconnected) => {}
             }
             self.coming.pop_front();
@@ -257,13 +254,13 @@ impl<P: Prepare> Prefetch<P> {
         }
     }
 
-    /// Gives a frame's memory back for another frame; after the last one it is free for whoever writes
-    /// what was learnt.
+    /// Returns an observation's memory for reuse. After the last frame it is freed instead, for use by
+    /// saving.
     pub fn recycle(&mut self, observation: P::Observation) {
         if self.upcoming.is_empty() && self.coming.is_empty() {
             return;
         }
-        // The threads may have memory enough: then this one is simply freed.
+        // If the queue is full, the memory is simply freed.
         drop(self.recycle.try_send(observation));
     }
 }
@@ -274,13 +271,13 @@ impl<P: Prepare> Shared<P> {
         let mut worker = Worker::<P>::default();
         while let Some((frame, slot)) = received(&self.tasks, |tasks| tasks.recv().ok()) {
             worker.recycled = received(&self.recycled, |recycled| recycled.try_recv().ok());
-            // Nobody waits for it once the handle was dropped.
+            // Fails if the handle was dropped.
             drop(slot.send(worker.prepare(&self.preparation, &frame)));
         }
     }
 }
 
-/// What comes next out of a channel that several threads read.
+/// Receives from a channel that several threads read.
 fn received<T>(
     channel: &Mutex<Receiver<T>>,
     next: impl FnOnce(&Receiver<T>) -> Option<T>,
@@ -295,14 +292,14 @@ impl<P: Prepare> Worker<P> {
         PlannedFrame { position, is_repeat, entry }: &PlannedFrame,
     ) -> Prepared<P::Observation> {
         let (name, marks) = (entry.name.clone(), entry.marks());
-        // A defect costs this frame, by name: were the thread to end, the run would end with the frames so
-        // far as if there were no more.
+        // A panic only skips this frame. If the thread ended, the run would silently end after the frames so
+        // far.
         let prepared = catch_unwind(AssertUnwindSafe(|| self.frame(preparation, entry)));
         let result = prepared.unwrap_or_else(|panic| {
-            // Its buffers may be half done.
+            // The buffers may be inconsistent.
             *self = Self::default();
             Err(format!(
-                "{name}: left out by a defect of this program, please report it: {}",
+                "{name}: skipped because of a defect of this program, please report it: {}",
                 panic_text(&*panic).unwrap_or(NO_WORDS)
             ))
         });
@@ -340,7 +337,7 @@ mod tests {
     use crate::pipeline::plan::Selection;
     use std::time::Duration;
 
-    /// Takes the longer the earlier a frame is, and panics where one has this name.
+    /// Takes longer for earlier frames, and panics for the frame named in `defect`.
     struct Slow {
         defect: Option<String>,
     }
@@ -417,7 +414,7 @@ mod tests {
         let (room, plan) = room();
         let names = || plan.frames.iter().map(|&i| room.splits[plan.split].frames[i].name.clone());
         let defect: String = names().nth(2).unwrap();
-        // Ahead where there is a core for it, and between trainings.
+        // In ahead mode, if a core is free, and between trainings.
         for n_threads in [1, 64] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
             let results = pool.install(|| {
@@ -430,7 +427,7 @@ mod tests {
             assert!(results.iter().map(|(name, _)| name.clone()).eq(names()), "{results:?}");
             for (name, result) in results {
                 let said = result.err().unwrap_or_default();
-                let expected = format!("{defect}: left out by a defect of this program");
+                let expected = format!("{defect}: skipped because of a defect of this program");
                 assert_eq!(name == defect, said.starts_with(&expected), "{name}: {said}");
                 assert_eq!(name == defect, said.contains("a defect of "), "{name}: {said}");
             }

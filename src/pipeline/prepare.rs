@@ -1,5 +1,4 @@
-//! A decoded frame in the form that a learner understands: what turns pixels into observations, one
-//! implementation for each form.
+//! Preparation of decoded frames as observations, with one implementation per observation type.
 
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
@@ -9,22 +8,22 @@ use crate::observation::points::Points;
 use crate::observation::surface::Observation;
 use std::fmt::Display;
 
-/// How frames are prepared. Implemented by the settings of each preparation, which threads share.
+/// Preparation of frames, implemented by its settings, which the threads share.
 pub trait Prepare: Send + Sync + 'static {
-    /// What a learner learns from.
+    /// Input of a learner.
     type Observation: Send + 'static;
-    /// Buffers kept between frames, one for each thread.
+    /// Buffers reused between frames, one per thread.
     type Memory: Default + Send + 'static;
-    /// What became of the pixels; in words without those that made points.
+    /// Counts of pixels by result; displays those without a point.
     type Counts: Display;
 
-    /// An observation without points, whose memory frames reuse.
+    /// Returns an observation without points, whose memory frames reuse.
     fn empty() -> Self::Observation;
 
-    /// Replaces `observation` by what a frame holds.
+    /// Replaces `observation` by that of a frame.
     ///
     /// # Errors
-    /// [`FrameError`] for a frame without what is needed, such as depth.
+    /// [`FrameError`] for a frame that lacks required data, such as depth.
     fn prepare(
         &self,
         frame: &Frame,
@@ -32,14 +31,14 @@ pub trait Prepare: Send + Sync + 'static {
         observation: &mut Self::Observation,
     ) -> Result<Self::Counts, FrameError>;
 
-    /// Points of an observation.
+    /// Number of points of an observation.
     fn n_points(observation: &Self::Observation) -> usize;
 
-    /// Measured pixels that made no point.
+    /// Measured pixels without a point.
     fn dropped(counts: &Self::Counts) -> usize;
 }
 
-/// Coloured points for the published algorithm.
+/// Prepares coloured points for the published algorithm.
 impl Prepare for UnprojectSettings {
     type Observation = Points<f32>;
     type Memory = Unprojector;
@@ -67,7 +66,7 @@ impl Prepare for UnprojectSettings {
     }
 }
 
-/// Surface points and ranges for the scene preset.
+/// Prepares surface points and ranges for the scene preset.
 impl Prepare for SurfaceSettings {
     type Observation = Observation;
     type Memory = Preparer;

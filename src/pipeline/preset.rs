@@ -1,7 +1,6 @@
-//! The seam between presets on the side of a run: what ties a preset's settings, the preparation of
-//! frames and the learner together by type, so that no learner is ever handed the other preset's
-//! material. `pipeline/start.rs` is the one place that asks which preset a run follows; whoever
-//! needs less than the types asks [`AnyPreset`].
+//! Typed interface of presets: ties settings, frame preparation and learner together by type, so that no
+//! learner receives the other preset's observations. Only `pipeline/start.rs` distinguishes the presets of a
+//! run; code that does not need the types uses [`AnyPreset`].
 
 use super::any_preset::{AnyPreset, Revived};
 use super::error::SessionError;
@@ -14,22 +13,22 @@ use crate::math::normalization::Normalization;
 use crate::model::stored::StoredModel;
 use crate::train::learner::Learns;
 
-/// What a preset's learner learns from.
+/// Observation type of a preset's learner.
 pub type ObservationOf<P> = <<P as TypedPreset>::Preparation as Prepare>::Observation;
 
-/// The settings of a preset, and what they imply of types.
+/// Settings of a preset, with its types.
 pub trait TypedPreset: AnyPreset {
-    /// How frames become what the learner learns from.
+    /// Preparation of frames for the learner.
     type Preparation: Prepare;
 
-    /// Settings of the preparation for a run whose model works in the coordinates of
-    /// `normalization`.
+    /// Returns the preparation for a run whose model uses the coordinates of `normalization`.
     fn preparation(&self, run: &RunConfig, normalization: Normalization) -> Self::Preparation;
 
-    /// A learner that has seen nothing, for a dataset whose positions lie in `range`.
+    /// Creates an untrained learner for a dataset whose positions lie in `range` and whose frames have at
+    /// most `pixels` pixels.
     ///
     /// # Errors
-    /// [`SessionError`] if the machine has no room for it or the data gives no start.
+    /// [`SessionError`] if memory does not suffice or the data give no initialisation.
     fn begin(
         &self,
         dataset: &Dataset,
@@ -38,10 +37,10 @@ pub trait TypedPreset: AnyPreset {
         pixels: usize,
     ) -> Result<Beginning<ObservationOf<Self>>, SessionError>;
 
-    /// A learner that goes on where one with these settings stopped after `frames` frames.
+    /// Restores a learner after `frames` frames from a stored model.
     ///
     /// # Errors
-    /// [`Mismatch`] if the stored model is not one of these settings.
+    /// [`Mismatch`] if the stored model does not match these settings.
     fn restore(
         &self,
         model: &StoredModel,
@@ -49,7 +48,7 @@ pub trait TypedPreset: AnyPreset {
     ) -> Result<Beginning<ObservationOf<Self>>, Mismatch>;
 }
 
-/// A learner at the begin of a session.
+/// Learner at the start of a session.
 pub struct Beginning<O> {
     /// The learner.
     pub learner: Box<dyn Learns<O>>,
@@ -57,7 +56,7 @@ pub struct Beginning<O> {
     pub normalization: Normalization,
 }
 
-/// [`TypedPreset::restore`] for whoever does not ask what the learner learns from.
+/// Calls [`TypedPreset::restore`] and erases the observation type.
 ///
 /// # Errors
 /// As [`TypedPreset::restore`].

@@ -1,4 +1,4 @@
-//! The settings of a run.
+//! Settings of a run.
 
 use super::plan::Selection;
 use super::settings::method::Method;
@@ -7,7 +7,7 @@ use crate::dataset::unproject::{CameraConvention, EdgeFilter};
 use crate::dataset::{Dataset, LoadOptions};
 use serde::{Deserialize, Serialize};
 
-/// Every setting that shaped a run, for the report.
+/// Every setting that affects a run, for reports and checkpoints.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunConfig {
     /// Settings of the model.
@@ -19,18 +19,18 @@ pub struct RunConfig {
     /// How depth files are read.
     #[serde(flatten)]
     pub load: LoadOptions,
-    /// How pixels become rays.
+    /// Convention by which pixels become rays.
     pub camera_convention: CameraConvention,
-    /// Whether mixed pixels are dropped.
+    /// Treatment of mixed pixels.
     pub edge_filter: EdgeFilter,
-    /// Low and high corner of the normalised range, world units.
+    /// Low and high corner of the normalised range, in world units.
     pub position_range: [[f64; 3]; 2],
-    /// Where that range is from.
+    /// Source of that range.
     pub position_range_source: String,
 }
 
 impl RunConfig {
-    /// For a dataset whose positions lie in `range`.
+    /// Settings for a dataset whose positions lie in `range`.
     pub fn new(
         dataset: &Dataset,
         method: Method,
@@ -47,7 +47,7 @@ impl RunConfig {
             selection,
         }
     }
-    /// The settings of the run over all shards.
+    /// Settings of the run over all shards.
     pub fn whole(&self) -> Self {
         Self { selection: self.selection.whole(), ..self.clone() }
     }

@@ -1,4 +1,4 @@
-//! A training session: a dataset, a configuration and a model that grows frame by frame.
+//! Training session: a dataset, its settings and a model trained frame by frame.
 
 use super::error::SessionError;
 use super::follow::Follow;
@@ -24,21 +24,21 @@ use glam::DVec3;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// What one step did.
+/// Result of a step.
 #[derive(Clone, Debug)]
 pub enum Step {
-    /// A frame was learnt.
+    /// A frame was trained on.
     Trained(Box<FrameReport>),
-    /// A frame was unusable and left out.
+    /// A frame was unusable and skipped.
     Skipped(SkippedFrame),
-    /// All frames that are whole so far were gone through; [`Follow::rest`] says how
-    /// long it is until there may be more. Only of recordings that are followed.
+    /// All complete frames of a followed recording were visited; [`Follow::rest`] is the time until there may
+    /// be more.
     Waiting,
     /// There are no more frames.
     Finished,
 }
 
-/// A dataset, a configuration and a model that grows frame by frame.
+/// A dataset, its settings and a model trained frame by frame.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -62,23 +62,23 @@ pub struct Session {
     plan: Plan,
     normalization: Normalization,
     frames: Box<dyn FrameLoop>,
-    /// Where more frames come from.
+    /// Source of further frames.
     follow: Option<Follow>,
-    /// Whether frames came from there.
+    /// True if the recording is or was followed.
     is_followed: bool,
     births: BirthLog,
-    /// Everything up to the last step.
+    /// Progress up to the last step.
     past: Past,
-    /// Of frames that contradict the scene, not yet told.
+    /// Warnings about outlier frames, not yet taken.
     doubts: Vec<String>,
     started: Instant,
-    /// Seconds spent before `started`.
+    /// Training time before `started`, in seconds.
     wall_before_s: f64,
 }
 
 impl Session {
-    /// Prepares a session and starts decoding. Frames the dataset refused when it was opened count
-    /// as skipped.
+    /// Prepares a session and starts decoding. Frames that the dataset refused when it was opened count as
+    /// skipped.
     pub fn new(
         dataset: Arc<Dataset>,
         asked: impl Into<MethodRequest>,
@@ -87,7 +87,7 @@ impl Session {
         let asked = asked.into();
         let seed = asked.seed();
         let plan = Plan::new(&dataset, &selection, seed)?;
-        // A scene says best what is wrong with its depth.
+        // First, because a scene reports problems with depth best.
         let method = asked.on(&dataset, &selection)?;
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
@@ -95,7 +95,7 @@ impl Session {
         Self::begin(dataset, config, plan, &Origin::Fresh(&range), past)
     }
 
-    /// Starts decoding behind what the run has behind it.
+    /// Starts decoding after the frames already visited.
     pub(super) fn begin(
         dataset: Arc<Dataset>,
         config: RunConfig,
@@ -127,8 +127,8 @@ impl Session {
         })
     }
 
-    /// Takes frames while they are recorded; `follow` knows those there are, or is `None` for a
-    /// recording that was opened as it stood. Whether there is one to follow.
+    /// Follows a recording while it grows. `follow` already knows the present frames, or is `None` if the
+    /// dataset was opened normally. Returns false if there is nothing to follow.
     pub fn follow(&mut self, follow: Option<Follow>) -> bool {
         let (split, selection) = (self.plan.split, &self.config.selection);
         let follow = follow.or_else(|| Follow::of(&self.dataset, split, selection));
@@ -138,23 +138,23 @@ impl Session {
         self.follow.is_some()
     }
 
-    /// Takes no more frames than there are.
+    /// Stops following; only present frames are used.
     pub fn stop_following(&mut self) {
         self.follow = None;
     }
 
-    /// What is followed, if anything is.
+    /// The followed recording, if any.
     pub fn followed(&self) -> Option<&Follow> {
         self.follow.as_ref()
     }
 
-    /// Whether all frames that there are were gone through; of a recording that is followed, more may
-    /// come.
+    /// True if all present frames were visited; a followed recording may get more.
     pub fn is_caught_up(&self) -> bool {
         self.past.visited >= self.plan.frames.len()
     }
 
-    /// Whether there is a frame to learn, or none will come any more.
+    /// Polls a followed recording if all frames were visited. True if the next step need not wait for further
+    /// frames.
     fn catch_up(&mut self) -> Result<bool, SessionError> {
         let n_planned = self.plan.frames.len();
         if !self.is_caught_up() {
@@ -195,13 +195,14 @@ impl Session {
     /// Trains on the next frame, waiting for it to be decoded.
     ///
     /// # Errors
-    /// [`SessionError::Index`] as [`Learns::learn`](crate::train::learner::Learns::learn) says, and
+    /// [`SessionError::Index`] as in [`Learns::learn`](crate::train::learner::Learns::learn), and
     /// [`SessionError::NoUsableFrame`] at the end.
     pub fn step(&mut self) -> Result<Step, SessionError> {
         self.step_within(Duration::MAX).map(|step| step.unwrap_or(Step::Waiting))
     }
 
-    /// [`Self::step`], waiting at most that long; `None` if the frame is not read yet: no drive holds up saving.
+    /// Like [`Self::step`], waiting at most `patience`. `None` if the frame is not decoded yet, so that a
+    /// slow drive does not block saving.
     pub fn step_within(&mut self, patience: Duration) -> Result<Option<Step>, SessionError> {
         if !self.catch_up()? {
             return Ok(Some(Step::Waiting));
@@ -211,7 +212,7 @@ impl Session {
             Stepped::Unread => return Ok(None),
             Stepped::Finished => return self.finish().map(Some),
         };
-        // Whatever becomes of it, no run that goes on from here may learn this frame again.
+        // Set before the result is handled: no resumed run may train on this frame twice.
         self.past.visited = position + 1;
         let step = match status {
             FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms } => {
@@ -226,7 +227,7 @@ impl Session {
                 self.skipped_frame(name, message)
             }
             FrameStatus::Lost(loss) => {
-                let message = format!("{name}: not placed, and left out: {loss}");
+                let message = format!("{name}: pose not found, frame skipped: {loss}");
                 self.skipped_frame(name, message)
             }
             FrameStatus::Failed(error) => return Err(error.into()),
@@ -299,7 +300,7 @@ impl Session {
         self.past.frames.last().cloned().unwrap_or(report)
     }
 
-    /// Notes how photographs compared with the scene.
+    /// Stores how photographs compared with the scene.
     fn take_compared(&mut self) {
         let learner = self.frames.learner();
         for compared in learner.compared() {
@@ -307,18 +308,18 @@ impl Session {
         }
     }
 
-    /// What is to be told of frames that contradict the scene, once.
+    /// Takes the warnings about outlier frames.
     pub fn take_doubts(&mut self) -> Vec<String> {
         std::mem::take(&mut self.doubts)
     }
 
-    /// Whether the scene is drawn as [`Self::settle`] says.
+    /// True if the scene is rendered as by [`Self::settle`].
     pub fn is_settled(&self) -> bool {
         self.learner().is_settled()
     }
 
-    /// Draws the scene as it will be once no photograph waits any more to be learnt, until the next frame.
-    /// Whether that changes anything.
+    /// Renders the scene as if all buffered photographs had been trained on, until the next frame. Returns
+    /// true if that changes anything.
     pub fn settle(&mut self) -> bool {
         let changes = self.learner_mut().settle();
         if changes {
@@ -328,7 +329,7 @@ impl Session {
         changes
     }
 
-    /// Forgets that a frame could not be read, which was half written then.
+    /// Removes a frame from the skipped ones, which was only half written before.
     fn forgive(&mut self, frame: &str) {
         if self.is_followed {
             self.past.skipped.retain(|skipped| skipped.frame != frame);
@@ -340,7 +341,7 @@ impl Session {
         &self.dataset
     }
 
-    /// Frames of the run.
+    /// The plan of frames.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
@@ -350,33 +351,32 @@ impl Session {
         &self.config
     }
 
-    /// The model.
+    /// The learner with its model.
     pub fn learner(&self) -> &dyn Learner {
         self.frames.learner()
     }
 
-    /// The model, to ask it for more.
+    /// The learner, for changes.
     pub(super) fn learner_mut(&mut self) -> &mut dyn Learner {
         self.frames.learner_mut()
     }
 
-    /// Sums the ELBO of the frames to come by component, for [`Self::attributes_of`].
+    /// Starts to accumulate the ELBO per component, for [`Self::attributes_of`].
     pub fn start_component_elbo(&mut self) {
         self.learner_mut().component_elbo_mut().start();
     }
 
-    /// Ends what [`Self::start_component_elbo`] began.
+    /// Stops what [`Self::start_component_elbo`] started.
     pub fn stop_component_elbo(&mut self) {
         self.learner_mut().component_elbo_mut().stop();
     }
 
-    /// Position in the run of the frame in which a component first received points, if that was in
-    /// this session.
+    /// Plan position of the frame in which a component first received points, if in this session.
     pub(super) fn birth_of(&self, component: usize) -> Option<u32> {
         self.births.of(component)
     }
 
-    /// Points learnt.
+    /// Number of points trained on.
     pub fn points(&self) -> u64 {
         self.past.points
     }
@@ -386,43 +386,44 @@ impl Session {
         &self.normalization
     }
 
-    /// What lies behind the next step.
+    /// Progress up to the next step.
     pub(super) fn past(&self) -> &Past {
         &self.past
     }
 
-    /// What the run takes of the machine's memory at most.
+    /// Upper bound on the memory of the run.
     pub fn memory(&self) -> MemoryEstimate {
         self.config.method.any().memory(self.plan.pixels(&self.dataset))
     }
 
-    /// Positions of the plan gone through, by learning a frame or by skipping it.
+    /// Number of visited plan positions, trained on or skipped.
     pub fn visited(&self) -> usize {
         self.past.visited
     }
 
-    /// Direction that points up in the world, as far as the cameras tell.
+    /// Up direction in the world, estimated from the cameras if necessary.
     pub fn up(&self) -> DVec3 {
         self.dataset.up(self.plan.split)
     }
 
-    /// Trained frames so far, in order.
+    /// Reports of the trained frames, in order.
     pub fn frames(&self) -> &[FrameReport] {
         &self.past.frames
     }
 
-    /// Unusable frames so far.
+    /// Skipped frames.
     pub fn skipped(&self) -> &[SkippedFrame] {
         &self.past.skipped
     }
 
-    /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
+    /// Splats of all components, in world units; entry `k` is component `k`, with opacity 0 if it is not
+    /// drawn.
     pub fn splats(&self) -> SplatSet {
         self.learner().splats()
     }
 
-    /// What files are made of and what is measured: in the order in which checkpoints hold the
-    /// components, so that equal models give equal files, and never more than the budget.
+    /// Splats for files and measurements, in the component order of checkpoints. Equal models give equal
+    /// files, and the budget is never exceeded.
     pub fn stored_splats(&self) -> SplatSet {
         self.learner().stored_splats()
     }

@@ -1,4 +1,4 @@
-//! What a session says of itself in figures.
+//! Reports of a session.
 
 use super::run::RunConfig;
 use super::session::Session;
@@ -6,20 +6,19 @@ use crate::eval::machine;
 use crate::eval::report::{DatasetReport, EvalReport, FrameReport, REPORT_FORMAT, Report, Summary};
 
 impl Session {
-    /// Reports of the frames whose photographs were compared with the scene last, as far as they are
-    /// known: the newest, and those that had waited.
+    /// Reports of the frames whose photographs were compared in the last step, as far as known: the newest,
+    /// and buffered ones.
     pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
         let (past, n_learnt) = (self.past(), self.learner().frames());
         let compared = self.learner().compared().iter();
         compared.filter_map(move |compared| past.report_of(n_learnt, compared))
     }
 
-    /// Components that are drawn.
     fn drawn(&self) -> usize {
         self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
 
-    /// The report so far; `adapter` names the graphics adapter that draws, if any.
+    /// Returns the report so far; `adapter` is the name of the graphics adapter used for rendering, if any.
     pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
         let (dataset, plan, past) = (self.dataset(), self.plan(), self.past());
         let split = &dataset.splits[plan.split];

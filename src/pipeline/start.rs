@@ -1,4 +1,4 @@
-//! Where a session begins: the one place that asks which preset a run follows.
+//! Start of a session: the only place that distinguishes the presets of a run.
 
 use super::error::SessionError;
 use super::frame_loop::{FrameLoop, PresetLoop};
@@ -13,16 +13,16 @@ use crate::math::normalization::Normalization;
 use crate::model::stored::StoredModel;
 use std::sync::Arc;
 
-/// What a learner begins with.
+/// Initial state of a learner.
 pub(super) enum Origin<'a> {
-    /// Nothing; positions lie in the range.
+    /// Untrained; positions lie in this range.
     Fresh(&'a PositionRange),
-    /// What a checkpoint holds, after so many frames. It must be one of the run's settings.
+    /// Stored model after this number of frames. It must match the run's settings.
     Stored(&'a StoredModel, u64),
 }
 
-/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset.
-/// Also returns world to model coordinates.
+/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset. Also
+/// returns the transform from world to model coordinates.
 pub(super) fn frame_loop(
     dataset: &Arc<Dataset>,
     run: &RunConfig,

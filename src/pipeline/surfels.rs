@@ -1,11 +1,10 @@
-//! What a model's components say of surfaces.
+//! Surface elements of a model's components.
 
 use super::any_preset::Revived;
 use crate::export::mesh::Surfel;
 use crate::math::normalization::Normalization;
 
-/// Pieces of surface by component: those that are drawn, and whose normal is known. A model of the
-/// `paper` preset knows none.
+/// Returns a surfel for every drawn component with a known normal. Models of the `paper` preset have none.
 pub fn surfels(revived: &Revived) -> Vec<(usize, Surfel)> {
     let (learner, normalization) = (&revived.learner, &revived.normalization);
     let of = |component: usize| {

@@ -1,9 +1,8 @@
-//! Frames of a tracked run with the poses that were found: what measuring, drawing and reporting
-//! need of it.
+//! Trajectory of a tracked run, for evaluation, rendering and reports.
 //!
-//! Frames that were learnt have the poses they were learnt at. Others, such as those held out for
-//! evaluation, are placed by the finished scene as it placed the ones it learnt, and teach nothing. Where the
-//! recording has poses, what views are compared with is straightened by them, as that of any other run.
+//! Trained frames have the poses at which they were trained on. Other frames, such as held-out ones, are
+//! tracked against the finished scene without training. If the recording has poses, the views' images are
+//! straightened by them, as in any other run.
 
 use super::settings::scene::SceneRun;
 use crate::dataset::error::FrameError;
@@ -20,28 +19,28 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Where the frames of a run were found, by name.
+/// Tracked poses of a run's frames, by name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Trajectory {
     frames: BTreeMap<String, TrackedPose>,
-    /// Names of frames that were not placed, or could not be read.
+    /// Names of frames that were not placed, or were unreadable.
     skipped: Vec<String>,
 }
 
-/// Views with the poses that were found for them.
+/// Views with their tracked poses.
 pub struct PlacedViews {
-    /// The dataset, all of its frames placed that could be.
+    /// The dataset with all tracked poses.
     pub dataset: Dataset,
-    /// Positions in its split of the views asked for that were placed.
+    /// Indices in the split of the requested views that were placed.
     pub frames: Vec<usize>,
-    /// Views that could not be placed, and why.
+    /// Views that could not be placed, with reasons.
     pub lost: Vec<SkippedFrame>,
-    /// Whether recorded poses straightened the images of the views (`eval.md`, Views of tracked runs).
+    /// True if recorded poses straightened the images of the views (`eval.md`, Views of tracked runs).
     pub is_straightened: bool,
 }
 
 impl Trajectory {
-    /// Of a run that has learnt and skipped these frames; `None` unless it was tracked.
+    /// Collects the trajectory from frame reports and skipped frames; `None` unless the run was tracked.
     pub fn of(frames: &[FrameReport], skipped: &[SkippedFrame]) -> Option<Self> {
         let named =
             frames.iter().filter_map(|report| Some((report.frame.clone(), report.tracked?)));
@@ -50,34 +49,34 @@ impl Trajectory {
         (!frames.is_empty()).then_some(Self { frames, skipped })
     }
 
-    /// Where a frame was found.
+    /// Tracked pose of a frame.
     pub fn pose(&self, frame: &str) -> Option<Pose> {
         self.frames.get(frame)?.pose()
     }
 
-    /// Frames that were found.
+    /// Number of placed frames.
     pub fn len(&self) -> usize {
         self.frames.len()
     }
 
-    /// Whether none was.
+    /// True if no frame was placed.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// Names of the frames that were not placed, or could not be read.
+    /// Names of the frames that were not placed, or were unreadable.
     pub fn skipped(&self) -> &[String] {
         &self.skipped
     }
 
-    /// The least certain of all: deviations of turn (radians) and centre (world units).
+    /// Largest standard deviations over all frames: rotation (radians) and centre (world units).
     pub fn deviations(&self) -> [f64; 2] {
         self.frames.values().fold([0.0; 2], |[turn, shift], tracked| {
             [turn.max(tracked.turn_deviation), shift.max(tracked.shift_deviation)]
         })
     }
 
-    /// How far it is from the poses of the recording, where that has any.
+    /// Error against the recorded poses, if there are any.
     pub fn error(&self, dataset: &Dataset) -> Option<TrajectoryError> {
         let recorded = dataset.recorded()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
@@ -89,15 +88,15 @@ impl Trajectory {
         TrajectoryError::of(&self.frames.iter().filter_map(pair).collect::<Vec<_>>())
     }
 
-    /// Lines of `t tx ty tz qx qy qz qw` (TUM RGB-D), camera to world, in the order of the split;
-    /// times are frame numbers where the recording tells none.
+    /// Formats lines `t tx ty tz qx qy qz qw` (TUM RGB-D), camera to world, in the order of the split. Times
+    /// are frame indices if the recording has none.
     pub fn tum(&self, dataset: &Dataset, split: usize) -> String {
         let mut text = "# t tx ty tz qx qy qz qw\n".to_owned();
         for (i, entry) in dataset.splits[split].frames.iter().enumerate() {
             let Some(tracked) = self.frames.get(&entry.name) else { continue };
             let ([x, y, z], [qx, qy, qz, qw]) = (tracked.centre, tracked.rotation);
             let time = entry.time.unwrap_or(i as f64);
-            // Text grows without end: it cannot fail.
+            // Writing to a string cannot fail.
             let _ =
                 writeln!(text, "{time:.6} {x:.6} {y:.6} {z:.6} {qx:.7} {qy:.7} {qz:.7} {qw:.7}");
         }
@@ -106,8 +105,8 @@ impl Trajectory {
 }
 
 impl PlacedViews {
-    /// Places the listed views of a split of the recording that a scene was tracked on; `splats` are
-    /// the scene's, `tell` hears how many views are done.
+    /// Tracks the listed views of a split against the finished scene with these splats. `tell` receives the
+    /// number of processed views.
     pub fn find(
         dataset: &Dataset,
         (run, splats): (&SceneRun, SplatView<'_>),
@@ -143,7 +142,7 @@ impl PlacedViews {
 }
 
 impl Trajectory {
-    /// Poses of the frames before and after one in its recording, the nearest first.
+    /// Poses of the closest placed frames before and after a frame in its recording, nearest first.
     fn around(&self, dataset: &Dataset, entry: &FrameEntry) -> Vec<Pose> {
         let holds = |frames: &[FrameEntry]| frames.iter().position(|f| f.name == entry.name);
         let frames = dataset.splits.iter().map(|split| split.frames.as_slice());
@@ -160,7 +159,6 @@ impl Trajectory {
     }
 }
 
-/// A finished scene that places frames.
 struct Placer<'a> {
     run: &'a SceneRun,
     splats: SplatView<'a>,

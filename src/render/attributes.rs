@@ -1,41 +1,39 @@
-//! Colours that show what is known of a component: a value, its place in a range, a colour.
+//! Colour coding of component attributes: value, position in a range, colour.
 //!
-//! A range is taken from the middle of the values, because one stray would flatten all others to
-//! one colour, and it stays while a new one would look alike, because every change of range
-//! recolours and uploads all splats. Evidence and uncertainty span many powers of ten and are
-//! coloured by their logarithm.
+//! The range spans the middle of the values, because a single outlier would flatten all others to one
+//! colour. It is replaced only after a visible change, because every new range recolours and uploads all
+//! splats. Evidence and uncertainty span many orders of magnitude and use a logarithmic scale.
 
 use super::paint::ramp;
 use crate::model::attributes::ComponentAttributes;
 
-/// What splats can be coloured by.
+/// Attribute that splats can be coloured by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
-    /// Points that the component received over all frames, a soft count; coloured by its logarithm.
+    /// Sum of responsibilities over all points of all frames (soft count); logarithmic scale.
     Evidence,
-    /// Standard deviation of the mean's position.
+    /// Standard deviation of the mean's position, in world units; logarithmic scale.
     Uncertainty,
-    /// Mean ELBO of the points of the current frame.
+    /// Mean ELBO of the points of the current frame, in nats.
     Elbo,
-    /// Frame of the first points.
+    /// Index of the frame that contributed the first points.
     Birth,
 }
 
-/// Colour of splats whose value is not known.
+/// Colour of splats without a known value.
 pub const UNKNOWN: [f32; 3] = [0.35; 3];
 
-/// Share of the values at either end that the range leaves out: strays must not flatten the rest.
+/// Fraction of the values that the range excludes at either end, so that outliers do not compress it.
 const TAIL: f64 = 0.02;
-/// Values that a range is taken from at most, spread evenly: its ends are then good to half a per
-/// cent of the values, for 0.1 ms.
+/// Maximum number of evenly spaced samples for a range. Its ends are then accurate to half a percent of
+/// the values, in 0.1 ms.
 const MAX_SAMPLES: usize = 1 << 14;
-/// A range stays while the ends of a new one are within this share of its width from its own:
-/// every change of range colours all splats anew.
+/// Tolerance for reusing a range, as a fraction of its width. Every change recolours all splats.
 const SLACK: f64 = 0.1;
 
 impl Attribute {
-    /// The value on the axis that is coloured evenly, logarithms for evidence and uncertainty;
-    /// `None` where it is not known.
+    /// Value on the colour scale (base-10 logarithm if logarithmic); `None` if unknown, not finite or not
+    /// positive on a logarithmic scale.
     fn position(self, of: &ComponentAttributes) -> Option<f64> {
         let value = match self {
             Self::Evidence => of.evidence,
@@ -50,12 +48,11 @@ impl Attribute {
         }
     }
 
-    /// Whether equal steps of colour are equal factors.
     fn is_logarithmic(self) -> bool {
         matches!(self, Self::Evidence | Self::Uncertainty)
     }
 
-    /// What the values are counted in; empty for pure numbers.
+    /// Unit of the values; empty for pure numbers.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Evidence => "points",
@@ -66,23 +63,23 @@ impl Attribute {
     }
 }
 
-/// Values that the two ends of the ramp stand for.
+/// Values at the two ends of the colour ramp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     attribute: Attribute,
-    /// On the axis that is coloured evenly; ascending.
+    /// On the colour scale, ascending.
     ends: [f64; 2],
 }
 
 impl Range {
-    /// The middle 96 % of the known values; `None` if none is known.
+    /// Range of the middle 96 % of the known values; `None` if no value is known.
     pub fn of(attribute: Attribute, values: &[ComponentAttributes]) -> Option<Self> {
-        // Over the whole list, because neighbours in it were often born together.
+        // Strided over the whole list, because neighbours often have the same birth frame.
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
         let sample = values.iter().step_by(stride);
         let mut known: Vec<f64> = sample.filter_map(|v| attribute.position(v)).collect();
         if known.is_empty() {
-            // All that is known may lie between the samples.
+            // All known values may lie between the samples.
             known = values.iter().filter_map(|v| attribute.position(v)).take(MAX_SAMPLES).collect();
         }
         let last = known.len().checked_sub(1)?;
@@ -93,31 +90,31 @@ impl Range {
         Some(Self { attribute, ends: [quantile(TAIL), quantile(1.0 - TAIL)] })
     }
 
-    /// Whether recolouring all splats by the other range would be too small a change to see.
+    /// True if switching to the other range would not change colours visibly.
     pub fn is_close_to(&self, other: &Self) -> bool {
         let slack = SLACK * (self.ends[1] - self.ends[0]);
         let is_near = |i: usize| (self.ends[i] - other.ends[i]).abs() <= slack;
         self.attribute == other.attribute && is_near(0) && is_near(1)
     }
 
-    /// Colour of a component; [`UNKNOWN`] where the value is not known.
+    /// Colour of a component; [`UNKNOWN`] if its value is unknown.
     pub fn color(&self, of: &ComponentAttributes) -> [f32; 3] {
         let [lo, hi] = self.ends;
         match self.attribute.position(of) {
-            // Gray, which the ramp does not contain: not known must not look like little.
+            // Grey is not part of the ramp, so an unknown value cannot be mistaken for a small one.
             None => UNKNOWN,
-            // One value alone is neither the least nor the largest.
+            // A range of zero width has neither a smallest nor a largest value.
             Some(_) if hi <= lo => ramp(0.5),
             Some(value) => ramp(((value - lo) / (hi - lo)) as f32),
         }
     }
 
-    /// What is coloured.
+    /// Attribute of the range.
     pub fn attribute(&self) -> Attribute {
         self.attribute
     }
 
-    /// Values at the ends of the ramp, in [`Attribute::unit`].
+    /// Values at the ends of the ramp, in the unit of [`Attribute::unit`].
     pub fn ends(&self) -> [f64; 2] {
         match self.attribute.is_logarithmic() {
             true => self.ends.map(|end| 10f64.powf(end)),

@@ -1,29 +1,29 @@
-//! Two pictures of one viewport as one: a wipe from one to the other, or what differs between them.
-//! `shaders/composite.wgsl` has the same formulas.
+//! Combines two images of one viewport: a wipe between them, or their difference.
+//! `shaders/composite.wgsl` uses the same formulas.
 //!
-//! Pictures are combined after they were finished and laid over the background, so that a wipe
-//! compares what each would show alone; the second is sampled bilinearly, since photographs and
-//! renders seldom have equal sizes.
+//! Images are combined after finishing and after compositing over the background, so that a wipe compares
+//! what each would show alone. The second image is sampled bilinearly, because photographs and
+//! renders seldom have the same size.
 
 use crate::math::image::RgbImage;
 use rayon::prelude::*;
 
-/// How two pictures become one.
+/// Method of combining two images.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Combination {
-    /// The first left of a divider, the second from there on; the divider as a share of the
-    /// viewport's width.
+    /// Shows the first image left of a divider and the second one from there on. The value is the
+    /// divider's position as a fraction of the viewport width.
     Wipe(f32),
-    /// `gain·|first − second|` per channel, at most 1: black where they agree.
+    /// `gain·|first − second|` per channel, at most 1; black where both agree. The value is the gain.
     Difference(f32),
 }
 
-/// A rectangle in shares of the viewport, `(0, 0)` upper left.
+/// Rectangle in fractions of the viewport; `(0, 0)` is the upper left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area {
     /// Upper left corner.
     pub min: [f32; 2],
-    /// Lower right corner, beyond the upper left one.
+    /// Lower right corner; exceeds `min` on both axes.
     pub max: [f32; 2],
 }
 
@@ -35,17 +35,17 @@ impl Area {
         (0..2).all(|axis| self.min[axis] <= p[axis] && p[axis] < self.max[axis])
     }
 
-    /// From shares of the viewport to shares of the rectangle.
+    /// Converts a position from fractions of the viewport to fractions of the rectangle.
     fn inner(&self, p: [f32; 2]) -> [f32; 2] {
         std::array::from_fn(|axis| (p[axis] - self.min[axis]) / (self.max[axis] - self.min[axis]))
     }
 }
 
-/// Brightness that is left of the first picture where the second has nothing to compare.
+/// Factor on the first image's brightness outside the area of the second.
 pub const OUTSIDE: f32 = 0.35;
 
-/// Combines `first`, which fills the viewport, with `second`, which fills `area` of it whatever its
-/// size in pixels; outside of `area` the first picture is darkened by [`OUTSIDE`].
+/// Combines `first`, which fills the viewport, with `second`, which is scaled to fill `area`. Writes the
+/// result to `first`. Outside `area`, `first` is darkened by [`OUTSIDE`].
 ///
 /// ```
 /// use vbgs_studio::math::image::Image;
@@ -57,7 +57,7 @@ pub const OUTSIDE: f32 = 0.35;
 /// ```
 pub fn combine(first: &mut RgbImage, second: &RgbImage, area: Area, how: Combination) {
     let (width, height) = (first.width, first.height);
-    // A chunk of width 0 would panic, and an empty picture has no pixel to sample.
+    // A chunk size of 0 would panic, and an empty image has no pixel to sample.
     if width == 0 || second.data.is_empty() {
         return;
     }
@@ -89,11 +89,11 @@ fn combined(
     }
 }
 
-/// The colour at a share of the image's sides, as a GPU samples it: between the four nearest pixel
-/// centres, the border repeated.
+/// Samples an image at a position in fractions of its size, like a GPU: bilinear between pixel
+/// centres, with the border clamped.
 fn bilinear(image: &RgbImage, share: [f32; 2]) -> [f32; 3] {
     let axis = |share: f32, n: usize| {
-        // Half a pixel off, because centres and not corners hold the values.
+        // Values belong to pixel centres, not corners.
         let at = share * n as f32 - 0.5;
         let below = at.floor();
         let index = |i: f32| (i.max(0.0) as usize).min(n - 1);
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
     use crate::math::image::Image;
 
-    /// A picture without two equal pixels.
+    /// Image in which no two pixels are equal.
     fn picture(width: usize, height: usize, seed: f32) -> RgbImage {
         let value = |i: usize| (seed + 0.37 * i as f32).fract();
         let data = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]);

@@ -1,31 +1,31 @@
-//! What becomes of a pixel once its splats are blended: cracks are filled, then exposure is applied.
+//! Post-processing of blended pixels: crack filling, then exposure.
 //!
-//! Neighbouring splats never cover a surface whole: light comes through where their rims meet. Wider
-//! splats close such cracks and blur what they show. Instead a pixel counts as covered in full from a
-//! coverage below 1 on, the scene's `full_coverage` (1 fills no crack); below that coverage and colour rise
-//! in proportion.
+//! Neighbouring splats never cover a surface completely: background shows through where their edges
+//! meet. Wider splats would close such cracks but blur the image. Instead a pixel counts as fully covered
+//! once its coverage reaches the scene's `full_coverage` (1 disables filling). Below that value, coverage and
+//! colour are scaled up in proportion.
 //!
-//! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
+//! Exposure multiplies the splats' colour by the exposure recorded near the view
 //! ([`crate::model::splat::exposure`]).
 
 use super::options::{Exposing, RenderOptions};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Finishing;
 
-/// What becomes of an image's pixels.
+/// Crack filling and exposure of one image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finish {
-    /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`.
+    /// Coverage at which a pixel counts as fully covered, in `(0, 1]`.
     pub full_coverage: f32,
     /// Factors on red, green and blue.
     pub exposure: [f32; 3],
 }
 
 impl Finish {
-    /// Pixels as they are.
+    /// Leaves pixels unchanged.
     pub const NONE: Self = Self { full_coverage: 1.0, exposure: [1.0; 3] };
 
-    /// What the pixels of one view of a scene become: its crack filling, and its exposure there.
+    /// Derives the crack filling of a scene and its exposure at the camera's pose.
     pub fn new(finishing: &Finishing, camera: &Camera, options: &RenderOptions) -> Self {
         let exposure = match (options.exposing, &finishing.exposures) {
             (Exposing::Recorded, Some(log)) => log.at(&camera.pose),
@@ -34,12 +34,12 @@ impl Finish {
         Self { full_coverage: finishing.full_coverage, exposure }
     }
 
-    /// Premultiplied colour and coverage `A` of a finished pixel: all times
-    /// `min(1/full_coverage, 1/A)`, so that coverage ends at 1.
+    /// Finishes a pixel of premultiplied colour and coverage `A`. Multiplies all four by
+    /// `min(1/full_coverage, 1/A)`, which limits coverage to 1, and the colour by the exposure.
     #[inline(always)]
     pub fn apply(&self, [r, g, b, coverage]: [f32; 4]) -> [f32; 4] {
-        // The second bound holds coverage at 1; where nothing covers it is infinite and the first
-        // one counts.
+        // The second bound limits coverage to 1. At coverage 0 it is infinite, so the first bound
+        // applies.
         let factor = (1.0 / self.full_coverage).min(1.0 / coverage);
         let [red, green, blue] = self.exposure;
         [r * factor * red, g * factor * green, b * factor * blue, coverage * factor]

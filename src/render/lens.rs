@@ -1,4 +1,4 @@
-//! How pixels map to rays, both ways.
+//! Mapping from pixels to rays and back.
 
 use super::options::Lens;
 use crate::math::camera::Intrinsics;
@@ -6,24 +6,24 @@ use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
 
 impl Lens {
-    /// Direction in camera space of a continuous position in the image (pixels), with `z = 1` through
-    /// a pinhole and of unit length through a fisheye; `None` where the lens shows nothing
-    /// (`rendering.md`, Wide views and fisheye).
+    /// Ray in camera axes through a continuous image position in pixels, with `z = 1` for a pinhole and
+    /// of unit length for a fisheye. `None` beyond the fisheye's field of view (`rendering.md`, Wide views
+    /// and fisheye).
     pub fn ray(self, k: &Intrinsics, position: DVec2) -> Option<DVec3> {
         let offset = (position - DVec2::new(k.cx, k.cy)) / DVec2::new(k.fx, k.fy);
         match self {
             Self::Pinhole => Some(offset.extend(1.0)),
             Self::Fisheye => {
                 let angle = offset.length();
-                // sin(θ)/θ has its limit 1 on the axis, where the division would give NaN.
+                // sin(θ)/θ tends to 1 on the axis, where the division would give NaN.
                 let sinc = if angle > 0.0 { angle.sin() / angle } else { 1.0 };
                 (angle <= PI).then(|| (offset * sinc).extend(angle.cos()))
             }
         }
     }
 
-    /// Continuous position in the image, pixels, of a point in camera space; `None` where the lens
-    /// does not show it.
+    /// Continuous image position in pixels of a point in camera axes. `None` outside the field of
+    /// view or if the position is not finite.
     pub fn project(self, k: &Intrinsics, point: DVec3) -> Option<DVec2> {
         let offset = match self {
             Self::Pinhole if point.z > 0.0 => point.truncate() / point.z,
@@ -35,7 +35,7 @@ impl Lens {
             }
         };
         let position = offset * DVec2::new(k.fx, k.fy) + DVec2::new(k.cx, k.cy);
-        // Points beyond any float would otherwise be drawn as lines across the image.
+        // Non-finite positions would be drawn as lines across the image.
         position.is_finite().then_some(position)
     }
 }

@@ -1,8 +1,8 @@
-//! Splats to pixels: what every renderer agrees on (`rendering.md`, Conventions).
+//! Splat rendering: conventions shared by all renderers (`rendering.md`, Conventions).
 //!
-//! Colours are sRGB-encoded and blended as encoded; alpha is premultiplied, so an image is
-//! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes are OpenCV's and
-//! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
+//! Colours are sRGB-encoded and blended in that encoding. Alpha is premultiplied: an image is
+//! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes follow OpenCV;
+//! the centre of pixel `(i, j)` is at `(i + ½, j + ½)`.
 #![doc = include_str!("rendering.md")]
 
 pub mod attributes;

@@ -1,9 +1,9 @@
-//! What a view needs besides splats and camera.
+//! Settings of a view other than splats and camera.
 //!
-//! [`RenderMethod`] says which formulas apply, [`SplatStyle`] what a viewer changes about all
-//! splats, [`RenderOptions`] ties both to near plane, background and exposure. Two constructors,
-//! [`RenderOptions::evaluation`] and [`RenderOptions::viewport`], and no `Default`: a measured
-//! image must not take a setting by accident that people only look through.
+//! [`RenderMethod`] selects the formulas, [`SplatStyle`] changes the display of all splats, and
+//! [`RenderOptions`] adds near plane, background and exposure. There is no `Default`: callers choose
+//! [`RenderOptions::evaluation`] or [`RenderOptions::viewport`], so that a measured image never takes
+//! a display setting by accident.
 
 use super::constants::{EVALUATION_NEAR, VIEWPORT_NEAR_SHARE, scale_floor};
 use crate::model::splat::splats::Splat;
@@ -11,106 +11,106 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// The two renderers, as the command line and reports spell them.
+/// Renderer name in command lines and reports.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Renderer {
-    /// The covariance projected to the image (EWA), as every viewer of splats does.
+    /// Projects the covariance to the image (EWA), as common splat viewers do.
     Projected,
-    /// The response along each pixel's true ray.
+    /// Evaluates the response along each pixel's true ray.
     Exact,
 }
 
-/// Which pixels a projected splat may touch.
+/// Pixels that a projected splat may cover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Support {
-    /// Every pixel where its alpha passes [`super::ALPHA_CUT`]; nothing visible is lost.
+    /// Every pixel where alpha reaches [`super::ALPHA_CUT`]; nothing visible is lost.
     Alpha,
-    /// The 16×16 tiles of a square of three standard deviations, as the reference renderer does:
-    /// opaque splats lose their rim there. For comparisons of bits only.
+    /// The 16×16 tiles of a square of three standard deviations, as in the reference renderer. Opaque
+    /// splats lose their rim. Intended only for bitwise comparisons.
     Tile3Sigma,
 }
 
-/// Where on a pixel's line the exact renderer looks for the largest response.
+/// Part of a pixel's line on which the exact renderer searches for the largest response.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Response {
-    /// From the camera on: what is behind stays behind.
+    /// The ray in front of the camera.
     Ray,
-    /// Everywhere, as the published renderer does: a long splat that reaches behind the camera
-    /// paints a mirrored ghost in front.
+    /// The whole line, as in the published renderer. A long splat that reaches behind the camera
+    /// paints a mirrored ghost in front of it.
     Line,
 }
 
-/// What the exact renderer does about splats thinner than a pixel (`rendering.md`, Antialiasing).
+/// Antialiasing of the exact renderer for splats thinner than a pixel (`rendering.md`, Antialiasing).
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Antialias {
-    /// Adds 0.3 px² at the splat's distance to every variance, as the projected renderer does in
-    /// the image.
+    /// Adds 0.3 px² at the splat's distance to every variance, like the projected renderer's low-pass
+    /// in the image.
     Footprint,
-    /// Nothing: thin splats flicker.
+    /// Adds nothing; thin splats flicker.
     None,
-    /// Adds 1e-7 world units² and fades the splat by the volume it gained, as the published
-    /// renderer does.
+    /// Adds 1e-7 world units² and fades the splat by its gain in volume, as in the published
+    /// renderer.
     Reference,
 }
 
-/// How pixels map to rays.
+/// Camera projection model.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Lens {
-    /// Straight lines stay straight.
+    /// Perspective projection: straight lines stay straight.
     Pinhole,
-    /// Equidistant fisheye: distance from the principal point is the angle to the axis, so `fx` and
-    /// `fy` are pixels per radian. Only the exact renderer can draw it.
+    /// Equidistant fisheye: distance from the principal point is the angle to the optical axis, so `fx` and
+    /// `fy` are pixels per radian. Requires the exact renderer.
     Fisheye,
 }
 
 /// Settings of the exact renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExactOptions {
-    /// Ray or line.
+    /// Part of the line that responds.
     pub response: Response,
-    /// What becomes of splats thinner than a pixel.
+    /// Treatment of splats thinner than a pixel.
     pub antialias: Antialias,
-    /// How pixels map to rays.
+    /// Camera projection model.
     pub lens: Lens,
 }
 
-/// A renderer with its settings.
+/// Renderer with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RenderMethod {
-    /// The covariance projected to the image (`rendering.md`, Projected renderer).
+    /// Projects the covariance to the image (`rendering.md`, Projected renderer).
     Projected(Support),
-    /// The response along each true ray (`rendering.md`, Exact renderer).
+    /// Evaluates the response along each true ray (`rendering.md`, Exact renderer).
     Exact(ExactOptions),
 }
 
 impl RenderMethod {
-    /// The projected renderer, nothing visible lost.
+    /// Projected renderer with full support.
     pub const PROJECTED: Self = Self::Projected(Support::Alpha);
 
-    /// The exact renderer through a pinhole, antialiased.
+    /// Exact renderer with a pinhole lens and footprint antialiasing.
     pub const EXACT: Self = Self::Exact(ExactOptions {
         response: Response::Ray,
         antialias: Antialias::Footprint,
         lens: Lens::Pinhole,
     });
 
-    /// The renderer without its settings.
+    /// Renderer without its settings.
     pub fn renderer(self) -> Renderer {
         match self {
             Self::Projected(_) => Renderer::Projected,
@@ -118,7 +118,7 @@ impl RenderMethod {
         }
     }
 
-    /// How pixels map to rays.
+    /// Camera projection model; always a pinhole for the projected renderer.
     pub fn lens(self) -> Lens {
         match self {
             Self::Projected(_) => Lens::Pinhole,
@@ -128,7 +128,7 @@ impl RenderMethod {
 }
 
 impl From<Renderer> for RenderMethod {
-    /// With the settings that measured images have.
+    /// Applies the settings used for measured images.
     fn from(renderer: Renderer) -> Self {
         match renderer {
             Renderer::Projected => Self::PROJECTED,
@@ -137,85 +137,84 @@ impl From<Renderer> for RenderMethod {
     }
 }
 
-/// How bright a scene is drawn whose cameras exposed by themselves.
+/// Exposure of a scene that was recorded with automatic exposure.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Exposing {
-    /// As the first frames were exposed, from everywhere.
+    /// The exposure of the first frames, from every viewpoint.
     Neutral,
-    /// As frames that were recorded thereabouts.
+    /// The exposure recorded near the viewpoint.
     Recorded,
 }
 
-/// What colour a splat gets.
+/// Source of a splat's colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Paint {
-    /// The splat's stored colour, with gradient and view dependence where the scene has them.
+    /// The stored colour, with gradient and view dependence if the scene has them.
     Stored,
-    /// Its distance from the camera between two ends (world units) on the ramp of
+    /// Distance of the centre from the camera, mapped from `[near, far]` (world units) to
     /// [`super::paint::ramp`].
     Depth([f32; 2]),
-    /// The direction of its shortest axis in the world, turned towards the camera: `½ + ½·n`.
+    /// World direction `n` of the shortest axis, turned towards the camera, as `½ + ½·n`.
     Normal,
 }
 
-/// What a viewer may change about every splat.
+/// Display settings that apply to every splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatStyle {
-    /// Factor on the standard deviations, more than 0.
+    /// Factor on the standard deviations, greater than 0.
     pub scale: f32,
     /// Splats with a smaller peak opacity are not drawn.
     pub opacity_cut: f32,
-    /// What colour a splat gets.
+    /// Source of the colour.
     pub paint: Paint,
 }
 
 impl SplatStyle {
-    /// Splats as they are.
+    /// Splats as stored.
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
 
-    /// A splat's standard deviations as they are drawn, world units: the factor and the floor of
-    /// `rendering.md`, Conventions, applied.
+    /// Standard deviations as drawn, in world units, after the factor and the floor of
+    /// `rendering.md`, Conventions.
     pub fn scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
-        // Whitening divides by the scales: a flat splat would give 0/0 in the f32 of the inner
-        // loop.
+        // Whitening divides by the scales; a scale of 0 would give 0/0 in the f32 inner loop.
         scales.max(DVec3::splat(scale_floor(scales.max_element())))
     }
 }
 
-/// What a view needs besides splats and camera.
+/// Settings of a view other than splats and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderOptions {
-    /// sRGB-encoded colour behind the splats.
+    /// Colour behind the splats, sRGB-encoded.
     pub background: [f32; 3],
-    /// Splats whose centre has a view depth `z ≤ near` are dropped (fisheye: a distance `≤ near`);
-    /// world units. Negative values count as 0.
+    /// Near plane in world units. Splats with a view depth `z ≤ near` (fisheye: distance `≤ near`) of the
+    /// centre are dropped. Negative values count as 0.
     pub near: f64,
-    /// Which renderer, and how.
+    /// Renderer and its settings.
     pub method: RenderMethod,
-    /// What to change about every splat.
+    /// Display settings of all splats.
     pub look: SplatStyle,
-    /// How bright the splats are drawn.
+    /// Exposure of the splats.
     pub exposing: Exposing,
 }
 
 impl RenderOptions {
-    /// The settings of measured images: near plane 0.2, splats as they are, as bright as the cameras
-    /// that measured.
+    /// Settings of measured images: near plane 0.2, unmodified splats, and the exposure recorded by the
+    /// cameras.
     pub fn evaluation(method: RenderMethod, background: [f32; 3]) -> Self {
         let exposing = Exposing::Recorded;
         Self { background, near: EVALUATION_NEAR, method, look: SplatStyle::PLAIN, exposing }
     }
 
-    /// The settings of a view people move in: one exposure, and the near plane shrinks with small
-    /// scenes, whose radius is in world units.
+    /// Settings of an interactive view: neutral exposure, and a near plane that shrinks with
+    /// `scene_radius` (world units).
     pub fn viewport(method: RenderMethod, background: [f32; 3], scene_radius: f64) -> Self {
         let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
-        // Where nobody took a photograph nothing says how bright: and it must not change on the way.
+        // No exposure is known away from the photographs, and brightness must not change with motion.
         let exposing = Exposing::Neutral;
         Self { near, exposing, ..Self::evaluation(method, background) }
     }

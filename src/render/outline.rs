@@ -1,4 +1,4 @@
-//! The rim of a splat as a camera sees it.
+//! Silhouette of a splat in the image.
 
 use super::options::{RenderMethod, SplatStyle};
 use crate::math::camera::Camera;
@@ -6,16 +6,15 @@ use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Corners of the rim: at a thousand pixels across, straight lines between them are within a pixel
-/// of it.
+/// Corners of the silhouette. At 1,000 pixels across, the polygon deviates by less than a pixel.
 const N_CORNERS: usize = 96;
 
-/// Pieces of the silhouette of the ellipsoid of `radius` standard deviations, pixels. The same for
-/// both renderers, without antialiasing: what is there, not how it is drawn. Empty where the splat
-/// is broken, out of sight, or holds the camera.
+/// Line segments, in pixels, of the silhouette of the ellipsoid at `radius` standard deviations. It
+/// ignores antialiasing and is the same for both renderers. Empty if the splat is invalid or invisible, or
+/// if the camera is inside the ellipsoid.
 ///
-/// Where the splat is the unit ball, seen from `−p`, the rim is the circle in which the tangent cone
-/// touches it.
+/// In whitened coordinates the splat is a ball and the camera is at `−p`. The silhouette is the circle
+/// where the tangent cone touches the ball.
 pub fn outline(
     splat: &Splat,
     camera: &Camera,
@@ -33,7 +32,7 @@ pub fn outline(
     let mean = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
     let p = rotation.transpose_mul_vec3(mean) / scale;
     let depth = 1.0 - radius * radius / p.length_squared();
-    // The camera is inside the ellipsoid, or in its centre: there is no tangent cone.
+    // The camera is inside the ellipsoid or at its centre: there is no tangent cone.
     if depth.is_nan() || depth <= 0.0 {
         return Vec::new();
     }
@@ -44,7 +43,7 @@ pub fn outline(
         let point = axes * ((centre + (u * cos + v * sin) * size) * scale);
         method.lens().project(&camera.intrinsics, point)
     };
-    // One corner more than there are, so that the last piece closes the rim.
+    // One extra corner closes the polygon.
     let corners: Vec<Option<DVec2>> = (0..=N_CORNERS).map(corner).collect();
     corners.windows(2).filter_map(|pair| Some([pair[0]?, pair[1]?])).collect()
 }
@@ -76,8 +75,8 @@ mod tests {
         }
     }
 
-    /// On the rim of k deviations the ray that comes closest is k deviations off: the response of
-    /// the exact renderer there is `o·exp(−k²/2)`.
+    /// On the silhouette at k standard deviations, the nearest ray has a Mahalanobis distance of k. The exact
+    /// renderer's response there is `o·exp(−k²/2)`.
     #[test]
     fn the_rim_is_where_the_exact_response_says() {
         let (camera, splat) = (camera(), splat());

@@ -1,8 +1,7 @@
-//! Colours that are not the splat's own.
+//! Palette and marker colour for display modes.
 
-/// Polynomial of the viridis map in each channel, constant first (least squares over its 256
-/// entries; largest error 0.01). Even steps of the value are even steps to the eye, and to the
-/// colour-blind eye too.
+/// Polynomial of the viridis colour map per channel, constant first: least squares over the map's 256
+/// entries, maximum error 0.01. Viridis is perceptually uniform, also with colour blindness.
 pub const RAMP: [[f32; 3]; 7] = [
     [0.277_727_3, 0.005_407_345, 0.334_099_8],
     [0.105_093_04, 1.404_613_5, 1.384_590_2],
@@ -13,12 +12,12 @@ pub const RAMP: [[f32; 3]; 7] = [
     [-5.435_456, 4.645_852_6, 26.312_435],
 ];
 
-/// Stored colour of a splat that a viewer marks, such as one of a selection: under every paint a splat of
-/// exactly this colour keeps it. Neither the ramp nor what cameras record comes near it; what training
-/// learns has other digits.
+/// Stored colour that marks a splat, such as one of a selection. A splat of exactly this colour keeps it
+/// under every paint. Neither the ramp nor recorded colours come near it, and trained colours do not match
+/// its digits exactly.
 pub const MARK: [f32; 3] = [1.0, 0.353, 0.863];
 
-/// Colour of a share from 0 (dark violet) to 1 (yellow); others are clamped, NaN is dark.
+/// Maps 0 to dark violet and 1 to yellow. Values outside are clamped; NaN counts as 0.
 pub fn ramp(share: f32) -> [f32; 3] {
     // `clamp` keeps NaN, and a NaN colour would spread through blending.
     let t = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };

@@ -1,11 +1,9 @@
-//! Which splat a pixel shows: the one with the largest weight in the blend (`rendering.md`,
-//! Picking) and (c), for that one pixel, in f64.
+//! Finds the splat with the largest blending weight in a pixel (`rendering.md`, Picking).
 //!
-//! One pixel needs no tiles, no sorting of the whole scene and no speed: every splat is asked for
-//! its alpha in parallel, the few that answer are sorted and blended. In f64 from the formulas, not
-//! from the fast paths' records, so that a click means the splat and not a rounding; that the fast
-//! paths agree is a test. Depth was not taken instead: the first splat of a pixel is often a faint
-//! one.
+//! One pixel needs neither tiles nor a sort of the whole scene: alphas are computed in parallel, and only
+//! the visible splats are sorted and blended. The formulas are evaluated in f64 instead of the renderers'
+//! f32 records, so that rounding does not decide the result; a test checks that both agree. The weight
+//! decides rather than depth, because the first splat of a pixel is often a faint one.
 
 use super::constants::{
     ALPHA_CAP, ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, REFERENCE_VARIANCE,
@@ -19,17 +17,17 @@ use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
-/// A splat in a pixel.
+/// Splat selected in a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
-    /// Position of the splat in the list that was searched.
+    /// Index of the splat in the searched list.
     pub index: usize,
-    /// Share `α·T` of the pixel's colour that is this splat's, in `[0, 1]`.
+    /// Weight `α·T` of the splat in the pixel's colour, in `[0, 1]`.
     pub weight: f64,
 }
 
-/// The splat that contributes most at a continuous position in the image, pixels; `None` where no
-/// splat does. The tiles of [`super::Support::Tile3Sigma`] are not looked at.
+/// Splat with the largest weight at a continuous image position in pixels; `None` if no splat is visible
+/// there. Always uses full support: the tiles of [`super::Support::Tile3Sigma`] are ignored.
 pub fn pick(
     splats: &[Splat],
     camera: &Camera,
@@ -43,13 +41,13 @@ pub fn pick(
         .filter_map(|(index, splat)| Some((index, eye.sees(splat)?)))
         .map(|(index, (depth, alpha))| Layer { index, depth, alpha })
         .collect();
-    // Ties by position in the list: the renderers sort stably.
+    // Ties keep the order of the list, like the renderers' stable sorts.
     layers.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
     let mut transmittance = 1.0;
     let mut best: Option<Pick> = None;
     for Layer { index, alpha, .. } in layers {
         let left = transmittance * (1.0 - alpha);
-        // Stops before this splat, as the renderers do: what they do not blend cannot be picked.
+        // Stops before this splat, as the renderers do: a splat that is not blended cannot be picked.
         if left < TRANSMITTANCE_STOP {
             break;
         }
@@ -68,13 +66,12 @@ struct Layer {
     alpha: f64,
 }
 
-/// One pixel of a view.
 struct Eye {
     camera_from_world: DMat3,
     centre: DVec3,
     intrinsics: Intrinsics,
     position: DVec2,
-    /// Through the pixel, camera space; any length.
+    /// Ray through the pixel in camera axes; any length.
     ray: DVec3,
     near: f64,
     method: RenderMethod,
@@ -82,7 +79,7 @@ struct Eye {
 }
 
 impl Eye {
-    /// `None` where the lens shows nothing.
+    /// `None` outside the lens's field of view.
     fn new(camera: &Camera, position: DVec2, options: &RenderOptions) -> Option<Self> {
         Some(Self {
             camera_from_world: camera.pose.rotation().transpose(),
@@ -96,14 +93,14 @@ impl Eye {
         })
     }
 
-    /// Depth in the order of blending, and alpha; `None` if the pixel does not show the splat.
+    /// Sort depth and alpha of a splat; `None` if it is invisible in the pixel.
     fn sees(&self, splat: &Splat) -> Option<(f64, f64)> {
         let opacity = f64::from(splat.opacity);
         let is_cut = splat.opacity < self.look.opacity_cut || opacity < ALPHA_CUT;
         if is_cut || !splat.is_drawable() {
             return None;
         }
-        // Subtracted before anything is rotated: far from the origin the difference would be lost.
+        // Subtracted before rotation: far from the origin, rotated coordinates would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from)) - self.centre;
         let m = self.camera_from_world * mean;
         let near_depth = match self.method.lens() {
@@ -128,7 +125,7 @@ impl Eye {
         (alpha >= ALPHA_CUT).then_some((depth, alpha))
     }
 
-    /// Squared distance in the projected covariance (`rendering.md`, Projected renderer).
+    /// Squared Mahalanobis distance in the projected covariance (`rendering.md`, Projected renderer).
     fn projected(&self, m: DVec3, axes: DMat3, scale: DVec3) -> Option<f64> {
         let k = &self.intrinsics;
         let focal = DVec2::new(k.fx, k.fy);
@@ -150,7 +147,7 @@ impl Eye {
         (det > 0.0 && distance2 >= 0.0).then_some(distance2)
     }
 
-    /// Opacity and squared distance of the ray (`rendering.md`, Exact renderer).
+    /// Opacity after antialiasing, and squared Mahalanobis distance (`rendering.md`, Exact renderer).
     fn exact(
         &self,
         exact: ExactOptions,
@@ -172,7 +169,7 @@ impl Eye {
         };
         let p = axes.transpose_mul_vec3(m) / widened;
         let g = axes.transpose_mul_vec3(self.ray) / widened;
-        // Behind the camera the largest response on the ray is at the camera itself.
+        // If the maximum lies behind the camera, the response on the ray is largest at the camera.
         let is_ahead = exact.response == Response::Line || g.dot(p) >= 0.0;
         let distance2 = if is_ahead {
             g.cross(p).length_squared() / g.length_squared()
@@ -223,7 +220,7 @@ mod tests {
         }
     }
 
-    /// With one splat its weight is the coverage of the image.
+    /// With a single splat, its weight equals the coverage of the image.
     #[test]
     fn weights_are_what_the_renderer_blends() {
         let q = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);

@@ -1,26 +1,25 @@
-//! When components came into use.
+//! Log of the frame in which each component was first used.
 
 use super::learner::{Changed, Learner};
 
-/// No points yet.
 const UNBORN: u32 = u32::MAX;
-/// Points from before this session began.
+/// In use before this session began.
 const UNKNOWN: u32 = u32::MAX - 1;
 
-/// Per component the frame in which it first received points. Reassignment moves unused components
-/// only, so a component is never older than its last move.
+/// Frame in which each component first received points. Reassignment moves only unused components,
+/// so a component's age is the age at its present place.
 #[derive(Clone, Debug)]
 pub struct BirthLog(Vec<u32>);
 
 impl BirthLog {
-    /// Of a model as it is when a session begins: what is in use came from elsewhere.
+    /// Creates the log at the start of a session; components already in use have no known birth.
     pub fn new(engine: &dyn Learner) -> Self {
         let is_used = |k| engine.used() > 0 && engine.posterior(k).count > 0.0;
         let birth = |k| if is_used(k) { UNKNOWN } else { UNBORN };
         Self((0..engine.components()).map(birth).collect())
     }
 
-    /// Notes what the frame at a position of the run has changed, of so many components.
+    /// Records the components changed by the frame at `position` of the run.
     pub fn record(&mut self, changed: Changed<'_>, components: usize, position: usize) {
         self.0.resize(components.max(self.0.len()), UNBORN);
         match changed {
@@ -31,7 +30,7 @@ impl BirthLog {
         }
     }
 
-    /// Position of the frame; `None` if there was none, or none in this session.
+    /// Returns the position of a component's first frame; `None` if unused or born before this session.
     pub fn of(&self, component: usize) -> Option<u32> {
         self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
     }

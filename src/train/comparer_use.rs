@@ -1,39 +1,39 @@
-//! What photographs are compared on, and what that took: for reports and the console.
+//! Statistics of the device that compares photographs, for reports and the console.
 
 use super::device_trial::{DeviceMs, who_did};
 use serde::{Deserialize, Serialize};
 
-/// What photographs were compared on in this session: each that was learnt counts once, at rest those as well
-/// that have still waited.
+/// Devices used to compare photographs in this session. Each trained photograph counts once; a settled
+/// model includes those still in the shuffle buffer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ComparerUse {
-    /// The device beside the processor, if one was to be used.
+    /// Name of the device requested besides the CPU.
     pub device: Option<String>,
-    /// Photographs whose comparison by the device was learnt from.
+    /// Number of trained photographs compared by the device.
     pub device_frames: u64,
-    /// Those that the processor compared.
+    /// Number of trained photographs compared by the CPU.
     pub processor_frames: u64,
-    /// What the choice was made by, if it was measured.
+    /// Timings that decided between device and CPU, if measured.
     pub trial: Option<DeviceMs>,
-    /// Why the device was given up, if it was.
+    /// Reason for a fallback to the CPU, if any.
     pub given_up: Option<String>,
-    /// Mean milliseconds of a photograph.
+    /// Mean milliseconds per photograph.
     pub ms: ComparerMs,
 }
 
-/// Milliseconds of a photograph by what is done with it.
+/// Milliseconds per photograph, by stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ComparerMs {
-    /// Projecting, sorting and listing splats, on the processor.
+    /// Projecting, sorting and binning splats, on the CPU.
     pub prepare: f64,
-    /// Walking over pixels, on whichever was used; both while they are tried.
+    /// Comparing pixels on the chosen device; the sum of both during a trial.
     pub compare: f64,
-    /// Lifting and stepping, on the processor.
+    /// Computing and applying the step, on the CPU.
     pub step: f64,
 }
 
 impl ComparerUse {
-    /// One line for people.
+    /// Returns a one-line summary.
     pub fn line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];
         let Self { device, trial, given_up, .. } = self;
@@ -58,6 +58,6 @@ mod tests {
             "Card compared 5 photographs, the processor 3 (measured: 1.5 ms on Card, 12.0 ms on the processor)"
         );
         found = ComparerUse { trial: None, given_up: Some("lost".into()), ..found };
-        assert!(found.line().ends_with("the processor 3; the device was given up: lost"));
+        assert!(found.line().ends_with("the processor 3; fell back to the processor: lost"));
     }
 }

@@ -1,67 +1,63 @@
-//! How well the points of a frame are explained, by the component that has the largest share in
-//! each: what colours a scene by the ELBO of the current frame. Both presets keep one; while nobody
-//! asks for it, it costs neither time nor memory.
+//! Mean ELBO of the current frame's points per component, for colouring a scene by ELBO. Each point
+//! counts for its component of largest responsibility. Costs neither time nor memory while off.
 
 use super::estep::Scoring;
 
-/// The owner of a point that is left out: its score is no number.
+/// Owner of a point that is left out because its score is NaN.
 pub(super) const NOBODY: u32 = u32::MAX;
 
-/// The component of largest responsibility, the first of equals; [`NOBODY`] where none has any.
+/// Returns the component of largest responsibility, the first of equals; [`NOBODY`] if all are zero.
 #[inline(always)]
 pub(super) fn largest(shares: impl Iterator<Item = (u32, f64)>) -> u32 {
     let first = (NOBODY, 0.0);
     shares.fold(first, |best, share| if share.1 > best.1 { share } else { best }).0
 }
 
-/// Mean ELBO of every component's points in the last frame.
+/// Mean ELBO per component over the points of the last frame.
 pub struct ComponentElbo {
     scoring: Scoring,
     ownership: Option<Ownership>,
 }
 
 impl ComponentElbo {
-    /// Asked for by nobody yet; `scoring` turns effective distances into nats.
+    /// Creates an inactive accumulator; `scoring` converts effective distances to nats.
     pub fn new(scoring: Scoring) -> Self {
         Self { scoring, ownership: None }
     }
 
-    /// Turns effective distances into nats otherwise from now on.
+    /// Replaces the conversion from effective distances to nats.
     pub(super) fn score_by(&mut self, scoring: Scoring) {
         self.scoring = scoring;
     }
 
-    /// Sums the ELBO of the points of every frame to come by the component with the largest share
-    /// in each.
+    /// Enables the sums, beginning with the next frame.
     pub fn start(&mut self) {
         self.ownership.get_or_insert_default();
     }
 
-    /// Ends what [`Self::start`] began and frees its memory.
+    /// Disables the sums and frees their memory.
     pub fn stop(&mut self) {
         self.ownership = None;
     }
 
-    /// Mean ELBO (nats) and number of the points of the last frame that a component has the largest
-    /// share in; `None` if it has none, or if nobody asked before that frame.
+    /// Returns the mean ELBO (nats) and number of the last frame's points owned by a component; `None` if it
+    /// owns none or the sums were off.
     pub fn of(&self, component: usize) -> Option<(f64, u32)> {
         let (q, n) = self.ownership.as_ref()?.of(component)?;
         Some((self.scoring.elbo(q), n))
     }
 
-    /// Components that [`Self::of`] knows of, each once, by their first point.
+    /// Components that own points of the last frame, in the order of their first points.
     pub fn components(&self) -> &[u32] {
         self.ownership.as_ref().map_or(&[], |ownership| &ownership.ids)
     }
 
-    /// Where a pass writes the component of largest responsibility of every point; `None` while
-    /// nobody asks.
+    /// Buffer for the owner of every point, written by a pass; `None` while off.
     pub(super) fn owners(&mut self) -> Option<&mut Vec<u32>> {
         self.ownership.as_mut().map(|ownership| &mut ownership.owners)
     }
 
-    /// Replaces the sums by those of the points whose effective distances are `q`, one for each of
-    /// [`Self::owners`], in their order, of `n_components`.
+    /// Recomputes the sums from effective distances `q`, one per entry of [`Self::owners`].
     pub(super) fn count(&mut self, q: &[f64], n_components: usize) {
         if let Some(ownership) = &mut self.ownership {
             ownership.count(q, n_components);
@@ -69,26 +65,25 @@ impl ComponentElbo {
     }
 }
 
-/// Sums over the points that each component owns. Memory is kept from frame to frame.
+/// Sums over the points owned by each component. Buffers are reused from frame to frame.
 #[derive(Default)]
 struct Ownership {
-    /// Per point of the last frame its component.
+    /// Owner of each point of the last frame.
     owners: Vec<u32>,
-    /// Per component the sum of effective distances and the number of its points.
+    /// Sum of effective distances and number of points, by component.
     rows: Vec<(f64, u32)>,
-    /// Components with points in the last frame, each once.
+    /// Components that own points of the last frame.
     ids: Vec<u32>,
 }
 
 impl Ownership {
     fn count(&mut self, q: &[f64], n_components: usize) {
         self.rows.resize(n_components.max(self.rows.len()), (0.0, 0));
-        // Only rows of the last frame: a frame reaches few of the components.
+        // Clears only the rows of the last frame: a frame reaches few components.
         for id in self.ids.drain(..) {
             self.rows[id as usize] = (0.0, 0);
         }
-        // A frame without new owners allocates nothing: there are never more of them than
-        // components.
+        // Reserves the maximum, so that later frames allocate nothing.
         self.ids.reserve(n_components);
         for (&owner, &q) in self.owners.iter().zip(q) {
             if owner == NOBODY {

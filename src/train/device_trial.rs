@@ -1,33 +1,33 @@
-//! Which of two devices does a learner's work faster: measured, not guessed from a name.
+//! Chooses between CPU and device by measured time.
 //!
-//! The first frames are worked on by both, and again whenever there is much more to do, since it is the
-//! load that tips the balance.
+//! Both process the first frames, and again when the load has grown considerably, because the faster
+//! one depends on the load.
 
 use serde::{Deserialize, Serialize};
 
-/// When a device beside the processor does the work.
+/// Policy for using a device besides the CPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DevicePolicy {
-    /// Always.
+    /// Always use the device.
     Device,
-    /// Where it is the faster of the two, by measurement.
+    /// Use the faster one, as measured.
     Fastest,
 }
 
-/// Why a device is given up whose bits are others.
-pub(super) const DIFFERING: &str = "its arithmetic is not the processor's";
+/// Reason for a fallback when the device's results differ from the CPU's.
+pub(super) const DIFFERING: &str = "its arithmetic differs from the processor's";
 
-/// Milliseconds of the same work on each, the median of a few.
+/// Median milliseconds of the same work on both.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceMs {
-    /// On the processor.
+    /// On the CPU.
     pub processor: f64,
     /// On the device.
     pub device: f64,
 }
 
-/// One line for people on who did what to frames, such as "compared" and "photographs"; counts are the
-/// device's and the processor's.
+/// Formats a one-line summary. `did` and `what` are a verb and its object, such as "compared" and
+/// "photographs"; `counts` are those of the device and of the CPU.
 pub(super) fn who_did(
     [did, what]: [&str; 2],
     device: Option<&str>,
@@ -44,51 +44,49 @@ pub(super) fn who_did(
     let measured = trial.map(|DeviceMs { processor, device: other }| {
         format!(" (measured: {other:.1} ms on {device}, {processor:.1} ms on the processor)")
     });
-    let lost = given_up.map(|why| format!("; the device was given up: {why}"));
+    let lost = given_up.map(|why| format!("; fell back to the processor: {why}"));
     by + &measured.unwrap_or_default() + &lost.unwrap_or_default()
 }
 
-/// Measurements of each before the choice.
+/// Number of measurements before the choice.
 const N_TRIALS: usize = 4;
-/// Of these, the first ones: buffers still grow and clocks still rise.
+/// Leading measurements to ignore: buffers are still growing and clocks rising.
 const N_IGNORED: usize = 1;
-/// Factor of the load past which the choice is made anew.
+/// Growth of the load that triggers a new trial.
 const MANY: usize = 2;
-/// Load below which nothing is chosen: the first frames of a scene show few splats.
+/// Load below which no trial runs: the first frames of a scene show few splats.
 const FEW: usize = 1000;
 
-/// Who works on a frame.
+/// Where a frame is processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
-    /// The processor.
     Processor,
-    /// The device beside it.
     Device,
-    /// Both, one after the other; the processor's word counts.
+    /// Both in turn; the CPU's result is used.
     Both,
 }
 
-/// The measurements, and what was chosen by them.
+/// Timings and the resulting choice.
 #[derive(Debug)]
 pub(super) struct DeviceTrial {
     policy: DevicePolicy,
-    /// What there was to do when the last choice was made: drawn splats, or points.
+    /// Load at the last choice: number of drawn splats or of points.
     load: usize,
     is_device_faster: bool,
-    /// Milliseconds on the processor and on the device, while both are tried.
+    /// Milliseconds on the CPU and on the device during a trial.
     tried: [Vec<f64>; 2],
-    /// Medians of the last choice.
+    /// Medians of the last trial.
     pub medians: Option<DeviceMs>,
 }
 
 impl DeviceTrial {
-    /// Nothing is measured yet.
+    /// Creates a trial without measurements.
     pub fn new(policy: DevicePolicy) -> Self {
         let tried = [(); 2].map(|()| Vec::with_capacity(N_TRIALS));
         Self { policy, load: 0, is_device_faster: false, tried, medians: None }
     }
 
-    /// Who works on a frame of so many drawn splats or points.
+    /// Chooses where a frame of `load` splats or points is processed.
     pub fn turn(&mut self, load: usize) -> Turn {
         if self.policy == DevicePolicy::Device {
             return Turn::Device;
@@ -101,7 +99,7 @@ impl DeviceTrial {
         if self.is_device_faster { Turn::Device } else { Turn::Processor }
     }
 
-    /// A frame that both worked on, milliseconds.
+    /// Records the milliseconds of a frame that both processed.
     pub fn measured(&mut self, processor: f64, device: f64) {
         let [on_processor, on_device] = &mut self.tried;
         on_processor.push(processor);
@@ -111,7 +109,7 @@ impl DeviceTrial {
         }
         let median = |tried: &mut Vec<f64>| {
             let kept = &mut tried[N_IGNORED..];
-            // The median: another program's work in between must not decide.
+            // The median tolerates interruptions by other programs.
             kept.sort_by(f64::total_cmp);
             let median = kept[kept.len() / 2];
             tried.clear();

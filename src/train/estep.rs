@@ -1,19 +1,19 @@
-//! Scores and responsibilities of one point (`train.md`, E-step), in the distance form that f32
-//! survives: differences first, then `q = |Δs|² + λ|Δc|² − w`, scaled by the precision only after
-//! the point's minimum is taken off.
+//! Scores and responsibilities of one point (`train.md`, E-step), as distances: differences first, then
+//! `q = |Δs|² + λ|Δc|² − w`. The precision multiplies only differences to the minimum, which avoids
+//! cancellation in f32.
 
 use crate::math::real::Real;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::paper::mixture::InitialModel;
 
-/// Nats by which a component must lose to receive nothing: e⁻⁴⁰ is below the rounding of a sum that
+/// Components that lose by this many nats receive nothing: e⁻⁴⁰ is below the rounding of a sum that
 /// starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
-/// Constants of the score.
+/// Constants of the log-score.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
-    /// `λ = E[Λ^c] / E[Λ^s]`: what a squared distance of colours counts beside one of positions.
+    /// `λ = E[Λ^c] / E[Λ^s]`: weight of a squared colour distance relative to a position distance.
     pub color_ratio: f64,
     /// `½ E[Λ^s]`: nats per squared distance in normalised coordinates.
     pub half_precision: f64,
@@ -22,7 +22,7 @@ pub struct Scoring {
 }
 
 impl Scoring {
-    /// From the hyper-parameters of the initial model.
+    /// Computes the constants from the hyperparameters of the initial model.
     pub fn new(hyper: &Hyper) -> Self {
         let precision = hyper.expected_precision_space();
         Self {
@@ -32,12 +32,12 @@ impl Scoring {
         }
     }
 
-    /// How much farther than the nearest, in units of `q`, a component receives nothing.
+    /// Distance in units of `q` beyond the minimum at which a component receives nothing.
     pub fn hard_gap(&self) -> f64 {
         HARD_NATS / self.half_precision
     }
 
-    /// Scaled distance `q` of a point to a component in precision `S`, smaller is better.
+    /// Computes the score `q` of a component for a point in precision `S`; smaller is better.
     #[inline(always)]
     pub fn distance<R: Real, S: Real>(
         &self,
@@ -53,21 +53,21 @@ impl Scoring {
             - of(model.weight[component])
     }
 
-    /// The ELBO that an effective distance stands for.
+    /// Converts an effective distance to an ELBO in nats.
     #[inline(always)]
     pub fn elbo(&self, q: f64) -> f64 {
         self.ln_constant - self.half_precision * q
     }
 
-    /// Turns distances into responsibilities in place, in precision `S`, and returns the effective
-    /// distance `q_min − (2/E_s) ln Σ exp(−½E_s(q − q_min))`, which stands for the point's ELBO,
-    /// `logsumexp ln γ̂`. Infinity for no candidates.
+    /// Converts distances to responsibilities in place, in precision `S`.
+    ///
+    /// Returns the effective distance `q_min − (2/E_s) ln Σ exp(−½E_s(q − q_min))`, which encodes the
+    /// point's ELBO, `logsumexp ln γ̂`; infinity without candidates.
     #[inline(always)]
     pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
-        // Scores are of the order of 1e9 nats, of which f32 keeps hundreds: only differences to the
-        // least mean anything.
-        // NaN loses every comparison here, but comes back through the sum, and the caller leaves
-        // the point out.
+        // Scores are of the order of 1e9 nats, where f32 resolves only hundreds: only differences to the
+        // minimum are meaningful. NaN never becomes the minimum, but propagates through the sum, and the
+        // caller then drops the point.
         let min = distances.iter().fold(f64::INFINITY, |min, &q| if q < min { q } else { min });
         let (scale, min) = (S::of(self.half_precision), S::of(min));
         let mut sum = S::ZERO;
@@ -82,7 +82,7 @@ impl Scoring {
     }
 }
 
-/// `(dx² + dy²) + dz²`.
+/// Computes `(dx² + dy²) + dz²`.
 #[inline(always)]
 pub fn squared_distance<S: Real>(a: [S; 3], b: [S; 3]) -> S {
     let d: [S; 3] = std::array::from_fn(|i| a[i] - b[i]);

@@ -1,9 +1,7 @@
-//! The seam between presets: what every learner can do, whatever it learns by.
+//! Interface of the presets' learners.
 //!
-//! The mathematics of the presets is rightly two. Whoever drives them, shows them or saves them
-//! knows only [`Learner`]; it is called a few times a frame, so a virtual call costs nothing.
-//! [`Learns`] ties a learner to the one form of observation it understands: handing it the other
-//! preset's does not compile.
+//! Code that drives, draws or saves a model uses only [`Learner`]. It is called a few times a frame,
+//! so dynamic dispatch is cheap. [`Learns`] ties a learner to its type of observation at compile time.
 
 use super::candidates::IndexError;
 use super::comparer_use::ComparerUse;
@@ -24,67 +22,70 @@ use crate::model::stored::StoredModel;
 use crate::render::cpu::photometric::PhotometricComparer;
 use glam::DVec3;
 
-/// A model that learns. Components are numbered from 0; a number never changes its component.
+/// A trainable model. Components are numbered from 0 and keep their numbers.
 pub trait Learner: Send + Sync {
-    /// The stages of a frame, in the order they run: the rows of every table of its times.
+    /// Stages of a frame, in the order they run; rows of timing tables.
     fn stages(&self) -> &'static [TrainStage];
 
-    /// Frames learnt since the model began, those before a resumed checkpoint included.
+    /// Number of frames trained on, including those before a resumed checkpoint.
     fn frames(&self) -> u64;
 
-    /// Components, used or not: one above the highest number. Slots of what is drawn are as many.
+    /// Number of components, used or not: one more than the highest id. Also the number of splat slots.
     fn components(&self) -> usize;
 
-    /// Components in use: with points in the published algorithm, with seeds in a scene.
+    /// Number of components in use: with points in the `paper` preset, with seeds in the `scene` preset.
     fn used(&self) -> usize;
 
-    /// Components that the last frame changed: whose splats and attributes viewers ask for anew.
+    /// Components changed by the last frame, whose splats and attributes viewers must update.
     fn changed(&self) -> Changed<'_>;
 
-    /// Whether a frame changes components other than [`Self::changed`] says, by what it saw through
-    /// them: these are told only when training rests.
+    /// True if a frame also changes components that are not in [`Self::changed`], because it saw through
+    /// them. Viewers update these when training pauses.
     fn changes_unseen(&self) -> bool;
 
-    /// Bytes the model itself occupies, without the buffers that learning takes.
+    /// Bytes of the model, without training buffers.
     fn model_bytes(&self) -> usize;
 
-    /// Posterior of a component. Positions are normalised, or of a scene in world units from its
-    /// origin; colours are normalised. For the inspector and attributes: no E-step reads it.
+    /// Posterior of a component, for the inspector and attributes; the E-step does not use it.
+    ///
+    /// Positions are normalised, or for a scene in world units relative to its origin. Colours are
+    /// normalised.
     fn posterior(&self, component: usize) -> ComponentPosterior;
 
-    /// Photographs that were compared with the scene in the last frame, or in [`Self::settle`] since.
+    /// Photographs compared in the last frame or in the [`Self::settle`] after it.
     fn compared(&self) -> &[ComparedPhotograph] {
         &[]
     }
 
-    /// Draws the scene as it will be once nothing waits any more to be learnt, until the next frame: runs
-    /// go on as if it had not been asked for. Whether that changes anything.
+    /// Draws the scene as if all buffered photographs had been trained on, until the next frame.
+    ///
+    /// Does not affect later training. Returns true if this changes the drawn scene.
     fn settle(&mut self) -> bool {
         false
     }
 
-    /// Whether the scene is drawn as [`Self::settle`] says.
+    /// True if the scene is drawn as described at [`Self::settle`].
     fn is_settled(&self) -> bool {
         false
     }
 
-    /// What photographs leave uncertain of a component's splat; `None` where they teach nothing.
+    /// Uncertainty of a component's splat from photographs; `None` if the model does not train on them.
     fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {
         None
     }
 
-    /// Compares photographs on a device too from now on; nothing where they teach nothing.
+    /// Adds a device for comparing photographs; ignored if the model does not train on them.
     fn compare_on(&mut self, _comparer: Box<dyn PhotometricComparer>, _policy: DevicePolicy) {}
 
-    /// What photographs were compared on; `None` where they teach nothing.
+    /// Devices used to compare photographs; `None` if the model does not train on them.
     fn comparer_use(&self) -> Option<ComparerUse> {
         None
     }
 
-    /// Computes passes over frames on a device too from now on; nothing where none can.
+    /// Adds a device for passes over frames; ignored if the model does not support one.
     ///
     /// # Errors
-    /// [`DeviceError`] if it has no room for the model; then it is not used.
+    /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
     fn compute_on(
         &mut self,
         _device: Box<dyn MixtureDevice>,
@@ -93,78 +94,75 @@ pub trait Learner: Send + Sync {
         Ok(())
     }
 
-    /// What passes over frames ran on; `None` where no device can run them.
+    /// Devices used for passes over frames; `None` if the model does not support one.
     fn pass_use(&self) -> Option<PassUse> {
         None
     }
 
-    /// Finds the seeds of points, and sums points, on a device too from now on; nothing where none can.
+    /// Adds a device that finds the seeds of points and sums them; ignored if not supported.
     fn fit_on(&mut self, _device: Box<dyn PointsDevice>, _policy: DevicePolicy) {}
 
-    /// What points were fitted on; `None` where no device finds their seeds.
+    /// Devices used to fit points; `None` if the model does not support one.
     fn point_use(&self) -> Option<PassUse> {
         None
     }
 
-    /// Unit normal of the surface behind a component, towards the cameras that saw it, world axes; `None`
-    /// where nothing is known of it.
+    /// Unit normal of a component's surface in world axes, towards the cameras that saw it; `None` if
+    /// unknown.
     fn normal(&self, _component: usize) -> Option<DVec3> {
         None
     }
 
-    /// What renderers draw of a component, world units; opacity 0 if nothing. Formed on demand:
-    /// many at once come from [`Self::splats_of`], on all threads.
+    /// Splat of a component, in world units; opacity 0 if it draws nothing.
+    ///
+    /// Computed on demand. For many components, [`Self::splats_of`] uses all threads.
     fn splat(&self, component: usize) -> (Splat, Appearance);
 
-    /// What renderers draw of all components, world units; slot `k` is component `k`.
+    /// Splats of all components, in world units; slot `k` is component `k`.
     fn splats(&self) -> SplatSet;
 
-    /// What files hold and what is measured: the splats in an order in which equal models give equal
-    /// files, within the budget.
+    /// Splats for files and metrics, within the budget. Equal models give the same order, so equal files.
     fn stored_splats(&self) -> SplatSet {
         self.splats()
     }
 
-    /// What renderers draw of the listed components, world units, in the order of the list: what a
-    /// viewer puts into their slots.
+    /// Splats of the listed components, in world units and in the order of the list.
     fn splats_of(&self, components: &[u32]) -> SplatSet;
 
-    /// Evidence of each component's points of the last frame, while somebody asks for it.
+    /// Per-component ELBO of the last frame's points, if enabled.
     fn component_elbo(&self) -> &ComponentElbo;
 
-    /// See [`Self::component_elbo`]: where sums are asked for, from the next frame on, or ended.
+    /// Mutable access to [`Self::component_elbo`], to enable or disable it.
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo;
 
-    /// What a user should know about the model as it stands, told when training ends; empty if all
-    /// points found their place.
+    /// Warnings about the model, shown when training ends; empty if every point found a component.
     fn warnings(&self) -> Vec<TrainingWarning>;
 
-    /// A copy of what a checkpoint holds: all that a run needs to go on with the same bits.
+    /// Copy of the model for a checkpoint; a run resumed from it gives the same bits.
     fn stored(&self) -> StoredModel;
 }
 
-/// A learner of one form of observation.
+/// A learner for one type of observation.
 pub trait Learns<Input>: Learner {
-    /// Learns from one frame.
+    /// Trains on one frame.
     ///
     /// # Errors
-    /// [`IndexError`] if the candidate index cannot be built again. A frame is applied whole or not
-    /// at all; where only the reassignment after the fit fails, the frame is learnt and no component
-    /// has moved.
+    /// [`IndexError`] if the candidate index cannot be rebuilt. A frame is applied completely or not at
+    /// all. If only the reassignment after the fit fails, the frame is applied and no component moves.
     fn learn(&mut self, observation: &Input) -> Result<FrameOutcome, IndexError>;
 
-    /// Looks at a frame again that it has learnt: its points are known, only what its photograph differs
-    /// by can still teach. Nothing where photographs teach nothing.
+    /// Revisits a frame already trained on: only its photograph's residual is used, its points are not
+    /// counted again. Does nothing if the model does not train on photographs.
     fn look_again(&mut self, _observation: &Input) -> FrameOutcome {
         FrameOutcome::default()
     }
 }
 
-/// Components that a frame changed.
+/// Components changed by a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Changed<'a> {
-    /// These and no others, each once, in no particular order.
+    /// Only these, each once, in any order.
     Listed(&'a [u32]),
-    /// All there are, whether or not they received a point.
+    /// All components, whether or not they received a point.
     All,
 }

@@ -1,5 +1,5 @@
-//! The training engine: one frame in, updated statistics out. What both presets share lies here;
-//! each has a folder of its own.
+//! Training engine: updates statistics from one frame at a time. Shared parts are here; each preset
+//! has its own folder.
 #![doc = include_str!("train.md")]
 
 pub mod birth_log;

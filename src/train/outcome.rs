@@ -1,71 +1,70 @@
-//! What one frame did to a model.
+//! Result of training on one frame.
 
 use super::scene::track::TrackingLoss;
 use super::timing::StageMs;
 use crate::model::scene::trajectory::TrackedPose;
 use serde::{Deserialize, Serialize};
 
-/// What one frame did to a model. A preset that never does one of these leaves it 0.
+/// Result of training on one frame. Fields that a preset does not use are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameOutcome {
-    /// Points learnt from.
+    /// Number of points trained on.
     pub points: usize,
-    /// Pixels that these points stand for: what they add to the counts of components.
+    /// Pixels represented by these points: total added to the components' counts.
     pub evidence: u64,
-    /// Mean of the points' ELBO under the initial model, nats; 0 without points.
+    /// Mean ELBO of the points under the initial model, nats; 0 without points.
     pub elbo_mean: f64,
-    /// Components that came into being.
+    /// Number of new components.
     pub born: usize,
-    /// Unused components that moved to badly explained points.
+    /// Number of unused components moved to badly explained points.
     pub reassigned: usize,
-    /// Components that became part of others.
+    /// Number of components merged into others.
     pub merged: usize,
-    /// Where its camera was found, where poses are tracked.
+    /// Result of pose tracking, if enabled.
     pub tracking: Option<FrameTracking>,
-    /// Where the time went.
+    /// Milliseconds by stage.
     pub ms: StageMs,
 }
 
-/// What tracking made of a frame.
+/// Tracking result of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrameTracking {
-    /// It was placed, and learnt unless it contradicts the scene.
+    /// The pose was found. The frame is trained on unless it is an outlier.
     Placed(TrackedPose),
-    /// It could not be placed: nothing was learnt from it.
+    /// The pose was not found; the frame is not trained on.
     Lost(TrackingLoss),
 }
 
-/// A photograph that was compared with the scene before it was learnt, or a frame that contradicts it.
+/// A photograph compared with the scene before training on it, or an outlier frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComparedPhotograph {
-    /// Frames learnt before its own.
+    /// Number of frames trained on before this one.
     pub frame: u64,
-    /// How it compared.
+    /// Result of the comparison.
     pub outcome: PhotographOutcome,
 }
 
-/// A frame beside the scene as it was before: an honest score, since the frame was never seen.
+/// Comparison of a frame with the scene before training on it: a score on unseen data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
-    /// Root mean square difference from the picture drawn, over the channels of covered pixels, colour
-    /// units. Of a frame that contradicts by its points: that of their colours, or the share of surfaces
-    /// that it saw through.
+    /// RMS difference from the rendering over the channels of covered pixels, colour units. For a frame
+    /// rejected by its points: RMS of their colours, or the share of surfaces that it saw through.
     pub difference: f64,
-    /// What it was in the frames before.
+    /// Running average of `difference` over earlier frames.
     pub usual: f64,
-    /// What it contradicts the scene by, if it does.
+    /// Kind of outlier; `None` for an inlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contradiction: Option<Contradiction>,
 }
 
-/// How a frame contradicts what the frames before it have shown.
+/// Reason why a frame is an outlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Contradiction {
-    /// Its photograph differs from the picture: nothing was learnt from its pixels.
+    /// The photograph differs from the rendering; its pixels are not trained on.
     Picture,
-    /// Its points have other colours than their surfaces: nothing was learnt from it.
+    /// The points differ in colour from their surfaces; the frame is not trained on.
     Colors,
-    /// It saw through surfaces: nothing was learnt from it.
+    /// The frame saw through surfaces; it is not trained on.
     Depth,
 }

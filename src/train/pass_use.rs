@@ -1,34 +1,34 @@
-//! What passes over frames ran on, or the fit of a scene's points, and what came of it: for reports and the
+//! Statistics of the device used for passes over frames or for fitting a scene's points, for reports and the
 //! console.
 
 use super::device_trial::{DeviceMs, who_did};
 use serde::{Deserialize, Serialize};
 
-/// What passes over frames, or the fit of a scene's points, ran on in this session.
+/// Devices used in this session for passes over frames or for fitting a scene's points.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PassUse {
-    /// The device beside the processor, if one was to be used.
+    /// Name of the device requested besides the CPU.
     pub device: Option<String>,
-    /// Frames whose points the device fitted.
+    /// Number of frames fitted by the device.
     pub device_frames: u64,
-    /// Those that the processor fitted.
+    /// Number of frames fitted by the CPU.
     pub processor_frames: u64,
-    /// Share of the device's tiles, or of a scene's points, that it left to the processor.
+    /// Share of tiles (of points for a scene) that the device left to the CPU.
     pub open_share: f64,
-    /// What the choice was made by, if it was measured: one fit.
+    /// Timings of one fit that decided between device and CPU, if measured.
     pub trial: Option<DeviceMs>,
-    /// Why the device was given up, if it was.
+    /// Reason for a fallback to the CPU, if any.
     pub given_up: Option<String>,
 }
 
 impl PassUse {
-    /// Says, once, that the device was given up.
+    /// Records a fallback to the CPU and logs one warning.
     pub(super) fn give_up(&mut self, reason: String) {
         tracing::warn!("{}: {reason}", self.device.as_deref().unwrap_or_default());
         self.given_up = Some(reason);
     }
 
-    /// One line for people.
+    /// Returns a one-line summary.
     pub fn line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];
         let Self { device, trial, given_up, .. } = self;

@@ -1,51 +1,50 @@
-//! What a frame's time is spent on, preset by preset. Each preset names its own stages, in the
-//! order they run: reports, spreadsheets and the latency panel show these names and no others.
+//! Stages of training a frame, by preset, in the order they run. Reports, spreadsheets and the latency
+//! panel use these names.
 
-/// A stage of training one frame. Its time is wall time, milliseconds.
+/// A stage of training one frame, measured in milliseconds of wall time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainStage {
-    /// Name of its field in reports and its column in spreadsheets. Files keep it: older reports
-    /// lose the times of one that is renamed.
+    /// Field name in reports and column name in spreadsheets. Renaming it loses the times in older reports.
     pub key: &'static str,
-    /// Name on screen, in the latency panel.
+    /// Label in the latency panel.
     pub label: &'static str,
-    /// What is done in it, for a tooltip.
+    /// Tooltip.
     pub what: &'static str,
 }
 
-/// Stages of the published algorithm; numbers are positions in [`PAPER_STAGES`].
+/// Stages of the `paper` preset; values are indices into [`PAPER_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaperStage {
-    /// Candidate search, before the fit and in it.
+    /// Candidate search, for scoring and for the fit.
     Candidates,
-    /// Scores and responsibilities, before the fit and in it.
+    /// Scores and responsibilities, for scoring and for the fit.
     EStep,
-    /// Sums per tile, which are not the model's yet.
+    /// Sums per tile, not yet added to the model.
     Stats,
-    /// Addition of the frame's sums to the model's, the one step that changes totals.
+    /// Adds the frame's sums to the model's totals; the only stage that changes them.
     Update,
-    /// Choosing and moving components, and rebuilding the index.
+    /// Selects and moves components, and rebuilds the index.
     Reassign,
 }
 
-/// Stages of the scene preset; numbers are positions in [`SCENE_STAGES`].
+/// Stages of the `scene` preset; values are indices into [`SCENE_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneStage {
-    /// Correction of the frame's pose, where recorded poses are not taken for exact.
+    /// Correction of the frame's pose, unless recorded poses are treated as exact.
     Pose,
-    /// Search of each point's component: the nearest seed within the structural scale.
+    /// Assignment of each point to the nearest seed within the structural scale.
     Assign,
-    /// New components for points that found none, one after the other on one thread.
+    /// New components for unassigned points, sequentially on one thread.
     Births,
-    /// Evidence of the points, their refinement along the ray, and the frame's exposure.
+    /// Evidence of the points, refinement along their rays, and the frame's exposure.
     Refine,
-    /// Sums per component.
+    /// Sufficient statistics per component.
     Stats,
-    /// Projection of every component into the frame, which counts hits and misses.
+    /// Projection of every component into the frame, counting hits and misses.
     Visibility,
-    /// The step that the photograph asks of the splats; nothing where they do not learn from it.
+    /// Gauss-Newton step on the splats from the photograph, if enabled.
     Photometric,
-    /// Merging down to the budget; in most frames nothing.
+    /// Merging down to the budget; rarely needed.
     Merge,
 }
 
@@ -53,39 +52,35 @@ const fn stage(key: &'static str, label: &'static str, what: &'static str) -> Tr
     TrainStage { key, label, what }
 }
 
-/// Stages of the published algorithm, by [`PaperStage`].
+/// Stages of the `paper` preset, indexed by [`PaperStage`].
 pub const PAPER_STAGES: [TrainStage; 5] = [
-    stage("candidates", "Candidate search", "The nearest components of every point"),
-    stage("e_step", "E-step", "Scores and responsibilities of the candidates"),
-    stage("stats", "Statistics", "Responsibility-weighted sums, tile by tile"),
-    stage("update", "Update", "Addition of the frame's sums to the model's"),
-    stage("reassign", "Reassignment", "Unused components move to badly explained points"),
+    stage("candidates", "Candidate search", "Finds the nearest components of every point"),
+    stage("e_step", "E-step", "Computes scores and responsibilities of the candidates"),
+    stage("stats", "Statistics", "Computes responsibility-weighted sums, tile by tile"),
+    stage("update", "Update", "Adds the frame's sums to the model's"),
+    stage("reassign", "Reassignment", "Moves unused components to badly explained points"),
 ];
 
-/// Stages of the scene preset, by [`SceneStage`].
+/// Stages of the `scene` preset, indexed by [`SceneStage`].
 pub const SCENE_STAGES: [TrainStage; 8] = [
-    stage(
-        "pose",
-        "Pose correction",
-        "The frame's pose is fitted to the scene's planes and colours",
-    ),
-    stage("assign", "Assignment", "The component of every point"),
-    stage("births", "Births", "Components for points that no component is near"),
+    stage("pose", "Pose correction", "Fits the frame's pose to the scene's planes and colours"),
+    stage("assign", "Assignment", "Finds the component of every point"),
+    stage("births", "Births", "Creates components for points without one nearby"),
     stage(
         "refine",
         "Refinement and gain",
-        "Points move along their rays to their component's plane; the frame's exposure is fitted",
+        "Moves points along their rays to their component's plane and fits the frame's exposure",
     ),
-    stage("stats", "Sums", "Sums of every component's points about its seed"),
-    stage("visibility", "Visibility", "Which components the frame saw or saw through"),
+    stage("stats", "Sums", "Sums every component's points about its seed"),
+    stage("visibility", "Visibility", "Counts components that the frame saw or saw through"),
     stage(
         "photometric",
         "Photometric step",
-        "Splats take the step that the photograph asks for, held by what earlier ones taught them",
+        "Applies a Gauss-Newton step from the photograph, weighted by earlier photographs",
     ),
-    stage("merge", "Merging", "Components are merged down to the budget"),
+    stage("merge", "Merging", "Merges components down to the budget"),
 ];
 
-/// Stages of a frame at most, of any preset: times are kept in an array of so many.
+/// Maximum number of stages in any preset; size of timing arrays.
 pub const MAX_STAGES: usize = SCENE_STAGES.len();
 const _: () = assert!(PAPER_STAGES.len() <= MAX_STAGES);

@@ -1,8 +1,7 @@
-//! Where a frame's time goes.
+//! Wall time of a frame by stage.
 //!
-//! Stages have the names that their preset gives them. A pass runs its stages tile by tile on all
-//! threads, so that none has a wall time of its own: the pass's is split among them in proportion
-//! to what threads spent in each, seen on a few tiles ([`StageClock`]).
+//! A pass runs its stages tile by tile on all threads, so no stage has a wall time of its own. The
+//! pass's time is split in proportion to thread time sampled on a few tiles ([`StageClock`]).
 
 use super::stages::{MAX_STAGES, PAPER_STAGES, PaperStage, SCENE_STAGES, SceneStage, TrainStage};
 use serde::ser::SerializeMap;
@@ -10,44 +9,43 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Milliseconds of one frame by the stages of its preset. As JSON an object with a field for every
-/// stage, and `train`.
+/// Milliseconds of one frame by stage. JSON form: an object with a field per stage, and `train`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageMs {
     stages: &'static [TrainStage],
     ms: [f64; MAX_STAGES],
-    /// The learner's own wall time of the frame; what is not in any stage is in it too.
+    /// Total wall time of the frame, including work outside all stages.
     pub train: f64,
 }
 
 impl StageMs {
-    /// No time in any of a preset's stages, at most [`MAX_STAGES`].
+    /// Creates zero times for a preset's stages, at most [`MAX_STAGES`].
     pub fn new(stages: &'static [TrainStage]) -> Self {
         Self { stages: &stages[..stages.len().min(MAX_STAGES)], ..Self::default() }
     }
 
-    /// Books time on the stage at a position.
+    /// Adds time to the stage at an index.
     pub fn add(&mut self, stage: usize, ms: f64) {
         self.ms[stage] += ms;
     }
 
-    /// Stages and their milliseconds, in the order they run.
+    /// Stages with their milliseconds, in the order they run.
     pub fn stages(&self) -> impl Iterator<Item = (&'static TrainStage, f64)> {
         self.stages.iter().zip(self.ms)
     }
 
-    /// Milliseconds by position of the stage.
+    /// Milliseconds by stage index.
     pub fn values(&self) -> &[f64] {
         &self.ms[..self.stages.len()]
     }
 
-    /// The stages, in the order they run.
+    /// Stages, in the order they run.
     pub fn names(&self) -> &'static [TrainStage] {
         self.stages
     }
 
-    /// Adds a pass of `wall_ms`, split among search, E-step and sums in proportion to the time all
-    /// threads spent in each.
+    /// Adds a pass of `wall_ms`, split among search, E-step and sums in proportion to the thread time of
+    /// each.
     pub fn add_pass(&mut self, wall_ms: f64, thread_nanos: [u64; 3]) {
         let total = thread_nanos.iter().sum::<u64>().max(1) as f64;
         let laps = [PaperStage::Candidates, PaperStage::EStep, PaperStage::Stats];
@@ -56,7 +54,7 @@ impl StageMs {
         }
     }
 
-    /// Value by value what `of` makes of several frames of one preset.
+    /// Reduces each stage over several frames of one preset, such as to its median.
     pub fn combine(frames: &[Self], of: impl Fn(Vec<f64>) -> f64) -> Self {
         let Some(first) = frames.first() else { return Self::default() };
         let mut combined = Self::new(first.stages);
@@ -79,8 +77,8 @@ impl Serialize for StageMs {
     }
 }
 
-/// Fields that no preset has are passed over: what wrote them measured something else. Reports of
-/// scenes by version 0.1.0 have the published algorithm's names.
+/// Ignores unknown fields. Reports of scenes by version 0.1.0 use the stage names of the `paper`
+/// preset.
 impl<'de> Deserialize<'de> for StageMs {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let fields = BTreeMap::<String, f64>::deserialize(deserializer)?;
@@ -94,7 +92,7 @@ impl<'de> Deserialize<'de> for StageMs {
     }
 }
 
-/// The stages a pass is made of.
+/// Stages of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lap {
     /// Candidate search.
@@ -105,8 +103,7 @@ pub enum Lap {
     Stats,
 }
 
-/// Splits the time of a pass among its stages by looking at some tiles only: reading the clock
-/// costs as much as scoring a point.
+/// Measures a pass's stages on a sample of tiles: reading the clock costs as much as scoring a point.
 #[derive(Debug, Default)]
 pub struct StageClock {
     running: Option<Stopwatch>,
@@ -114,13 +111,13 @@ pub struct StageClock {
 }
 
 impl StageClock {
-    /// Starts with a tile, which is looked at or not.
+    /// Begins a tile; the clock runs only if the tile is in the sample.
     #[inline(always)]
     pub fn begin_tile(&mut self, is_looked_at: bool) {
         self.running = is_looked_at.then(Stopwatch::start);
     }
 
-    /// Books the time since the last lap.
+    /// Adds the time since the last lap to a stage.
     #[inline(always)]
     pub fn lap(&mut self, lap: Lap) {
         if let Some(clock) = &mut self.running {
@@ -128,33 +125,33 @@ impl StageClock {
         }
     }
 
-    /// Books what another clock has taken.
+    /// Adds times of another clock.
     pub fn add(&mut self, nanos: [u64; 3]) {
         self.nanos.iter_mut().zip(nanos).for_each(|(sum, nanos)| *sum += nanos);
     }
 
-    /// What was booked, by stage; starts over.
+    /// Returns the nanoseconds by stage and resets them.
     pub fn take(&mut self) -> [u64; 3] {
         std::mem::take(&mut self.nanos)
     }
 }
 
-/// A running clock.
+/// Running stopwatch.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Starts now.
+    /// Starts the stopwatch.
     pub fn start() -> Self {
         Self(Instant::now())
     }
 
-    /// Milliseconds since the start or the last lap; starts the next lap.
+    /// Returns the milliseconds since the start or the last lap, and starts the next lap.
     pub fn lap_ms(&mut self) -> f64 {
         self.lap_nanos() as f64 * 1e-6
     }
 
-    /// Nanoseconds since the start or the last lap; starts the next lap.
+    /// Returns the nanoseconds since the start or the last lap, and starts the next lap.
     pub fn lap_nanos(&mut self) -> u64 {
         let now = Instant::now();
         let elapsed = now - self.0;
@@ -162,7 +159,7 @@ impl Stopwatch {
         elapsed.as_nanos() as u64
     }
 
-    /// Milliseconds since the start.
+    /// Returns the milliseconds since the start, ignoring laps.
     pub fn elapsed_ms(&self) -> f64 {
         self.0.elapsed().as_secs_f64() * 1e3
     }

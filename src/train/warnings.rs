@@ -1,29 +1,29 @@
-//! What a user should know of a model although nothing went wrong, as values: the command line and
-//! the window each say it by the settings that they have.
+//! Warnings about a trained model as values. Command line and window word them in terms of their own
+//! settings.
 
-/// What a model had to leave out or take back.
+/// A warning about a trained model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TrainingWarning {
-    /// They found no component, and the budget allowed no more.
+    /// Points without a component were dropped because the budget was exhausted.
     OverBudget {
-        /// How many, since training began.
+        /// Number of points since training began.
         points: u64,
     },
-    /// Merging could not keep the scene within its budget, so the structural scale grew.
+    /// The structural scale grew because merging could not meet the budget.
     Coarsened {
-        /// The structural scale that was asked for, world units.
+        /// Requested structural scale, world units.
         asked: f64,
-        /// What it has become.
+        /// Current structural scale, world units.
         scale: f64,
     },
-    /// They lay too far from the origin, in structural scales, to be told from their neighbours.
+    /// Points were dropped: too many structural scales from the origin to distinguish neighbours.
     OutOfReach {
-        /// How many, since training began.
+        /// Number of points since training began.
         points: u64,
     },
-    /// What photographs had taught of a splat was no precision any more and was forgotten.
+    /// A splat's photometric precision was not positive definite and was reset.
     Repaired {
-        /// How often, since training began or went on.
+        /// Number of resets since training began or resumed.
         splats: u64,
     },
 }

@@ -111,7 +111,7 @@ fn press(window: &mut Window, pressed: bool) {
 /// As the user has the copies for walking back given up.
 fn keep_no_past(window: &mut Window) {
     click(window, "Edit");
-    window.get_by_label("Memory of earlier moments").focus();
+    window.get_by_label("Memory for earlier frames").focus();
     window.run_steps(3);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.event(Event::Text("0".to_owned()));

@@ -41,7 +41,7 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
     wait(&mut window, "a look at its frames", |s| s.snapshot().sample.is_some());
     let before = pixels(&window);
     refine(&mut window, 5);
-    window.get_by_label_contains("A forecast comes with the first trained frame");
+    window.get_by_label_contains("A forecast appears after the first trained frame");
     click(&mut window, "Train");
     wait(&mut window, "the end", is(RunState::Finished));
     let first = pixels(&window);
@@ -51,7 +51,7 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
 
     let used = window.state().snapshot().used;
     refine(&mut window, 12);
-    window.get_by_label_contains("ms a frame after 3 frames");
+    window.get_by_label_contains("ms per frame after 3 frames");
     click(&mut window, "Again, finer");
     click(&mut window, "Discard");
     wait(&mut window, "the end of a finer run", |s| {
@@ -80,9 +80,9 @@ fn changed_settings_are_marked_and_copied_as_a_command_that_trains_so() {
     press(&mut window, "Drop slanted surfaces");
     press(&mut window, "Fit planes");
     window.get_by_label("Details: 2 changed");
-    press(&mut window, "Fit planes: back to true");
+    press(&mut window, "Fit planes: reset to true");
     window.get_by_label("Details: 1 changed");
-    assert!(window.query_by_label("Fit planes: back to true").is_none());
+    assert!(window.query_by_label("Fit planes: reset to true").is_none());
 
     let line = copied(&mut window, "Copy as command line");
     assert!(
@@ -136,7 +136,7 @@ fn the_papers_settings_are_typed_in_the_panel_trained_by_and_copied() {
     type_into(&mut window, "Candidates", "dense");
     press(&mut window, "First frame");
     window.get_by_label("Details: 3 changed");
-    press(&mut window, "Initial means: back to random");
+    press(&mut window, "Initial means: reset to random");
     window.get_by_role_and_label(Role::ComboBox, "Reassignment").click_accesskit();
     window.run_steps(3);
     press(&mut window, "Forwarded");

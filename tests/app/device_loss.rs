@@ -156,7 +156,7 @@ fn leaves(window: &mut Window, exit: &Exit, told: &str) {
 /// What the worker is told of a film when its window goes, or was told by the window where it was done by then.
 fn said_of_film(worker: &Worker) -> Option<Notice> {
     let is_of_film = |notice: &&Notice| {
-        notice.text.contains("the window that drew it") || notice.text.contains("pictures to")
+        notice.text.contains("the window that rendered it") || notice.text.contains("pictures to")
     };
     let asked = Instant::now();
     while asked.elapsed() < PATIENCE {
@@ -195,7 +195,7 @@ fn at_any_moment_a_lost_device_costs_a_window_and_nothing_else() {
         if moment == Moment::Filming {
             let film = said_of_film(&run.worker)
                 .unwrap_or_else(|| panic!("{told}: nothing is said of the film"));
-            let is_cut = film.kind == NoticeKind::Warning && film.text.contains("draw it again");
+            let is_cut = film.kind == NoticeKind::Warning && film.text.contains("render it again");
             assert!(is_cut || film.text.contains("Wrote"), "{told}: {}", film.text);
         }
     }
@@ -274,7 +274,7 @@ fn edits_camera_and_path_go_on_in_the_next_window() {
     assert!(*view.editor().edits() == edits, "other edits");
     assert_eq!(view.eye(), eye);
     click(&mut window, "Path");
-    assert!(window.query_by_label_contains("then add keyframes").is_none(), "no keyframe");
+    assert!(window.query_by_label_contains("and add keyframes").is_none(), "no keyframe");
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     wait(&mut window, "all of them again", move |s| s.n_drawn() == all);
 }

@@ -117,7 +117,7 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     press(&mut window, Key::Delete);
     let (without, words) = exported(&mut window, &file("without"));
     assert!(without < all, "{without} of {all}");
-    assert!(words.contains(&format!("{n} of the scene's were left out")), "{words}");
+    assert!(words.contains(&format!("{n} splats were left out")), "{words}");
     assert!(window.state().snapshot().used >= all, "the model has them all");
     click(&mut window, "Edit");
     window.get_by_label_contains("An export writes");
@@ -219,7 +219,7 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
     window.get_by_label("By birth, as it is now").click_accesskit();
     let first = wait_until_fewer(&mut window, left);
     assert!(first > 0, "the first frame bore some");
-    wait_for_label(&mut window, "Born up to frame 1 of 4, as they are now (Edit)");
+    wait_for_label(&mut window, "Splats born up to frame 1 of 4, in their current state (Edit)");
 }
 
 fn wait_until_fewer(window: &mut Window, than: usize) -> usize {
@@ -253,7 +253,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         let at = slider(&mut window, 1);
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
-        window.get_by_label("As it was after frame 1 of 6 (Edit)");
+        window.get_by_label("Scene after frame 1 of 6 (Edit)");
         let past = window.state().view().editor().past_shown().unwrap().clone();
         assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
         assert!(settled(&mut window) == first, "the picture of then");

@@ -50,10 +50,10 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     let shown = view.compared().unwrap().clone();
     assert_eq!(shown.name, "As .ply file");
     // It is no second model that could be removed.
-    assert!(view.why_not_remove().is_some_and(|why| why.contains("previewed")));
+    assert!(view.why_not_remove().is_some_and(|why| why.contains("preview")));
     assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB of a scene that is no plain one");
-    assert!(losses.iter().any(|loss| loss.contains("colour varies")), "{losses:?}");
-    window.get_by_label_contains("Looks like the scene to");
+    assert!(losses.iter().any(|loss| loss.contains("Colour gradients")), "{losses:?}");
+    window.get_by_label_contains("PSNR against the scene");
 
     // Another format is converted anew.
     enter_path(&mut window, &folder.path().join("scene.spz"));
@@ -62,7 +62,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     });
     let (spz_bytes, _, losses) = measured(&mut window);
     assert!(spz_bytes < ply_bytes, "{spz_bytes} after {ply_bytes}");
-    assert!(losses.iter().any(|loss| loss.starts_with("SPZ rounds")), "{losses:?}");
+    assert!(losses.iter().any(|loss| loss.starts_with("SPZ quantises")), "{losses:?}");
 
     // Switched off, what was compared before is compared again.
     click(&mut window, "Preview the file");

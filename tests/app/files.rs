@@ -70,7 +70,8 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     let Some(mut viewer) = open(&file) else { return };
     wait(&mut viewer, "the model", is(RunState::Finished));
     assert_eq!(viewer.state().snapshot().source, Source::Model);
-    let told = viewer.state().snapshot().notices.iter().any(|n| n.text.contains("cannot go on"));
+    let told =
+        viewer.state().snapshot().notices.iter().any(|n| n.text.contains("cannot be resumed"));
     assert!(told, "why it cannot be trained");
     wait(&mut viewer, "splats", |s| s.n_drawn() == drawn);
 }

@@ -16,7 +16,7 @@ fn the_start_page_says_what_happens_and_how_to_begin() {
     let Some(mut window) = window(None, Painting::Auto) else { return };
     window.run_steps(2);
     window.get_by_label("Your own capture: drop a folder");
-    window.get_by_label_contains("become a scene of splats while you watch");
+    window.get_by_label_contains("into a Gaussian-splat scene while you watch");
     click(&mut window, "Try the synthetic scene");
     wait(&mut window, "training", is(RunState::Training));
 }

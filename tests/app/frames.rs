@@ -104,7 +104,7 @@ fn skipped_frames_tell_their_reason_and_trained_ones_how_well() {
     let at = middle(&window, "Frame 1");
     point_at(&mut window, at, None);
     wait_for_text(&mut window, &format!("{psnr:.1} dB, SSIM"));
-    wait_for_text(&mut window, "measured as a held-out view");
+    wait_for_text(&mut window, "as a held-out view");
 }
 
 /// The depth file of a frame of the training split.

@@ -29,7 +29,7 @@ fn refusals(studio: &Studio, file: &Path) -> usize {
 /// Writes over what stands there.
 fn write_over(window: &mut Window, key: Key, button: &str, file: &Path) {
     write_to(window, key, button, file);
-    wait_for_label(window, "Replace the older file?");
+    wait_for_label(window, "Replace the existing file?");
     click(window, "Replace");
 }
 
@@ -71,7 +71,7 @@ fn what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded() {
     click(&mut window, "Save first…");
     window.run_steps(4);
     window.get_by_role_and_label(eframe::egui::accesskit::Role::Button, "Save").click();
-    wait_for_label(&mut window, "Replace the older file?");
+    wait_for_label(&mut window, "Replace the existing file?");
     click(&mut window, "Replace");
     wait(&mut window, "the refusal", |s| refusals(s, &file) == 1);
     window.run_steps(4);

@@ -114,7 +114,7 @@ fn a_splat_of_a_file_is_picked_where_it_is_and_nothing_beside_it() {
     assert_eq!(inspected.id(), 1);
     assert!(matches!(*inspected, Inspected::Splat { .. }));
     window.get_by_label("Splat 1");
-    window.get_by_label("In the file");
+    window.get_by_label("As stored in the file");
     assert!(window.query_by_label("Covariance").is_none(), "a file holds no posterior");
     let is_rim = |[r, g, b, _]: [u8; 4]| r > 220 && g < 130 && b > 180;
     let image = window.render().unwrap();
@@ -146,17 +146,17 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
             choose_color(&mut window, mode);
             if mode == ColorMode::Elbo {
                 window.run_steps(2);
-                window.get_by_label("Known from the next trained frame on");
+                window.get_by_label("Available after the next trained frame");
                 window.get_by_label("Step").click();
                 wait(&mut window, "a frame", |s| s.snapshot().frames_done == 4);
             }
             assert_ne!(settled(&mut window), own, "{mode:?} {painting:?}");
             window.get_all_by_label(title).next().unwrap();
-            assert!(window.query_by_label("Known when a frame has been trained").is_none());
+            assert!(window.query_by_label("Available after the first trained frame").is_none());
         }
         choose_color(&mut window, ColorMode::Color);
         settled(&mut window);
-        assert!(window.query_by_label("not known").is_none());
+        assert!(window.query_by_label("unknown").is_none());
     }
 }
 
@@ -230,7 +230,7 @@ fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
     };
     drop(device.create_buffer(&impossible));
     wait(&mut window, "the CPU", |s| s.view().drawn().drawer == Drawer::Cpu);
-    let told = |s: &Studio| s.snapshot().notices.iter().any(|n| n.text.contains("the CPU draws"));
+    let told = |s: &Studio| s.snapshot().notices.iter().any(|n| n.text.contains("CPU renderer is"));
     wait(&mut window, "word of it", told);
     window.get_by_label("Settings").click();
     window.run_steps(2);

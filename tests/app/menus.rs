@@ -61,7 +61,7 @@ fn menus_do_what_they_say_and_tell_why_they_cannot() {
     assert!(step.accesskit_node().is_disabled());
     let at = step.rect().center();
     window.event(Event::PointerMoved(at));
-    wait_for_reason(&mut window, "Every frame is trained");
+    wait_for_reason(&mut window, "All frames are trained");
     close(&mut window);
 
     open(&mut window, "View");

@@ -64,7 +64,9 @@ fn of_several_things_dropped_the_first_that_can_be_opened_is_and_the_others_are_
     drop_all_on(&mut window, &[&first, &last]);
     wait(&mut window, "the refusal", |s| {
         newest(s).is_some_and(|(kind, text)| {
-            kind == NoticeKind::Error && text.contains("none of 2") && text.contains("no-such-a")
+            kind == NoticeKind::Error
+                && text.contains("none of the 2")
+                && text.contains("no-such-a")
         })
     });
     assert_eq!(window.state().snapshot().state, RunState::Empty);

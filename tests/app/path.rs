@@ -20,7 +20,7 @@ fn a_path_is_made_played_saved_and_opened_again() {
     train(&mut window);
     wait(&mut window, "the end", is(RunState::Finished));
     click(&mut window, "Path");
-    window.get_by_label_contains("then add keyframes");
+    window.get_by_label_contains("and add keyframes");
     assert!(window.query_by_label("Play").is_none(), "nothing to play yet");
     let eye =
         |window: &super::harness::Window| window.state().view().keyframe().unwrap().pose.centre();
@@ -98,7 +98,7 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
 
     // Into the same folder again, about which the user is asked.
     draw(&mut window);
-    wait_for_label(&mut window, "Replace pictures of this folder?");
+    wait_for_label(&mut window, "Replace the pictures in this folder?");
     click(&mut window, "Replace");
     wait(&mut window, "all pictures", |s| is_told(s, "Wrote 61 pictures"));
     assert!(has(60));

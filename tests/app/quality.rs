@@ -53,7 +53,7 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     wait(&mut window, "the evidence", |s| s.view().known().iter().any(|k| k.evidence.is_some()));
     window.run_steps(2);
     let drawn = window.state().view().known().iter().filter(|k| k.evidence.is_some()).count();
-    window.get_by_label_contains(&format!("{drawn} components. The tab Edit"));
+    window.get_by_label_contains(&format!("{drawn} components. The Edit tab"));
     let name = window.state().quality().views()[0].frame.clone();
     // It may lie below the end of the panel.
     window.get_by_label(&name).click_accesskit();
@@ -147,7 +147,7 @@ fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
     window.run_steps(3);
-    window.get_by_label("3 frames are a scene");
+    window.get_by_label("Trained on 3 frames");
     wait(&mut window, "quality", |s| s.quality().result().is_some());
     let (before, eye) = (window.state().snapshot(), window.state().view().eye());
     click(&mut window, "Again, finer");
@@ -167,6 +167,6 @@ fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
     let moved = window.state().view().eye().unwrap().distance(eye.unwrap());
     assert!(moved < 1e-9, "by {moved}");
     click(&mut window, "×");
-    assert!(window.query_by_label_contains("are a scene").is_none());
+    assert!(window.query_by_label_contains("Trained on").is_none());
     wait(&mut window, "still", is(RunState::Finished));
 }

@@ -118,17 +118,17 @@ fn an_older_file_is_replaced_only_when_the_user_says_so() {
         let file = folder.path().join(file);
         std::fs::write(&file, "older").unwrap();
         write_to(&mut window, key, button, &file);
-        wait_for_label(&mut window, "Replace the older file?");
+        wait_for_label(&mut window, "Replace the existing file?");
         click(&mut window, "Choose another name");
-        assert!(window.query_by_label("Replace the older file?").is_none());
+        assert!(window.query_by_label("Replace the existing file?").is_none());
         window.get_by_role_and_label(Role::Button, button).click();
-        wait_for_label(&mut window, "Replace the older file?");
+        wait_for_label(&mut window, "Replace the existing file?");
         press(&mut window, Key::Escape);
-        assert!(window.query_by_label("Replace the older file?").is_none());
+        assert!(window.query_by_label("Replace the existing file?").is_none());
         window.get_by_role(Role::TextInput); // the dialog itself has stayed
         assert_eq!(std::fs::read(&file).unwrap(), b"older");
         window.get_by_role_and_label(Role::Button, button).click();
-        wait_for_label(&mut window, "Replace the older file?");
+        wait_for_label(&mut window, "Replace the existing file?");
         click(&mut window, "Replace");
         wait(&mut window, "the file", |_| std::fs::read(&file).unwrap() != b"older");
     }
@@ -136,7 +136,7 @@ fn an_older_file_is_replaced_only_when_the_user_says_so() {
     write_to(&mut window, Key::E, "Export", folder.path());
     let problem = format!("{} is a folder: add the name of a file", folder.path().display());
     wait_for_label(&mut window, &problem);
-    assert!(window.query_by_label("Replace the older file?").is_none());
+    assert!(window.query_by_label("Replace the existing file?").is_none());
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn preparation_is_painted_over_the_photograph() {
         choose(&mut window, 0, "Preparation");
         let view = window.state().view();
         assert_eq!((view.mode(), position(&window)), (ViewMode::Preparation, Some((0, 0))));
-        for text in ["kept", "seen at a slant"] {
+        for text in ["used", "too oblique"] {
             wait_for_label(&mut window, text);
         }
         assert!(
@@ -68,7 +68,7 @@ fn preparation_is_painted_over_the_photograph() {
         );
         press(&mut window, Key::G);
         assert_eq!(window.state().view().mode(), ViewMode::PhotoWipe);
-        assert!(window.query_by_label("kept").is_none());
+        assert!(window.query_by_label("used").is_none());
     }
 }
 
@@ -181,7 +181,7 @@ fn a_calibration_is_dropped_on_its_dataset() {
     wait(&mut window, "the message", |s| !s.snapshot().notices.is_empty());
     let notice = window.state().snapshot().notices[0].clone();
     assert!(
-        notice.text.contains("room.ron: a calibration belongs to a dataset"),
+        notice.text.contains("room.ron: a calibration applies to a dataset"),
         "{}",
         notice.text
     );

@@ -86,7 +86,7 @@ fn a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost() {
 
     click(&mut window, "Cancel opening");
     wait(&mut window, "the scene again", is(RunState::Finished));
-    assert!(told(window.state(), NoticeKind::Info, &[&name, "given up"]));
+    assert!(told(window.state(), NoticeKind::Info, &[&name, "cancelled"]));
     let snapshot = window.state().snapshot();
     assert_eq!((snapshot.frames_done, snapshot.unsaved_frames), (3, 3), "nothing is lost");
     press(&mut window, Key::H);
@@ -155,7 +155,7 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     let Some(_silent) = Silent::of(folder.path(), path, file) else { return };
     window.key_press(Key::Space);
     let started = Instant::now();
-    while window.query_by_label_contains("not read after").is_none() {
+    while window.query_by_label_contains("still reading after").is_none() {
         assert!(started.elapsed() < PATIENCE, "nothing is said");
         let pass = Instant::now();
         window.step();
@@ -190,7 +190,7 @@ fn a_folder_that_is_gone_is_followed_all_the_same_until_it_is_back() {
     let elsewhere = folder.path().join("elsewhere");
     std::fs::rename(&path, &elsewhere).unwrap();
     click(&mut window, "Follow");
-    wait_for_label(&mut window, "Live: nothing can be read");
+    wait_for_label(&mut window, "Live: the recording cannot be read");
     let is_gone = |s: &Studio| {
         let snapshot = s.snapshot();
         let problem = snapshot.followed.as_ref().and_then(|followed| followed.problem.as_deref());
@@ -220,7 +220,7 @@ fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
         problem.is_some_and(|problem| problem.contains("silent for 3 seconds; check"))
     };
     wait(&mut window, "the silence", is_silent);
-    wait_for_label(&mut window, "Live: nothing can be read");
+    wait_for_label(&mut window, "Live: the recording cannot be read");
     window.key_press(Key::Space);
     wait(&mut window, "the pause", is(RunState::Paused));
     let file = folder.path().join("scene.ply");

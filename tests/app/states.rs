@@ -69,7 +69,7 @@ fn help_lists_every_shortcut_and_tabs_switch() {
     window.key_press(Key::F1);
     window.run_steps(2);
     window.get_by_label("Left drag");
-    window.get_by_label("Train exactly one frame");
+    window.get_by_label("Train on exactly one frame");
     for (key, size) in [(Key::F1, Vec2::new(800.0, 600.0)), (Key::Escape, Vec2::new(640.0, 400.0))]
     {
         window.set_size(size);

@@ -116,7 +116,7 @@ fn timings_are_written_beside_the_dataset_and_never_over_a_file() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
-    window.get_by_label_contains("of frames inside it");
+    window.get_by_label_contains("of frames within it");
     for name in ["room.latency.csv", "room.latency-2.csv"] {
         // It may lie below the end of the panel.
         window.run_steps(2);

@@ -84,7 +84,7 @@ fn a_fisheye_is_exact_and_tab_says_why() {
     assert_eq!(renderer(&window), Renderer::Exact);
     wait_for_label(
         &mut window,
-        "Only the exact renderer draws a fisheye: choose the pinhole first",
+        "Only the exact renderer supports a fisheye: choose the pinhole first",
     );
 }
 
@@ -208,7 +208,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
         drag(&mut window, PointerButton::Primary);
         assert_eq!(position(&window), None, "turning leaves the dataset's camera");
         window.get_by_label("Free camera");
-        window.get_by_label("No photograph was taken from here: [ and ] go to one");
+        window.get_by_label("No photograph from this viewpoint: press [ or ] to go to one");
         press(&mut window, Key::CloseBracket);
         window.get_by_label("Camera 4 of 4");
         press(&mut window, Key::G);

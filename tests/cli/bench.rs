@@ -109,7 +109,7 @@ fn accuracy_is_taken_apart() {
         "no colour gradient",
         "body-centred, h =",
         "seeds, points alone, h =",
-        "frames learnt: 1;",
+        "frames trained: 1;",
     ] {
         assert!(run.stdout.contains(part), "{part}: {}", run.stdout);
     }

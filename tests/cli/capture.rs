@@ -46,7 +46,7 @@ fn what_is_wrong_with_a_recording_is_named_and_nothing_else() {
     assert_eq!(found(&info, "blurred"), [name(9)], "{}", info["splits"][0]["capture"]);
     assert_eq!(found(&info, "brightness_jumps"), [name(16)], "{}", info["splits"][0]["capture"]);
     let said = scratch.run("info room").succeeds().stdout;
-    assert!(said.contains("24 of 24 frames looked at, 1 blurred, 1 jumps of brightness"), "{said}");
+    assert!(said.contains("24 of 24 frames checked, 1 blurred, 1 jumps of brightness"), "{said}");
     assert!(said.contains("frames a second, 0 gaps"), "{said}");
 }
 

@@ -69,7 +69,10 @@ fn a_path_is_followed_picture_by_picture() {
     assert!(views.windows(2).all(|pair| pair[0] != pair[1]));
     std::fs::write(scratch.path("wrong.json"), WAY.replace("1.5", "0.5")).unwrap();
     let wrong = scratch.run("render out/scene.ply -o w --path wrong.json");
-    wrong.fails(1, &["wrong.json", "keyframes[2].time", "more than the one before", "found 0.5"]);
+    wrong.fails(
+        1,
+        &["wrong.json", "keyframes[2].time", "more than the previous keyframe's", "found 0.5"],
+    );
     let both = scratch.run("render out/scene.ply -o w --path way.json --orbit 1,2,3");
     both.fails(2, &["--orbit", "--path"]);
 }

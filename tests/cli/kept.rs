@@ -235,7 +235,7 @@ fn views_that_were_trained_on_are_counted() {
     let counted = |arguments: &str| {
         let run = scratch.run(&format!("eval out/checkpoint.vbgs room {arguments}")).succeeds();
         let json = scratch.run(&format!("eval out/checkpoint.vbgs room {arguments} --json"));
-        let said = run.stdout.contains("of these views: of them this says how well");
+        let said = run.stdout.contains("of these views: their scores measure reproduction");
         (json.json()["eval"][0]["learnt_views"].clone(), said)
     };
     assert_eq!(counted("--split train"), (json!(6), true));
@@ -243,7 +243,7 @@ fn views_that_were_trained_on_are_counted() {
     assert_eq!(counted(""), (json!(0), false));
     // Splats do not say.
     let run = scratch.run("eval out/scene.ply room").succeeds();
-    assert!(run.stderr.contains("does not say which of these views"), "{}", run.stderr);
+    assert!(run.stderr.contains("does not state which of these views"), "{}", run.stderr);
 
     // A split that was named is trained on whole, although every eighth frame is held out otherwise.
     scratch.run("synth one --layout open3d --size 64x48 --frames 9 --eval-frames 1").succeeds();
@@ -262,7 +262,7 @@ fn a_training_split_without_a_usable_frame_is_named() {
             frame["transform_matrix"][0][0] = json!(7.0);
         }
     });
-    let parts = ["room", "the split `train`", "none in 8 listed", "r_0", "name another split"];
+    let parts = ["room", "the split `train`", "none in 8 listed", "r_0", "choose another split"];
     scratch.run(&format!("train room --out out {PAPER}")).fails(1, &parts);
     assert!(!scratch.path("out").exists());
     scratch.run(&format!("train room --out out {PAPER} --split eval")).succeeds();
@@ -278,7 +278,7 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
         ("train room --out o --preset paper --config custom.ron", &["--precision", "custom alone"]),
         ("train room --out o --with gain --without gain", &["--with gain", "found both"]),
         ("train room --out o --intrinsics 1e30 1e30 0 0", &["intrinsics", "expected", "degrees"]),
-        ("train room --out o --confidence 2", &["confidence", "found none of its maps"]),
+        ("train room --out o --confidence 2", &["confidence", "with confidence maps, found none"]),
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),
         (

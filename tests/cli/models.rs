@@ -71,7 +71,7 @@ fn mappings_do_not_touch_plain_scenes() {
         let said = scratch.run(&format!("export out/scene.ply -o mapped-{name} {options}"));
         let said = said.succeeds().stderr;
         assert!(said.contains("note: out/scene.ply: no splat has an opacity above 1"), "{said}");
-        assert!(said.contains("--export-mapping changes nothing"), "{said}");
+        assert!(said.contains("--export-mapping has no effect"), "{said}");
         assert!(scratch.bytes(name) == scratch.bytes(&format!("mapped-{name}")));
     }
 }
@@ -118,7 +118,7 @@ fn exports_are_chosen_turned_scaled_and_meshed() {
         .fails(1, &["all.ply: expected a checkpoint of the `scene` preset", "train with"]);
     scratch
         .run("export all.ply -o a.ply --min-evidence 2")
-        .fails(1, &["a.ply: least evidence: expected a model with its training behind it"]);
+        .fails(1, &["a.ply: least evidence: expected a model with training statistics"]);
     for (options, parts) in [
         ("-o a.ply --as mesh --sh3-padding", &["--sh3-padding: a setting of splats"][..]),
         ("-o a.ply --cell 0.1", &["--cell: a setting of meshes"]),

@@ -89,7 +89,7 @@ fn what_leaves_too_few_views_is_refused() {
     let parts = ["--hold-out sector", "found 1, 1 and 1", "a recording, 4 frames", "longer"];
     scratch.run(&format!("{train} --hold-out sector")).fails(1, &parts);
     scratch.run(&format!("{train} --hold-out half")).fails(2, &["'half'", "--hold-out"]);
-    let parts = ["hold-out", "every-8th beside follow", "found sector"];
+    let parts = ["hold-out", "every-8th with follow", "found sector"];
     scratch.run(&format!("{train} --follow --hold-out sector")).fails(2, &parts);
     assert!(!scratch.path("out").exists(), "nothing is made");
     scratch.run("synth other --size 64x48 --frames 8 --eval-frames 1").succeeds();

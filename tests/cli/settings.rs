@@ -134,13 +134,13 @@ fn plain_splats_have_nothing_native() {
     let scratch = Scratch::with_room();
     for part in ["gradient", "crack-filling"] {
         let run = scratch.run(&format!("train room --out out --splats plain --with {part}"));
-        run.fails(2, &["--splats", &format!("expected native beside {part}"), "found plain"]);
+        run.fails(2, &["--splats", &format!("expected native with {part}"), "found plain"]);
     }
     let run = scratch.run("train room --out out --max-frames 2 --splats plane");
     run.fails(2, &["--splats", "plane"]);
     scratch.run("train room --out out --max-frames 2 --splats plain").succeeds();
     let run = scratch.run("export out/checkpoint.vbgs -o b.ply --export-split 2").succeeds();
-    assert!(run.stderr.contains("changes nothing"), "{}", run.stderr);
+    assert!(run.stderr.contains("has no effect"), "{}", run.stderr);
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn options_of_the_other_preset_are_wrong_usage() {
         ("--preset paper --without align", "--with or --without align", "--preset scene"),
     ] {
         let run = scratch.run(&format!("train room --out out {options}"));
-        run.fails(2, &[&format!("{option}: expected {preset} beside it")]);
+        run.fails(2, &[&format!("{option}: expected {preset} with it")]);
     }
 }
 

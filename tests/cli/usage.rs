@@ -88,7 +88,7 @@ fn arguments_of_the_other_commands() {
         ("synth new --scene door", &["--scene", "expected --camera phone"]),
         ("synth new --camera phone --layout tum", &["layout", "record3d", "found Tum"]),
         ("synth new --free-frames 200000", &["free frames", "0 to 100000"]),
-        ("room train room --out out", &["`room` stands before a command"]),
+        ("room train room --out out", &["`room` precedes the command"]),
         ("--no-such-option", &["--no-such-option"]),
     ] {
         scratch.run(arguments).fails(2, parts);

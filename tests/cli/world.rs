@@ -148,7 +148,10 @@ fn a_wild_pose_is_named_and_leaves_the_rest_as_it_is() {
         let report = run.json();
         if preset.contains("paper") {
             let source = report["config"]["position_range_source"].as_str().unwrap();
-            assert!(source.contains("wild poses left out") && source.contains(&frame), "{source}");
+            assert!(
+                source.contains("outlier poses left out") && source.contains(&frame),
+                "{source}"
+            );
         }
         let wild = psnr(run);
         assert!(wild > sound - 1.5, "{preset}: {sound} dB, with a wild pose {wild} dB");
@@ -221,13 +224,13 @@ fn files_of_a_far_world_say_where_it_lies() {
     let scratch = far_recording();
     let run = scratch.run("train room --out run").succeeds();
     assert!(run.stderr.contains("relative to the local origin (10000"), "{}", run.stderr);
-    assert!(run.stderr.contains("only a comment of the file says"), "{}", run.stderr);
+    assert!(run.stderr.contains("only a comment of the file states"), "{}", run.stderr);
     let export = |options: &str| {
         scratch.run(&format!("export run/checkpoint.vbgs -o {options}")).succeeds().stderr
     };
     assert!(!export("scene.glb").contains("local origin"));
     for (to, said) in [
-        ("scene.spz", "the file cannot say"),
+        ("scene.spz", "the file cannot store"),
         ("cloud.ply --format point-cloud", "only a comment"),
         ("mesh.obj --as mesh", "only a comment"),
     ] {

@@ -154,7 +154,7 @@ fn poses_that_are_none() {
     edit_line(&folder.path().join("frames.jsonl"), 1, |line| {
         line.replacen("\"camera_to_world\":[[", "\"camera_to_world\":[[NaN,", 1)
     });
-    skips(folder.path(), 3, &["frames.jsonl", "line 2", "knows neither NaN", "correct the line"]);
+    skips(folder.path(), 3, &["frames.jsonl", "line 2", "has neither NaN", "correct the line"]);
     edit_line(&folder.path().join("frames.jsonl"), 1, |line| {
         line.replacen("[[NaN,", "[[1e300,", 1)
     });
@@ -222,7 +222,7 @@ fn times_out_of_order_and_out_of_reach() {
     edit_line(&folder.path().join("rgb.txt"), 2, |_| String::new());
     skips(folder.path(), 3, &["expected a colour image within 20 ms", "33 ms away"]);
     fs::remove_file(folder.path().join("groundtruth.txt")).unwrap();
-    refuses(folder.path(), &["groundtruth.txt", "expected poses", "no such file", "put the"]);
+    refuses(folder.path(), &["groundtruth.txt", "expected poses", "no such file", "add the"]);
 }
 
 #[test]
@@ -262,10 +262,7 @@ fn lying_sizes() {
 fn intrinsics_that_are_missing_or_none() {
     let folder = tiny(Tum);
     fs::remove_file(folder.path().join("camera-intrinsics.txt")).unwrap();
-    refuses(
-        folder.path(),
-        &["camera-intrinsics.txt", "for images of 32x24", "give the intrinsics"],
-    );
+    refuses(folder.path(), &["camera-intrinsics.txt", "for images of 32x24", "set the intrinsics"]);
     let folder = tiny(Scannet);
     fs::write(folder.path().join("intrinsic/intrinsic_depth.txt"), "1 2 3").unwrap();
     refuses(folder.path(), &["intrinsic_depth.txt", "expected 4 numbers", "found 3", "export"]);

@@ -45,7 +45,8 @@ fn one_sequence_folder_opens_alone_with_the_published_intrinsics() {
     let folder = tiny_seven_scenes();
     let alone = folder.path().join("train");
     let error = open_plain(&alone).unwrap_err().to_string();
-    for part in ["camera-intrinsics.txt", "32x24", "published default is for 640x480", "write"] {
+    for part in ["camera-intrinsics.txt", "32x24", "published default is for 640x480", "create it"]
+    {
         assert!(error.contains(part), "{error}");
     }
     for i in 0..3 {

@@ -287,11 +287,7 @@ fn the_rig_is_found_whoever_says_what_poses_mean() {
     let poses = Some(PoseConvention::Opencv);
     let said = open(&path, &LoadOptions { poses, ..LoadOptions::default() }).unwrap();
     let mount = |dataset: &Dataset| {
-        dataset
-            .notes
-            .iter()
-            .find(|note| note.contains("beside what the trajectory follows"))
-            .cloned()
+        dataset.notes.iter().find(|note| note.contains("from the tracked body")).cloned()
     };
     assert!(mount(&known).is_some() && mount(&known) == mount(&said), "{:?}", said.notes);
     let cameras =

@@ -93,7 +93,7 @@ fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
     // By its sums, and by its seeds.
     for (seed, length) in [(OPEN, 1.0), (0, 3.0)] {
         let wrong = used(seed, usize::MAX, length, DevicePolicy::Device);
-        assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic is not the processor's")));
+        assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic differs from the processor's")));
     }
 }
 

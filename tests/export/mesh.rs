@@ -144,7 +144,7 @@ fn what_is_no_mesh_is_named() {
     fails(&surfels, 0.0, "a.ply: cell: expected a width above 0, found 0");
     fails(&surfels, f64::NAN, "cell: expected a width above 0, found NaN");
     fails(&surfels, 1e-5, "give a larger one");
-    fails(&[], 0.1, "no surface: expected 0 components");
+    fails(&[], 0.1, "no surface: expected enough evidence for one from 0 components");
     fails(&surfels, 0.2, "/nowhere does not exist");
     let error = MeshFormat::from_path(Path::new("a.stl")).unwrap_err().to_string();
     assert!(error.contains("ending in .ply, .glb or .obj, found \"stl\""), "{error}");

@@ -70,14 +70,14 @@ fn damaged_files_of_old_versions_are_refused() {
     let shorter = legacy(3, 5, 0);
     let cases: [(&str, Vec<u8>, &str); 10] = [
         ("cut", good[..good.len() - 9].to_vec(), "SPZ"),
-        ("checksum", [&good[..good.len() - 8], &[0; 8]].concat(), "SPZ: expected an end behind"),
+        ("checksum", [&good[..good.len() - 8], &[0; 8]].concat(), "SPZ: expected an end after"),
         ("magic", with(0, b'X'), "SPZ header: expected \"NGSP\" at its start"),
         ("version", with(4, 9), "SPZ header: expected version 1 to 4, found 9; save the file as"),
         ("inside", with(4, 4), "SPZ header: expected version 1 to 3 inside gzip, found version 4"),
         ("degree", with(12, 5), "SPZ header: expected harmonics of degree 0 to 4, found 5"),
-        ("bits", with(13, 99), "at most 24 bits behind the point, found 99"),
+        ("bits", with(13, 99), "at most 24 fraction bits, found 99"),
         ("extensions", with(14, 2), "unsupported: extensions in SPZ version 2"),
-        ("longer", gzip(&longer), "expected an end behind the last column, found more bytes"),
+        ("longer", gzip(&longer), "expected an end after the last column, found more bytes"),
         ("short", gzip(&shorter[..60]), "SPZ positions: expected 45 bytes, found 44"),
     ];
     for (name, bytes, message) in cases {
@@ -98,11 +98,7 @@ fn damaged_files_of_version_4_are_refused() {
     };
     let cases: [(&str, Vec<u8>, &str); 9] = [
         ("header", good[..20].to_vec(), "SPZ header"),
-        (
-            "table",
-            good[..50].to_vec(),
-            "expected a table of 80 bytes behind byte 32, found byte 32",
-        ),
+        ("table", good[..50].to_vec(), "expected a table of 80 bytes after byte 32, found byte 32"),
         ("table far", with(16, &[0xFF; 4]), "found byte 4294967295 of"),
         ("table near", with(16, &[3, 0, 0, 0]), "found byte 3 of"),
         ("streams", with(15, &[6]), "expected 5 streams for harmonics of degree 0, found 6"),
@@ -128,7 +124,7 @@ fn bombs_end_where_the_splats_do() {
     assert_fails(
         "gzip",
         &gzip(&bomb),
-        &["expected an end behind the last column, found more bytes"],
+        &["expected an end after the last column, found more bytes"],
     );
     let mut columns = zeros(2);
     columns[0].resize(64 << 20, 0);

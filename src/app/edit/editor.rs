@@ -1,4 +1,4 @@
-//! The edits of what is open with the tools that make them.
+//! Edits of the open scene and the state of the editing tools.
 
 use super::edits::{Edits, SelectHow};
 use super::history::EditHistory;
@@ -17,98 +17,98 @@ use crate::model::splat::splats::{Splat, bounds};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Splats by what becomes of them.
+/// Number of splats in each editing state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EditCounts {
-    /// Splats that can be drawn.
+    /// Drawable splats.
     pub all: usize,
-    /// Of those, selected ones.
+    /// Selected splats.
     pub selected: usize,
-    /// Hidden, and written to files.
+    /// Hidden splats; exports include them.
     pub hidden: usize,
-    /// Deleted or outside the crop box: files do not get them.
+    /// Splats excluded from exports: deleted or outside the crop box.
     pub left_out: usize,
-    /// Of those, deleted ones.
+    /// Deleted splats.
     pub deleted: usize,
-    /// Of an unknown birth.
+    /// Splats whose birth frame is unknown.
     pub unborn: usize,
 }
 
-/// What a walk back to an earlier frame shows.
+/// What the viewport shows for an earlier frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WalkBack {
-    /// The scene as it was, as far as it is kept.
+    /// Stored copy of the scene at that time.
     #[default]
     AsItWas,
-    /// The splats that were born by then, as they are now.
+    /// Current splats that already existed then.
     Births,
 }
 
-/// Edits and tools.
+/// Edit history, visible splats and tool state.
 #[derive(Default)]
 pub struct Editor {
     history: EditHistory,
     visible: VisibleSplats,
-    /// Whether a drag over the viewport selects.
+    /// True while dragging over the viewport selects splats.
     pub is_boxing: bool,
-    /// What the slider looks at.
+    /// Criterion of the threshold slider.
     pub doubt: Doubt,
-    /// Where it stands, once it was moved.
+    /// Value of the threshold slider; `None` until it is moved.
     pub threshold: Option<f64>,
-    /// What is shown has seen so many frames and not what comes after; `None` shows the scene of now.
+    /// Number of frames seen by the scene on display; `None` shows the current scene.
     pub walked_to: Option<usize>,
-    /// What a walk back shows.
+    /// How an earlier frame is shown.
     pub walk: WalkBack,
-    /// The scene after earlier frames.
+    /// Stored copies of the scene after earlier frames.
     pub past: PastScenes,
-    /// Whether a panel needs what is known of splats, said anew in every pass.
+    /// True if a panel needs component attributes; set in every pass that needs them.
     pub is_asked: bool,
-    /// Increases with every change of splats or edits.
+    /// Incremented by every change of splats or edits; invalidates cached results.
     revision: u64,
     counted: Option<(u64, EditCounts)>,
     evidence: Option<(u64, Option<EvidenceHistogram>)>,
 }
 
 impl Editor {
-    /// Forgets all edits: something else is open.
+    /// Discards all edits, for a newly opened scene.
     pub fn reset(&mut self) {
         let Self { visible, revision, .. } = std::mem::take(self);
-        // What painters show follows in the next pass.
+        // `visible` is retained so that the next pass sends painters the difference.
         *self = Self { visible, revision: revision + 1, ..Self::default() };
     }
 
-    /// The edits and tools for a view that has no splats yet.
+    /// Keeps edits and tools for a view that has no splats yet.
     pub fn without_scene(self) -> Self {
         Self { visible: VisibleSplats::default(), revision: self.revision + 1, ..self }
     }
 
-    /// The edits of now.
+    /// Current edits.
     pub fn edits(&self) -> &Edits {
         self.history.now()
     }
 
-    /// The edits with what was before them.
+    /// Edit history.
     pub fn history(&mut self) -> &mut EditHistory {
         &mut self.history
     }
 
-    /// Whether there is a step to take back.
+    /// True if an edit can be undone.
     pub fn can_undo(&self) -> bool {
         self.history.can_undo()
     }
 
-    /// Whether a step was taken back.
+    /// True if an undone edit can be redone.
     pub fn can_redo(&self) -> bool {
         self.history.can_redo()
     }
 
-    /// Takes a change that the palette has taken; returns what painters are to change, if anything.
+    /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
     pub fn change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         self.revision += 1;
         self.visible.change(change, parts(palette, None))
     }
 
-    /// The moment that is shown instead of the scene of now.
+    /// Stored earlier scene on display, if any.
     pub fn past_shown(&self) -> Option<&PastScene> {
         match self.walk {
             WalkBack::AsItWas => self.past.at(self.walked_to?),
@@ -116,20 +116,20 @@ impl Editor {
         }
     }
 
-    /// Back to the scene of now, whose splats edits are about.
+    /// Returns to the current scene, since edits apply to its splats.
     fn leave_past(&mut self) {
         if self.past_shown().is_some() {
             self.walked_to = None;
         }
     }
 
-    /// The last frame, by its position in the run, whose births are shown.
+    /// Latest birth frame shown, as a position in the run; `None` shows all births.
     pub fn born_until(&self) -> Option<u32> {
         let until = |n_frames: usize| n_frames.saturating_sub(1) as u32;
         self.walked_to.filter(|_| self.past_shown().is_none()).map(until)
     }
 
-    /// Shows by the edits of now; returns what painters are to change, if anything.
+    /// Applies the current edits to the visible splats; returns the change for painters, if any.
     pub fn follow(&mut self, palette: &Palette) -> Option<SplatChange> {
         let past = self.past_shown().cloned();
         let (edits, born_until) = (self.edits().clone(), self.born_until());
@@ -139,17 +139,17 @@ impl Editor {
         change
     }
 
-    /// The splats as they are shown.
+    /// Splats as displayed.
     pub fn shown<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
         self.visible.splats().unwrap_or(palette.splats())
     }
 
-    /// The splats that a click may find, to be looked at on another thread.
+    /// Splats that a click can hit; shared with the picking thread.
     pub fn clickable<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
         self.visible.splats().unwrap_or(palette.learned())
     }
 
-    /// Where a camera should look to see what is shown.
+    /// Bounding sphere of the displayed splats, for framing the camera.
     pub fn framing(&self, palette: &Palette) -> Option<Framing> {
         match self.visible.splats() {
             None => framing(palette.splats().iter()),
@@ -157,13 +157,13 @@ impl Editor {
         }
     }
 
-    /// Selects splats of ascending slots, of those that are shown.
+    /// Selects displayed splats by slot, in ascending order.
     pub fn select(&mut self, slots: Vec<u32>, palette: &Palette, how: SelectHow) {
         let next = self.edits().selecting(self.marks(slots, palette), how);
         self.history.step(next);
     }
 
-    /// Selects what the slider means, as a step that goes on while it is dragged.
+    /// Selects the splats that meet the threshold; one undo step while the slider is dragged.
     pub fn select_doubtful(&mut self, threshold: f64, palette: &Palette) {
         self.leave_past();
         self.threshold = Some(threshold);
@@ -173,7 +173,7 @@ impl Editor {
         self.history.drag(next);
     }
 
-    /// Selects what is shown and not selected.
+    /// Selects the displayed splats that are not selected.
     pub fn invert(&mut self, palette: &Palette) {
         self.leave_past();
         let all = self.marks(0..palette.learned().len() as u32, palette);
@@ -187,7 +187,7 @@ impl Editor {
         SplatMarks::of(slots.into_iter().filter(is_shown), palette.learned())
     }
 
-    /// Does what a command asks of the edits.
+    /// Executes an editing command.
     pub fn apply(&mut self, command: UiCommand, palette: &Palette) {
         let now = self.edits();
         let next = match command {
@@ -214,7 +214,7 @@ impl Editor {
         self.history.step(next);
     }
 
-    /// A box around the centres of what is selected, else of all that is shown.
+    /// Bounding box of the centres of the selected splats, or of all displayed ones if none is selected.
     fn around(&self, palette: &Palette) -> Option<[DVec3; 2]> {
         let (shown, selected) = (self.shown(palette), &self.edits().selected);
         let is_meant = |(slot, splat): &(u32, &Splat)| {
@@ -225,12 +225,12 @@ impl Editor {
         bounds(&meant).map(|(low, high)| [low, high])
     }
 
-    /// What files do not get.
+    /// Splats excluded from exports.
     pub fn left_out(&self) -> LeftOut {
         LeftOut::new(self.edits())
     }
 
-    /// How many splats the edits are about.
+    /// Counts splats by editing state; cached until splats or edits change.
     pub fn counts(&mut self, palette: &Palette) -> EditCounts {
         match self.counted {
             Some((revision, counts)) if revision == self.revision => counts,
@@ -242,7 +242,7 @@ impl Editor {
         }
     }
 
-    /// How many components have how much evidence, once the worker has told it.
+    /// Histogram of the components' evidence, once the worker has delivered it.
     pub fn evidence(&mut self, palette: &Palette) -> Option<EvidenceHistogram> {
         self.is_asked = true;
         if self.evidence.as_ref().is_none_or(|(revision, _)| *revision != self.revision) {
@@ -272,7 +272,7 @@ impl Editor {
 
 fn parts<'a>(palette: &'a Palette, past: Option<&'a PastScene>) -> SceneParts<'a> {
     match past {
-        // What is known is known of the splats of now.
+        // Attributes describe the current splats, not earlier ones.
         Some(past) => SceneParts { colored: &past.splats, known: &[] },
         None => SceneParts { colored: palette.splats(), known: palette.known() },
     }

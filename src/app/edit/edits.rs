@@ -1,46 +1,46 @@
-//! What is selected, hidden, deleted and cropped at one moment.
+//! State of all edits at one moment: selection, hidden and deleted splats, crop box.
 
 use super::marks::SplatMarks;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// One state of the edits. Its sets are shared by the states of a history.
+/// One state of the edits. States of a history share their sets.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edits {
-    /// Splats that the next step is about.
+    /// Selected splats, which the next command applies to.
     pub selected: Arc<SplatMarks>,
-    /// Splats that are not shown and that files get all the same.
+    /// Splats that are not displayed but exported.
     pub hidden: Arc<SplatMarks>,
-    /// Splats that are neither shown nor written to files.
+    /// Splats that are neither displayed nor exported.
     pub deleted: Arc<SplatMarks>,
-    /// Least and largest corner, world units relative to the local origin: splats whose centres are
-    /// outside are neither shown nor written.
+    /// Least and largest corner of the crop box, world units relative to the local origin. Splats with
+    /// centres outside are neither displayed nor exported.
     pub crop: Option<[DVec3; 2]>,
 }
 
-/// What becomes of the splats that were pointed at.
+/// How a new selection combines with the current one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SelectHow {
-    /// They alone are selected.
+    /// Replaces the selection.
     Replace,
-    /// They are selected too.
+    /// Adds to the selection.
     Add,
-    /// They are no longer selected.
+    /// Removes from the selection.
     Remove,
 }
 
 impl Edits {
-    /// Whether a file gets less than everything.
+    /// True if exports omit splats.
     pub fn leaves_out(&self) -> bool {
         !self.deleted.is_empty() || self.crop.is_some()
     }
 
-    /// Whether what is shown differs from the scene.
+    /// True if the edits change the display.
     pub fn is_shown(&self) -> bool {
         self.leaves_out() || !self.selected.is_empty() || !self.hidden.is_empty()
     }
 
-    /// With another selection.
+    /// Returns the edits with `marks` combined into the selection.
     pub fn selecting(&self, marks: SplatMarks, how: SelectHow) -> Self {
         let selected = match how {
             SelectHow::Replace => marks,
@@ -50,13 +50,13 @@ impl Edits {
         Self { selected: Arc::new(selected), ..self.clone() }
     }
 
-    /// With what is selected hidden, which then is selected no more.
+    /// Returns the edits with the selection hidden and cleared.
     pub fn hiding(&self) -> Self {
         let hidden = Arc::new(self.hidden.with(&self.selected));
         Self { hidden, selected: Arc::default(), ..self.clone() }
     }
 
-    /// With what is selected deleted, which then is selected no more.
+    /// Returns the edits with the selection deleted and cleared.
     pub fn deleting(&self) -> Self {
         let deleted = Arc::new(self.deleted.with(&self.selected));
         Self { deleted, selected: Arc::default(), ..self.clone() }

@@ -1,33 +1,33 @@
-//! Edits with what was before them and what was taken back.
+//! Undo and redo history of the edits.
 
 use super::edits::Edits;
 
-/// Steps that can be taken back. A step holds the splats that it has marked, 20 bytes each.
+/// Maximum number of undo steps. Each stores its marked splats at 20 bytes a splat.
 const MAX_STEPS: usize = 100;
 
-/// The edits of now and of before.
+/// Current edits with undo and redo stacks.
 #[derive(Debug, Default)]
 pub struct EditHistory {
     now: Edits,
     before: Vec<Edits>,
     taken_back: Vec<Edits>,
-    /// Whether the last step is still under way, as of a slider that is dragged.
+    /// True while the last step is still in progress, such as a slider drag.
     is_open: bool,
 }
 
 impl EditHistory {
-    /// The edits of now.
+    /// Current edits.
     pub fn now(&self) -> &Edits {
         &self.now
     }
 
-    /// Makes a step, unless nothing differs by it.
+    /// Adds an undo step unless `next` equals the current edits.
     pub fn step(&mut self, next: Edits) {
         self.drag(next);
         self.end_drag();
     }
 
-    /// Makes a step that goes on until [`Self::end_drag`]: all of it is taken back at once.
+    /// Adds a step that continues until [`Self::end_drag`] and is undone as a whole.
     pub fn drag(&mut self, next: Edits) {
         if next == self.now {
             return;
@@ -42,22 +42,22 @@ impl EditHistory {
         }
     }
 
-    /// What comes next is a step of its own.
+    /// Ends the current step; the next change starts a new one.
     pub fn end_drag(&mut self) {
         self.is_open = false;
     }
 
-    /// Whether there is a step to take back.
+    /// True if there is a step to undo.
     pub fn can_undo(&self) -> bool {
         !self.before.is_empty()
     }
 
-    /// Whether a step was taken back.
+    /// True if there is a step to redo.
     pub fn can_redo(&self) -> bool {
         !self.taken_back.is_empty()
     }
 
-    /// Takes the last step back.
+    /// Undoes the last step.
     pub fn undo(&mut self) {
         self.end_drag();
         if let Some(before) = self.before.pop() {
@@ -65,7 +65,7 @@ impl EditHistory {
         }
     }
 
-    /// Makes the step that was taken back last once more.
+    /// Redoes the last undone step.
     pub fn redo(&mut self) {
         self.end_drag();
         if let Some(again) = self.taken_back.pop() {
@@ -100,9 +100,9 @@ mod tests {
         assert_eq!(history.now(), &Edits::default());
         assert!(!history.can_undo() && history.can_redo());
         history.step(cropped(7.0));
-        assert!(!history.can_redo(), "another way was taken");
+        assert!(!history.can_redo(), "a new step clears the redo stack");
         history.step(cropped(7.0));
         history.undo();
-        assert!(!history.can_undo(), "a step that changes nothing is none");
+        assert!(!history.can_undo(), "a step without a change is not recorded");
     }
 }

@@ -1,4 +1,4 @@
-//! What a file does not get.
+//! Splats excluded from exports.
 
 use super::edits::Edits;
 use super::marks::SplatMarks;
@@ -8,7 +8,7 @@ use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// What the user has taken out of files.
+/// Deleted splats and crop box, as applied to exported files.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeftOut {
     deleted: Arc<SplatMarks>,
@@ -16,28 +16,28 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// By the edits of now.
+    /// Takes deletions and crop box from the edits.
     pub fn new(edits: &Edits) -> Self {
         Self { deleted: edits.deleted.clone(), crop: edits.crop }
     }
 
-    /// Whether a file gets everything.
+    /// True if exports contain all splats.
     pub fn is_nothing(&self) -> bool {
         self.deleted.is_empty() && self.crop.is_none()
     }
 
-    /// Which of the splats are deleted, one flag for each.
+    /// Flag for each splat: true if it is deleted.
     pub fn flags(&self, splats: &[Splat]) -> Vec<bool> {
         let is_deleted = |(slot, splat): (usize, &Splat)| self.deleted.has(slot as u32, splat);
         splats.iter().enumerate().map(is_deleted).collect()
     }
 
-    /// What is asked of the file's writer, with the flags of [`Self::flags`].
+    /// Selection for the file writer, with the flags returned by [`Self::flags`].
     pub fn selection<'a>(&self, flags: &'a [bool]) -> WriteSelection<'a> {
         WriteSelection { crop: self.crop, left_out: Some(flags), ..WriteSelection::default() }
     }
 
-    /// The splats that are left, alone.
+    /// Returns the splats that remain.
     pub fn kept(&self, scene: Arc<SplatSet>) -> Arc<SplatSet> {
         if self.is_nothing() {
             return scene;
@@ -51,7 +51,7 @@ impl LeftOut {
         Arc::new(kept)
     }
 
-    /// Whether a splat is written.
+    /// True if the splat is exported.
     pub fn keeps(&self, slot: u32, splat: &Splat) -> bool {
         let is_left_out = [self.deleted.has(slot, splat)];
         let mean = DVec3::from_array(splat.mean.map(f64::from));

@@ -1,33 +1,32 @@
-//! Sets of splats that follow a scene in training.
+//! Sets of splats that stay valid while training moves and replaces splats.
 
 use crate::model::splat::splats::Splat;
 use glam::Vec3;
 
-/// A splat is the one that was marked while it is within so many of the standard deviations that it had
-/// along its longest axis. Its mean moves within them as points come; a number that was given to a splat
-/// elsewhere is met beyond.
+/// A marked splat is still the same one if it moved by at most this many standard deviations of its longest
+/// axis at marking time. Training moves a mean by less; a slot reused for another splat exceeds it.
 const REACH: f32 = 3.0;
 
-/// Where a splat was when it was marked.
+/// Slot and position of a splat when it was marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Mark {
     slot: u32,
     mean: [f32; 3],
-    /// World units.
+    /// Largest accepted displacement, world units.
     reach: f32,
 }
 
-/// A set of splats, by their numbers and places.
+/// Set of splats, identified by slot and position.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatMarks {
-    /// A bit for each slot, so that most questions need no search.
+    /// One bit per slot; answers most membership tests without a search.
     bits: Vec<u64>,
-    /// By ascending slots.
+    /// Sorted by slot.
     marks: Vec<Mark>,
 }
 
 impl SplatMarks {
-    /// The splats of ascending slots, of which those that are not there are left out.
+    /// Marks the splats in these slots (ascending); slots beyond the end are ignored.
     pub fn of(slots: impl IntoIterator<Item = u32>, splats: &[Splat]) -> Self {
         let there = |slot: u32| Some((slot, splats.get(slot as usize)?));
         let mark = |(slot, splat): (u32, &Splat)| Mark {
@@ -47,7 +46,7 @@ impl SplatMarks {
         Self { bits, marks }
     }
 
-    /// Whether the splat that is in a slot now is one of the set.
+    /// True if the splat now in `slot` belongs to the set.
     pub fn has(&self, slot: u32, splat: &Splat) -> bool {
         let word = self.bits.get(slot as usize / 64);
         if word.is_none_or(|word| word >> (slot % 64) & 1 == 0) {
@@ -58,17 +57,17 @@ impl SplatMarks {
         Vec3::from_array(mean).distance(Vec3::from_array(splat.mean)) <= reach
     }
 
-    /// Splats in the set.
+    /// Number of splats.
     pub fn len(&self) -> usize {
         self.marks.len()
     }
 
-    /// Whether no splat is in it.
+    /// True if the set is empty.
     pub fn is_empty(&self) -> bool {
         self.marks.is_empty()
     }
 
-    /// Both sets together; of a splat in both, the other's mark.
+    /// Union of both sets; for splats in both, the mark of `other` is taken.
     pub fn with(&self, other: &Self) -> Self {
         let mut marks = self.without(other).marks;
         marks.extend(&other.marks);
@@ -76,7 +75,7 @@ impl SplatMarks {
         Self::from_marks(marks)
     }
 
-    /// Those that are not in the other set.
+    /// Difference of both sets.
     pub fn without(&self, other: &Self) -> Self {
         let is_other =
             |mark: &&Mark| other.marks.binary_search_by_key(&mark.slot, |o| o.slot).is_ok();

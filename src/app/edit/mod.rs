@@ -1,12 +1,12 @@
-//! What the user takes out of view and out of files, and how that is taken back.
+//! Non-destructive edits of the displayed and exported scene, with undo.
 //!
-//! The model is never changed: edits are kept beside it, as sets of splats ([`marks`]), a box and a
-//! selection ([`edits`]), with a history of both ([`history`]). [`visible`] makes of them what painters
-//! get, [`left_out`] says what files do not get; [`past`] keeps what the scene was before.
+//! The model itself never changes. Edits are stored beside it as sets of splats ([`marks`]), a crop box and
+//! a selection ([`edits`]), with a history ([`history`]). [`visible`] derives the displayed splats,
+//! [`left_out`] those excluded from exports; [`past`] stores earlier states of the scene.
 //!
-//! Edits follow a scene that is trained on by the numbers of its splats. What is born later is in no set;
-//! the box takes new splats out too. Where the budget has components merged, the number of one that is no
-//! more goes to a new one elsewhere: a splat that is no longer where it was marked is not marked any more.
+//! While training continues, edits refer to splats by slot. Splats created later belong to no set; the crop
+//! box applies to them too. If the budget merges components, a freed slot is reused for a new splat
+//! elsewhere. A splat that is no longer where it was marked therefore does not count as marked.
 
 pub mod editor;
 pub mod edits;

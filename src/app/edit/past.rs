@@ -1,33 +1,32 @@
-//! What the scene was after earlier frames.
+//! Copies of the scene after earlier frames.
 //!
-//! The viewport is sent every splat that training changes anyway: a moment costs the trainer nothing but one copy
-//! of what is in memory. It is made beside the window, whose passes it would make longer by some milliseconds:
-//! until it is there, the moment shares the splats of now, which are copied by whoever changes them first.
-//! Copies keep to a budget of bytes and to a number: where they would exceed either, every other one
-//! is dropped and the next are taken twice as far apart. So after any number of frames some dozen moments are
-//! there, evenly spread. They are exact, appearance and all: a quantised one would show what never was.
+//! The viewport already receives every splat that training changes, so a copy costs the trainer nothing. A
+//! thread makes it, since it would delay a pass of the window by some milliseconds. Until it is finished,
+//! the stored state shares its memory with the current scene (copy on write). Number and bytes of the copies
+//! are bounded: beyond either bound every other copy is dropped and the interval between copies doubles.
+//! At most a few dozen remain, evenly spaced over any number of frames. Copies are exact, with appearance.
 
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 
-/// Moments kept at most: a slider has no use for more.
+/// Maximum number of copies; a slider needs no more.
 const MAX_MOMENTS: usize = 32;
 
-/// The scene at one moment.
+/// Scene after some frame.
 #[derive(Clone, Debug)]
 pub struct PastScene {
-    /// Frames it had seen, skipped ones among them.
+    /// Frames seen until then, skipped ones included.
     pub n_frames: usize,
-    /// What was drawn of it, in its own colours.
+    /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
-    /// Of all moments that were ever kept.
+    /// Unique number of this copy.
     serial: u64,
 }
 
 impl PartialEq for PastScene {
-    /// Whether they are the same moment.
+    /// Compares by identity of the copy.
     fn eq(&self, other: &Self) -> bool {
         self.serial == other.serial
     }
@@ -39,15 +38,15 @@ impl PastScene {
     }
 }
 
-/// The moments of a run, by ascending frames.
+/// Copies of a run's scene, in ascending order of frames.
 #[derive(Debug)]
 pub struct PastScenes {
     moments: Vec<PastScene>,
-    /// Least number of frames between two.
+    /// Least number of frames between two copies.
     apart: usize,
-    /// Of the latest moment.
+    /// Number of the latest copy.
     serial: u64,
-    /// Copies under way, of the moments with these serials.
+    /// Copying threads by the number of their copy.
     copies: Vec<(u64, JoinHandle<SplatSet>)>,
 }
 
@@ -58,10 +57,10 @@ impl Default for PastScenes {
 }
 
 impl PastScenes {
-    /// Keeps the scene that has seen so many frames, if it is time to and `budget` bytes allow it.
+    /// Stores the scene after `n_frames` frames if a copy is due and fits into `budget` bytes.
     pub fn note(&mut self, n_frames: usize, scene: &Arc<SplatSet>, budget: usize) {
         if self.moments.last().is_some_and(|last| n_frames < last.n_frames) {
-            // The run began anew.
+            // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
         }
         let bytes = bytes_of(scene);
@@ -74,15 +73,15 @@ impl PastScenes {
             self.moments.push(PastScene { n_frames, splats: scene.clone(), serial: self.serial });
             let shared = scene.clone();
             let copy = move || SplatSet::clone(&shared);
-            // Without a thread the moment goes on sharing.
+            // Without a thread the copy keeps sharing memory with the scene.
             if let Ok(copy) = Builder::new().name("past".into()).spawn(copy) {
                 self.copies.push((self.serial, copy));
             }
         }
     }
 
-    /// Lets moments have the copies that are made, so that they share nothing with the scene of now; before
-    /// that changes.
+    /// Installs finished copies, which share no memory with the current scene. Call it before that scene
+    /// changes, or the change has to copy it.
     pub fn take_copies(&mut self) {
         for (serial, copy) in self.copies.extract_if(.., |(_, copy)| copy.is_finished()) {
             let moment = self.moments.iter_mut().find(|moment| moment.serial == serial);
@@ -92,22 +91,22 @@ impl PastScenes {
         }
     }
 
-    /// Keeps to another budget of bytes.
+    /// Applies another budget, bytes.
     pub fn keep_to(&mut self, budget: usize) {
         self.thin(MAX_MOMENTS, budget);
     }
 
-    /// What the scene was when it had seen so many frames: the latest moment that is kept of then or before.
+    /// Latest copy made after at most `n_frames` frames.
     pub fn at(&self, n_frames: usize) -> Option<&PastScene> {
         self.moments.iter().rev().find(|moment| moment.n_frames <= n_frames)
     }
 
-    /// Every moment.
+    /// All copies.
     pub fn moments(&self) -> &[PastScene] {
         &self.moments
     }
 
-    /// Bytes of all of them.
+    /// Memory of all copies, bytes.
     pub fn bytes(&self) -> usize {
         self.moments.iter().map(PastScene::bytes).sum()
     }
@@ -191,7 +190,7 @@ mod tests {
         let changed = Splat { opacity: 0.5, ..Splat::default() };
         for n_frames in 1..=4 {
             past.note(n_frames, &now, usize::MAX);
-            // As fast as a copy or faster: both are right.
+            // Copying may finish before or after the next change; both must be correct.
             if n_frames % 2 == 0 {
                 while Arc::strong_count(&now) > 1 {
                     std::thread::yield_now();

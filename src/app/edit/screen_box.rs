@@ -1,12 +1,12 @@
-//! Which splats lie in a box on the screen.
+//! Selects splats by a rectangle on the screen.
 
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use crate::render::Lens;
 use glam::{DVec2, DVec3};
 
-/// The slots of drawable splats whose centres are seen between two corners, pixels of the camera; those
-/// that others hide are among them. `near` is the nearest depth that is drawn, world units.
+/// Slots of drawable splats whose centres project between corners `a` and `b` (pixels), including occluded
+/// splats. `near` is the near plane, world units.
 pub fn slots_within<'a>(
     splats: &'a [Splat],
     camera: &'a Camera,
@@ -53,7 +53,7 @@ mod tests {
         let mut splats =
             vec![at(0.0, 1.0), at(0.0, 9.0), at(0.0, -1.0), at(0.5, 1.0), at(0.0, 2.0)];
         splats[4].opacity = 0.0;
-        // Corners in any order.
+        // Corners in any order are accepted.
         let corners = [DVec2::new(60.0, 40.0), DVec2::new(40.0, 60.0)];
         let found: Vec<u32> = slots_within(&splats, &camera, Lens::Pinhole, 0.1, corners).collect();
         assert_eq!(found, [0, 1]);

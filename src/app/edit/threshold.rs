@@ -1,24 +1,24 @@
-//! Selecting by what is known of splats: too few points, or too uncertain a position.
+//! Selection criteria for poorly determined splats: low evidence or high uncertainty.
 
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 
-/// What is looked at.
+/// Criterion for selecting splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Doubt {
-    /// Splats with less evidence than the threshold, points.
+    /// Evidence below the threshold, points.
     #[default]
     LittleEvidence,
-    /// Splats of a larger standard deviation than the threshold, world units.
+    /// Standard deviation of the position above the threshold, world units.
     GreatUncertainty,
 }
 
 impl Doubt {
-    /// Both, in the order of the panel.
+    /// Both criteria, in the order of the panel.
     pub const ALL: [Self; 2] = [Self::LittleEvidence, Self::GreatUncertainty];
 
-    /// As the panel names it.
+    /// Label in the panel.
     pub fn label(self) -> &'static str {
         match self {
             Self::LittleEvidence => "Evidence below",
@@ -26,7 +26,7 @@ impl Doubt {
         }
     }
 
-    /// What it looks at.
+    /// Component attribute that is compared.
     pub fn attribute(self) -> Attribute {
         match self {
             Self::LittleEvidence => Attribute::Evidence,
@@ -34,7 +34,7 @@ impl Doubt {
         }
     }
 
-    /// Whether a splat is meant; none of which the value is not known.
+    /// True if a splat meets the criterion; false if its attribute is unknown.
     pub fn is_met(self, known: &ComponentAttributes, threshold: f64) -> bool {
         match self {
             Self::LittleEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
@@ -42,7 +42,7 @@ impl Doubt {
         }
     }
 
-    /// The slots of splats that are meant and can be drawn.
+    /// Slots of drawable splats that meet the criterion.
     pub fn slots<'a>(
         self,
         threshold: f64,
@@ -56,8 +56,8 @@ impl Doubt {
         met.map(|(_, slot)| slot)
     }
 
-    /// Thresholds that tell splats apart, of those that are known; `None` where nothing is known. Wider
-    /// than the middle of the values by a factor of ten at either end, where the strays are.
+    /// Range of the slider; `None` if no attribute is known. It extends the central range of the values
+    /// tenfold on both sides to reach outliers.
     pub fn range(self, known: &[ComponentAttributes]) -> Option<[f64; 2]> {
         let [lo, hi] = Range::of(self.attribute(), known)?.ends();
         Some([0.1 * lo, 10.0 * hi])

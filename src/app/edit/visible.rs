@@ -1,4 +1,4 @@
-//! The splats as painters get them: without what is hidden, and marked where they are selected.
+//! Derives the displayed splats: hidden ones made transparent, selected ones highlighted.
 
 use super::edits::Edits;
 use super::left_out::LeftOut;
@@ -10,26 +10,25 @@ use crate::model::splat::splats::Splat;
 use crate::render::paint::MARK;
 use std::sync::Arc;
 
-/// How a splat is shown.
+/// Display state of a splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Look {
-    /// As it is coloured.
     #[default]
     Plain,
-    /// In the colour of the selection.
+    /// In the highlight colour.
     Marked,
-    /// Not at all.
+    /// Not displayed.
     Nowhere,
 }
 
-/// What decides about a splat.
+/// Conditions that determine the display state of every splat.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VisibilityRules {
-    /// What the user edited.
+    /// Current edits.
     pub edits: Edits,
-    /// Splats of a later birth are not shown; those of an unknown birth are.
+    /// Latest birth frame displayed; splats with unknown birth are always displayed.
     pub born_until: Option<u32>,
-    /// The scene of then is shown, whatever becomes of it meanwhile.
+    /// Earlier scene displayed instead of the current one.
     pub past: Option<PastScene>,
 }
 
@@ -54,16 +53,16 @@ impl VisibilityRules {
     }
 }
 
-/// What is shown is made of.
+/// Splats and attributes from which the display is derived.
 #[derive(Clone, Copy)]
 pub struct SceneParts<'a> {
-    /// The splats in the colours that were chosen.
+    /// Splats in the colours of the colour mode.
     pub colored: &'a Arc<SplatSet>,
-    /// What is known of them, as far as it was asked for.
+    /// Attributes of the components, as far as the worker has delivered them.
     pub known: &'a [ComponentAttributes],
 }
 
-/// The splats as they are shown, kept apart only while rules are in force.
+/// Displayed splats; a separate copy only while any rule applies.
 #[derive(Default)]
 pub struct VisibleSplats {
     rules: VisibilityRules,
@@ -72,7 +71,7 @@ pub struct VisibleSplats {
 }
 
 impl VisibleSplats {
-    /// Takes a change that `parts` contain already; returns what painters are to change, if anything.
+    /// Applies a change that `parts` already contain; returns the change for painters, if any.
     pub fn change(&mut self, change: SplatChange, parts: SceneParts<'_>) -> Option<SplatChange> {
         if self.rules.is_nothing() {
             return Some(change);
@@ -86,7 +85,8 @@ impl VisibleSplats {
         })
     }
 
-    /// Shows by other rules `parts`, of the past where the rules say so; returns what painters are to change, if anything.
+    /// Applies other rules to `parts`, which hold the earlier scene if the rules name one. Returns the change
+    /// for painters, if any.
     pub fn follow(&mut self, rules: VisibilityRules, parts: SceneParts<'_>) -> Option<SplatChange> {
         if rules == self.rules {
             return None;
@@ -106,7 +106,7 @@ impl VisibleSplats {
         (!ids.is_empty()).then(|| self.update(&ids, parts))
     }
 
-    /// The splats as they are shown; `None` while that is how they are coloured.
+    /// Displayed splats; `None` if they equal the coloured splats.
     pub fn splats(&self) -> Option<&Arc<SplatSet>> {
         (!self.rules.is_nothing()).then_some(&self.shown)
     }
@@ -147,7 +147,7 @@ impl VisibleSplats {
         let (splat, appearance) = (colored[slot], colored.appearance_of(slot));
         match self.looks[slot] {
             Look::Plain => (splat, appearance),
-            // Plain, so that neither gradient nor direction changes the mark.
+            // Without gradient and view dependence, which would alter the highlight colour.
             Look::Marked => (Splat { color: MARK, ..splat }, Appearance::default()),
             Look::Nowhere => (Splat { opacity: 0.0, ..splat }, appearance),
         }
@@ -172,7 +172,7 @@ mod tests {
         Arc::new((0..n).map(splat).collect::<Vec<_>>().into())
     }
 
-    /// A letter for each splat: shown, marked or nowhere.
+    /// One letter per splat: `s` shown, `m` marked, `.` not displayed.
     fn seen(splats: &SplatSet) -> String {
         let letter = |s: &Splat| match (s.opacity > 0.0, s.color == MARK) {
             (false, _) => '.',
@@ -223,7 +223,7 @@ mod tests {
         let parts = SceneParts { colored: &colored, known: &[] };
         visible.change(change, parts);
         assert_eq!(seen(visible.splats().unwrap()), "s.ss");
-        // Its number went to a splat elsewhere.
+        // The slot was reused for a splat elsewhere.
         let elsewhere = Splat { mean: [5.0, 0.0, 0.0], ..moved };
         let change = SplatChange::some(vec![1], vec![elsewhere]);
         apply(&mut colored, change.clone());

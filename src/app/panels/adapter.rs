@@ -1,38 +1,35 @@
-//! Which graphics adapter draws, and what else there is.
+//! Choice of the graphics adapter.
 
 use crate::render::gpu::adapters::{AdapterChoice, AdapterFacts};
 use eframe::egui::{Label, RichText, Ui};
 
-/// What the panel shows.
 pub struct Adapters<'a> {
-    /// Everything that could draw the window.
+    /// Adapters that can draw the window.
     pub there: &'a [AdapterFacts],
-    /// The one that does.
+    /// Adapter in use.
     pub current: &'a AdapterFacts,
-    /// Whether the scene is drawn on the CPU because the GPU failed.
+    /// True if the CPU draws the scene because the GPU failed.
     pub gpu_failed: bool,
 }
 
-/// What the user asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AdapterRequest {
-    /// A new window on another adapter.
+    /// Reopen the window on another adapter.
     Adapter(AdapterChoice),
-    /// Another try with the GPU of this window.
+    /// Retry drawing on the current GPU.
     RetryGpu,
 }
 
-/// Draws the panel.
 pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
     let mut asked = None;
     ui.label(RichText::new("Graphics adapter").strong());
-    let switch = "Closes this window and opens one on this adapter; training goes on meanwhile";
+    let switch = "Reopens the window on this adapter; training continues";
     for adapter in adapters.there {
         let is_current = adapters.current == adapter;
         let name = adapter.to_string();
         let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
         if clicked && !is_current {
-            // By name and not by place: it is kept for the next start, when others may be listed.
+            // By name, not by index: the choice is stored for the next start, when the list may differ.
             asked = Some(AdapterRequest::Adapter(AdapterChoice::Named(name)));
         }
     }
@@ -41,7 +38,7 @@ pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
     }
     if adapters.gpu_failed {
         ui.add(Label::new("The GPU failed, so the CPU draws the scene.").wrap());
-        if ui.button("Retry GPU").on_hover_text("Builds everything on the GPU again").clicked() {
+        if ui.button("Retry GPU").on_hover_text("Reinitialises drawing on the GPU").clicked() {
             asked = Some(AdapterRequest::RetryGpu);
         }
     }

@@ -1,11 +1,11 @@
-//! The mark of a setting that differs from its default.
+//! Marker of a setting that differs from its default.
 
 use eframe::egui::{Color32, Role, Sense, Ui, Vec2, WidgetInfo};
 
-/// Room that is kept where there is no mark, so that nothing moves when one comes, points.
+/// Space reserved even without a marker, points, so that nothing moves when one appears.
 const SIZE: Vec2 = Vec2::splat(12.0);
 
-/// Draws a dot if the setting `name` differs from what it is by `default`; whether a click takes it back.
+/// Draws a dot if the setting differs from its default; returns true if a click resets it.
 pub fn ui(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
     if !differs {
         ui.allocate_exact_size(SIZE, Sense::hover());
@@ -15,7 +15,7 @@ pub fn ui(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
     let is_hot = response.hovered() || response.has_focus();
     let dot = ui.visuals().selection.bg_fill.lerp_to_gamma(Color32::WHITE, 0.25);
     ui.painter().circle_filled(rect.center(), if is_hot { 5.0 } else { 3.5 }, dot);
-    let text = format!("{name}: back to {default}");
+    let text = format!("{name}: reset to {default}");
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &text));
-    response.on_hover_text(format!("Changed. Click: {text}")).clicked()
+    response.on_hover_text(format!("Changed. Click to reset to {default}")).clicked()
 }

@@ -1,26 +1,26 @@
-//! A card over the lower left of the viewport: as tall as what is on it, as far as there is room for that. What
-//! can be done is at its foot, which is always seen; the rest is scrolled where it must be.
+//! Card over the lower left of the viewport. It grows with its contents as far as there is room. The
+//! contents scroll; the footer with the buttons is always visible.
 
 use eframe::egui::{Align2, Area, Frame, Id, Pos2, ScrollArea, Ui, Vec2};
 
-/// Distance of a card from the edges of the viewport and from what lies above it, points.
+/// Distance from the edges of the viewport and from notices above, points.
 const MARGIN: f32 = 12.0;
-/// Tallest foot, points.
+/// Height reserved for the footer, points.
 const FOOT: f32 = 44.0;
-/// A card with less room covers what lies above it: nothing could be read on it.
+/// Least height of the contents, points; with less room the card covers the notices.
 const MIN_HEIGHT: f32 = 40.0;
 
-/// Where a card may be.
+/// Position of a card and the room for its contents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CardPlace {
-    /// Its lower left corner.
+    /// Lower left corner.
     at: Pos2,
-    /// Tallest content above the foot, points.
+    /// Largest height of the contents, points.
     pub room: f32,
 }
 
 impl CardPlace {
-    /// In the viewport of `ui`, below what takes `taken` points from its top.
+    /// Places a card in the viewport of `ui`, below `taken` points at its top.
     pub fn below(taken: f32, ui: &Ui) -> Self {
         let viewport = ui.max_rect();
         let frame = Frame::popup(ui.style()).total_margin().sum().y;
@@ -30,7 +30,7 @@ impl CardPlace {
     }
 }
 
-/// Draws a card with a foot. What it has no room for is scrolled to.
+/// Draws a card with contents, scrolled if necessary, and a footer.
 pub fn show(
     name: &'static str,
     place: CardPlace,
@@ -41,8 +41,8 @@ pub fn show(
     let area = Area::new(Id::unique(name)).fixed_pos(place.at).pivot(Align2::LEFT_BOTTOM);
     area.show(ui.ctx(), |ui| {
         Frame::popup(ui.style()).show(ui, |ui| {
-            // Egui takes the room below the card's last place for all there is, which is too little for a card
-            // that stands on its lower corner.
+            // By default egui takes the room below the card's last position as available, which is too little
+            // for a card anchored at its lower corner.
             let scrolled = ScrollArea::vertical().min_scrolled_height(place.room);
             scrolled.max_height(place.room).show(ui, contents);
             ui.add_space(4.0);

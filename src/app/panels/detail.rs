@@ -1,4 +1,4 @@
-//! How fine the next run is trained: a slider on the bar with what it would bring.
+//! Slider for the level of detail of the next run, with a forecast.
 
 use super::signal_color::SignalColor;
 use crate::app::detail::{COARSEST_PX, EffectiveScale, FINEST_PX, effective, forecast, trained_by};
@@ -6,11 +6,10 @@ use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::{Label, RichText, Slider, Tooltip, Ui};
 
-/// Width of the slider, points.
 const WIDTH: f32 = 90.0;
 
-/// Draws slider and, where another run would differ from the one that is open, its button; whether that
-/// run is asked for. `chosen` is the scale of the next run, `None` as the one that is open has it.
+/// Draws the slider, and a retrain button if the next run would differ from the open one. Returns true if
+/// the button is clicked. `chosen` is the scale of the next run; `None` means that of the open run.
 pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
     let Some(run) = snapshot.opened.as_deref().and_then(trained_by) else { return false };
     ui.separator();
@@ -25,7 +24,7 @@ pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
         (StructuralScale::World(length), Some(sample)) => length / sample.footprint,
         (StructuralScale::World(_), None) => finest,
     };
-    // Said here: outside its range the slider would set the value to its end.
+    // Clamped here because the slider would otherwise clamp it and report a change.
     pixels = pixels.clamp(finest, COARSEST_PX);
     let name = ui.label("Detail");
     ui.spacing_mut().slider_width = WIDTH;
@@ -47,11 +46,10 @@ pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
     let is_finer = next.is_none_or(|next| next.length < run.engine.h);
     let text = if is_finer { "Again, finer" } else { "Again, coarser" };
     ui.button(text)
-        .on_hover_text("The same frames again with this detail; the view stays")
+        .on_hover_text("Train on the same frames again with this level of detail; the view stays")
         .clicked()
 }
 
-/// Lengths that round to one.
 fn is_near(a: f64, b: f64) -> bool {
     (a / b - 1.0).abs() < 1e-3
 }
@@ -62,7 +60,7 @@ fn described(
     snapshot: &Snapshot,
     ui: &mut Ui,
 ) {
-    ui.label(RichText::new("From coarse to fine").strong());
+    ui.label(RichText::new("Level of detail, from coarse to fine").strong());
     let scale = match asked {
         StructuralScale::Pixels(n) => format!("Structural scale {n:.2} pixels"),
         StructuralScale::World(length) => format!("Structural scale {length} world units"),
@@ -71,7 +69,7 @@ fn described(
     let Some(next) = next else { return };
     if next.is_held {
         let text = format!(
-            "The depth sensor's noise holds it at {:.2e} world units; Settings take world units down to half of that",
+            "Depth noise limits it to {:.2e} world units; in Settings, a scale in world units may be half of that",
             next.length
         );
         let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
@@ -80,7 +78,7 @@ fn described(
     match forecast(snapshot, next.length) {
         Some(forecast) => {
             let text = format!(
-                "About {:.0} components, {:.1} MB and {:.0} ms a frame after {} frames",
+                "About {:.0} components, {:.1} MB and {:.0} ms per frame after {} frames",
                 forecast.components,
                 1e-6 * forecast.model_bytes,
                 forecast.frame_ms,
@@ -89,7 +87,7 @@ fn described(
             ui.add(Label::new(text).wrap());
         }
         None => {
-            ui.label(RichText::new("A forecast comes with the first trained frame").weak());
+            ui.label(RichText::new("A forecast appears after the first trained frame").weak());
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What is selected, hidden, deleted and cropped; and the walk back to earlier frames.
+//! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
 use super::explained::{SLIDER, named, weak};
 use super::legend::number;
@@ -12,7 +12,6 @@ use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
 use eframe::egui::{Button, DragValue, Grid, Response, RichText, ScrollArea, Slider, Ui};
 
-/// Draws the panel; the command that was asked for.
 pub fn ui(
     view: &mut SceneView,
     snapshot: &Snapshot,
@@ -35,8 +34,8 @@ pub fn ui(
             });
         };
         row(ui, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo]);
-        weak(ui, "Drags over the picture select what they frame, also behind others. Shift adds, Ctrl takes away; the right button still pans.");
-        section(ui, "Select by what is known");
+        weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
+        section(ui, "Select by threshold");
         let (editor, palette) = view.editing();
         editor.is_asked = true;
         let counts = editor.counts(palette);
@@ -54,15 +53,15 @@ pub fn ui(
                     asked = Some(command);
                 }
             }
-            inverts = ui.button("Invert").on_hover_text("Select the others that are shown").clicked();
+            inverts = ui.button("Invert").on_hover_text("Select the visible splats that are not selected").clicked();
         });
         if inverts {
             editor.invert(palette);
         }
         crop(editor, opened, &mut asked, ui);
-        section(ui, "Left out");
+        section(ui, "Hidden and deleted");
         left_out(editor, &counts, &mut asked, ui);
-        section(ui, "Walk back");
+        section(ui, "Earlier frames");
         walk_back::ui(view, counts.unborn, snapshot, ui);
     });
     asked
@@ -80,7 +79,7 @@ fn command(ui: &mut Ui, command: UiCommand, is_of_use: bool, asked: &mut Option<
     }
 }
 
-/// One slider; what it means is selected while it moves.
+/// Slider that selects splats by threshold while it moves.
 fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         for doubt in Doubt::ALL {
@@ -91,10 +90,7 @@ fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
     });
     let doubt = editor.doubt;
     let Some([low, high]) = doubt.range(palette.known()) else {
-        weak(
-            ui,
-            "What is open does not tell it of its splats: it takes a scene in training, or a checkpoint.",
-        );
+        weak(ui, "Not available for the open file: it needs a trained scene or a checkpoint.");
         return;
     };
     let start = match doubt {
@@ -107,15 +103,15 @@ fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
         .logarithmic(true)
         .custom_formatter(|value, _| number(value))
         .suffix(format!(" {}", doubt.attribute().unit()));
-    let slider = named(ui.add(slider), "Select by what is known")
-        .on_hover_text("What it means is selected while it moves");
+    let slider = named(ui.add(slider), "Select by threshold")
+        .on_hover_text("Splats beyond the threshold are selected while the slider moves");
     if slider.changed() {
         editor.select_doubtful(value, palette);
     }
     end_step(editor, &slider);
 }
 
-/// What a control changes is one step from when it is grabbed until it is let go.
+/// Ends the undo step when a control is released: a whole drag is one step.
 fn end_step(editor: &mut Editor, control: &Response) {
     if control.drag_stopped() || control.changed() && !control.dragged() {
         editor.history().end_drag();
@@ -129,7 +125,7 @@ fn crop(editor: &mut Editor, opened: &Opened, asked: &mut Option<UiCommand>, ui:
         return;
     };
     let crop = UiCommand::CropBox;
-    if ui.button("No crop box").on_hover_text(crop.tooltip()).clicked() {
+    if ui.button("Remove crop box").on_hover_text(crop.tooltip()).clicked() {
         *asked = Some(crop);
     }
     let origin = opened.local_origin;
@@ -156,7 +152,7 @@ fn crop(editor: &mut Editor, opened: &Opened, asked: &mut Option<UiCommand>, ui:
     });
     weak(
         ui,
-        "World units, as `export --crop` takes them. The handles in the picture move its faces.",
+        "World units, as in `export --crop`. Drag the handles in the viewport to move the faces.",
     );
 }
 
@@ -166,14 +162,14 @@ fn left_out(editor: &Editor, counts: &EditCounts, asked: &mut Option<UiCommand>,
     ui.label(format!("An export writes {written} of {} splats.", counts.all));
     if counts.left_out > 0 {
         let (deleted, outside) = (counts.deleted, counts.left_out - counts.deleted);
-        ui.label(format!("Left out: {deleted} deleted, {outside} more outside the crop box"));
+        ui.label(format!("Excluded: {deleted} deleted, {outside} others outside the crop box"));
     }
     if counts.hidden > 0 {
-        ui.label(format!("{} hidden, which are written all the same", counts.hidden));
+        ui.label(format!("{} hidden, but still exported", counts.hidden));
     }
     ui.horizontal_wrapped(|ui| {
         command(ui, UiCommand::ShowHidden, !edits.hidden.is_empty(), asked);
         command(ui, UiCommand::BringBack, !edits.deleted.is_empty(), asked);
     });
-    weak(ui, "The model itself, its checkpoints and its quality keep all splats.");
+    weak(ui, "The model, its checkpoints and its quality figures include all splats.");
 }

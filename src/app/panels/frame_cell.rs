@@ -1,4 +1,4 @@
-//! One frame of the strip: its photograph over its depth, its number, and how well it was learnt.
+//! One frame of the strip: photograph above depth, number, state and error.
 
 use super::signal_color::SignalColor;
 use crate::app::frame_outcomes::FrameState;
@@ -9,41 +9,37 @@ use eframe::egui::{
     Align2, Color32, FontId, Rect, Response, Stroke, StrokeKind, TextureHandle, Ui, Vec2, pos2,
 };
 
-/// Height of the line of text below the pictures, points.
+/// Height of the caption below the pictures, points.
 const CAPTION: f32 = 13.0;
-/// Height of the line above the pictures whose colour tells what became of the frame, points.
+/// Height of the bar above the pictures, coloured by the frame's state, points.
 const BAR: f32 = 3.0;
-/// Room around the pictures, points.
+/// Margin around the pictures, points.
 const MARGIN: f32 = 2.0;
 const FONT: FontId = FontId::proportional(10.0);
-/// As in the viewport: the frame that was trained last.
+/// Colour of the last trained frame, as in the viewport.
 const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
 
-/// What is shown of a frame.
 pub struct FrameCell<'a> {
-    /// The frame.
     pub frame: &'a FrameRef,
-    /// What became of it.
     pub state: FrameState,
-    /// How well it is drawn, where that was measured.
+    /// Error of the frame as a held-out view, if measured.
     pub measured: Option<&'a ViewReport>,
-    /// What is known of its pictures.
     pub pictures: FramePictures<'a>,
-    /// Whether it was trained last.
+    /// True for the last trained frame.
     pub is_latest: bool,
-    /// Whether its camera is looked through.
+    /// True if the viewport shows the frame's camera.
     pub is_shown: bool,
-    /// Whether the name of its split is to be told.
+    /// True if the caption includes the split's name.
     pub is_first_of_split: bool,
 }
 
 impl FrameCell<'_> {
-    /// Width of a cell of some height whose pictures have this width by height, points.
+    /// Width of a cell of this height for pictures of this width/height ratio, points.
     pub fn width(height: f32, aspect: f32) -> f32 {
         (0.5 * picture_room(height)).max(1.0) * aspect + 2.0 * MARGIN
     }
 
-    /// PSNR of the frame, dB, as well as it is known.
+    /// PSNR of the frame, dB: as a held-out view if measured, otherwise before training on it.
     fn psnr(&self) -> Option<f64> {
         let before = match &self.state {
             FrameState::Trained(_, Some(outcome)) => outcome.psnr_before,
@@ -53,12 +49,12 @@ impl FrameCell<'_> {
     }
 }
 
-/// Height for both pictures.
+/// Height available for both pictures.
 fn picture_room(height: f32) -> f32 {
     height - BAR - CAPTION - 3.0 * MARGIN
 }
 
-/// Paints a frame where it lies.
+/// Paints the frame into the rectangle of `response`.
 pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     let (rect, visuals) = (response.rect.shrink2(Vec2::new(1.0, 0.0)), ui.visuals());
     let painter = ui.painter();
@@ -93,7 +89,7 @@ pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     caption(cell, rect, ui);
 }
 
-/// A picture as large as fits.
+/// Paints a picture as large as fits, centred.
 fn picture(texture: &TextureHandle, room: Rect, ui: &Ui) {
     let size = texture.size_vec2();
     let scale = (room.width() / size.x).min(room.height() / size.y);
@@ -102,7 +98,7 @@ fn picture(texture: &TextureHandle, room: Rect, ui: &Ui) {
     ui.painter().image(texture.id(), rect, all, Color32::WHITE);
 }
 
-/// The number on the left, the split's name where it begins, and the error on the right.
+/// Number on the left, with the split's name on its first frame; error on the right.
 fn caption(cell: &FrameCell<'_>, rect: Rect, ui: &Ui) {
     let (painter, visuals) = (ui.painter(), ui.visuals());
     let middle = rect.bottom() - 0.5 * CAPTION;
@@ -135,16 +131,16 @@ fn color(cell: &FrameCell<'_>, is_dark: bool) -> Color32 {
     }
 }
 
-/// What is known of a frame, in words.
+/// Tooltip text.
 pub fn described(cell: &FrameCell<'_>) -> String {
     let (frame, split) = (cell.frame, &cell.frame.split().name);
     let name = &frame.entry().name;
     let mut lines =
         vec![format!("Frame {} of {}: {name}, {split}", frame.number() + 1, frame.n_frames())];
     match &cell.state {
-        FrameState::NotTaken => lines.push("Not trained: the run leaves it out".to_owned()),
+        FrameState::NotTaken => lines.push("Not trained: not part of the run".to_owned()),
         FrameState::Ahead(position) => {
-            lines.push(format!("To be trained, number {} of the run", position + 1));
+            lines.push(format!("Pending: number {} of the run", position + 1));
         }
         FrameState::Trained(position, outcome) => {
             lines.push(format!("Trained, number {} of the run", position + 1));
@@ -152,23 +148,20 @@ pub fn described(cell: &FrameCell<'_>) -> String {
                 let (n, elbo) = (outcome.points, outcome.elbo_mean);
                 lines.push(format!("{n} points, mean ELBO {elbo:.2} nats"));
                 lines.extend(outcome.psnr_before.map(|psnr| {
-                    format!("{psnr:.1} dB: its photograph against the scene before it was learnt")
+                    format!("{psnr:.1} dB: photograph against the scene before training on it")
                 }));
             }
         }
         FrameState::Skipped(why) => lines.push(format!("Skipped: {why}")),
     }
     if let Some(view) = cell.measured {
-        lines.push(format!(
-            "{:.1} dB, SSIM {:.3}: measured as a held-out view",
-            view.psnr, view.ssim
-        ));
+        lines.push(format!("{:.1} dB, SSIM {:.3} as a held-out view", view.psnr, view.ssim));
     }
     if let (Some(problem), false) =
         (cell.pictures.problem, matches!(cell.state, FrameState::Skipped(_)))
     {
         lines.push(format!("Cannot be read: {problem}"));
     }
-    lines.push("Click: look through its camera; drag: preview cameras".to_owned());
+    lines.push("Click: move to its camera; drag: preview cameras".to_owned());
     lines.join("\n")
 }

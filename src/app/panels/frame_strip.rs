@@ -1,7 +1,6 @@
-//! The strip of the dataset's frames: which they are, which were trained and how well, and cameras to look
-//! through.
+//! Strip of the dataset's frames with their state and error; selects the camera of the viewport.
 //!
-//! Only frames that are on screen are laid out, looked up and decoded: 10,000 cost what 20 do.
+//! Only visible frames are laid out and decoded, so the cost does not depend on the length of the dataset.
 
 use super::frame_cell::{FrameCell, described, draw};
 use super::signal_color::SignalColor;
@@ -18,46 +17,40 @@ use eframe::egui::{
     pos2,
 };
 
-/// Lowest and highest strip, with its line, points.
+/// Least and largest height of the strip with its header, points.
 pub const HEIGHTS: Rangef = Rangef { min: 76.0, max: 320.0 };
-/// Size of the text above the frames, points.
+/// Font size of the header, points.
 const SIZE: f32 = 11.0;
-/// Narrowest frame, points: its number and its error stand side by side.
+/// Least width of a frame, points; leaves room for its number and error.
 const MIN_WIDTH: f32 = 56.0;
 
-/// What the strip shows.
 pub struct StripContext<'a> {
-    /// The run.
     pub snapshot: &'a Snapshot,
-    /// What is open.
     pub opened: &'a Opened,
-    /// What became of its frames.
     pub outcomes: &'a FrameOutcomes,
-    /// What is known of views that training does not take.
     pub quality: &'a QualityMonitor,
-    /// The camera that is looked through.
+    /// Frame whose camera the viewport shows.
     pub shown: Option<&'a FrameRef>,
 }
 
-/// What the user asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StripAnswer {
-    /// To fold the strip away, or to open it.
+    /// Fold or unfold the strip.
     Fold,
-    /// To look through a camera.
+    /// Move to the camera of a frame.
     Show(FrameRef),
-    /// To look through it as long as the pointer is held down.
+    /// Show the camera of a frame while the pointer is held down.
     Preview(FrameRef),
 }
 
-/// Where the strip is scrolled to.
+/// Scroll position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StripPosition {
-    /// Serial of what is open, and the place of the frame that it was scrolled to last.
+    /// Serial of the open dataset and index of the frame last scrolled to.
     scrolled_to: Option<(u64, usize)>,
 }
 
-/// Draws the line above the frames: how the run takes them, and what came of it.
+/// Draws the header: fold button, recording status, skipped frames and training order.
 pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
     let StripContext { snapshot, opened, .. } = context;
     let mut asked = None;
@@ -75,14 +68,14 @@ pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<St
         if !snapshot.skipped.is_empty() {
             let color = SignalColor::Red.on(ui.visuals().dark_mode);
             let text = format!("{} skipped", snapshot.skipped.len());
-            let hint = "Frames that could not be used are crossed out; why is told where the pointer rests on them";
+            let hint = "Unusable frames are crossed out; hover over one for the reason";
             ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
         }
         if let (Some(plan), Some(selection)) = (&opened.plan, &opened.selection) {
             let order = RichText::new(wording::run_order(selection, plan)).size(SIZE).weak();
             let hint = match &plan.held_out {
                 Some(why) => format!("Held out: {why}"),
-                None => "The order in which frames are trained".to_owned(),
+                None => "Training order of the frames".to_owned(),
             };
             ui.add(Label::new(order).truncate()).on_hover_text(hint);
         }
@@ -90,20 +83,20 @@ pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<St
     asked
 }
 
-/// How a recording is followed just now, and where it lies.
+/// Status of the followed recording, and its path or problem.
 fn live(snapshot: &Snapshot) -> Option<(String, String)> {
     let followed = snapshot.followed.as_ref()?;
     let path = followed.path.display().to_string();
     let ahead = snapshot.n_frames.saturating_sub(snapshot.frames_done + snapshot.skipped.len());
     let text = match (&followed.problem, followed.is_waiting) {
-        (Some(_), _) => "Live: nothing can be read".to_owned(),
+        (Some(_), _) => "Live: the recording cannot be read".to_owned(),
         (None, true) => "Live: waiting for the next frame".to_owned(),
-        (None, false) => format!("Live: {ahead} frames to catch up"),
+        (None, false) => format!("Live: {ahead} frames behind"),
     };
     Some((text, followed.problem.clone().unwrap_or(path)))
 }
 
-/// Draws the frames in the room that is left.
+/// Draws the frames in the remaining room.
 pub fn ui(
     context: &StripContext<'_>,
     position: &mut StripPosition,
@@ -115,7 +108,7 @@ pub fn ui(
     let (view, height) = (ui.available_rect_before_wrap(), ui.available_height());
     let width = width_of(context.opened, height);
     ui.style_mut().always_scroll_the_only_direction = true;
-    // Frames that are dragged over are cameras to preview.
+    // Dragging previews cameras, so it must not scroll.
     let source = ScrollSource { drag: DragScroll::Never, ..ScrollSource::default() };
     let mut area = ScrollArea::horizontal().auto_shrink(false).scroll_source(source);
     if let Some(number) = follow(context, position, ui.rect_contains_pointer(view)) {
@@ -147,7 +140,6 @@ pub fn ui(
     asked
 }
 
-/// Width of a frame in a strip of this height, points.
 fn width_of(opened: &Opened, height: f32) -> f32 {
     let first = opened.dataset.as_ref().and_then(FrameRef::first);
     let aspect = first.map_or(1.0, |frame| {
@@ -157,8 +149,8 @@ fn width_of(opened: &Opened, height: f32) -> f32 {
     FrameCell::width(height, aspect).max(MIN_WIDTH)
 }
 
-/// The frame to scroll to, where another one is looked through or trained than before. While the pointer
-/// is over the strip it stays where it is.
+/// Frame to scroll to if the viewport or training moved to another one; `None` while the pointer is over the
+/// strip.
 fn follow(
     context: &StripContext<'_>,
     position: &mut StripPosition,
@@ -178,7 +170,6 @@ fn follow(
     Some(number)
 }
 
-/// One frame.
 fn cell(
     context: &StripContext<'_>,
     frame: &FrameRef,
@@ -209,7 +200,7 @@ fn cell(
         is_first_of_split: index == 0
             && opened.dataset.as_ref().is_some_and(|d| d.splits.len() > 1),
     };
-    // No stop of Tab: frames are stepped through by keys of their own.
+    // Not focusable by Tab: shortcuts step through the frames.
     let id = ui.scope_id().with(("frame", frame.number()));
     let response = ui.interact(rect, id, Sense::CLICK | Sense::DRAG);
     let label = format!("Frame {}", frame.number() + 1);

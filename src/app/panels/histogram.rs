@@ -1,4 +1,4 @@
-//! How much evidence stands behind the components: a histogram.
+//! Histogram of the components' evidence.
 
 use super::plot_axes::numbered;
 use crate::app::evidence_histogram::{EvidenceHistogram, PER_DECADE};
@@ -7,12 +7,12 @@ use egui_plot::{Bar, BarChart, Plot};
 
 const BAR: Color32 = Color32::from_rgb(86, 180, 233);
 
-/// Draws the histogram of a scene at rest: counted while frames are trained it would take their time.
+/// Draws the histogram while training is paused or finished; counting would slow training down.
 pub fn ui(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
     ui.add_space(6.0);
     ui.label(RichText::new("Evidence of the components").strong());
     let (true, Some(EvidenceHistogram { first, counts })) = (is_at_rest, histogram) else {
-        ui.label(RichText::new("Counted when training rests.").weak());
+        ui.label(RichText::new("Shown while training is paused or finished.").weak());
         return;
     };
     let bars = (*first..).zip(counts).map(|(bar, &count)| {
@@ -20,7 +20,7 @@ pub fn ui(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) 
         Bar::new(middle, count as f64).width(1.0 / PER_DECADE)
     });
     let chart = BarChart::new("Components", bars.collect()).color(BAR);
-    let axes = ["points of a component, powers of ten", "components"];
+    let axes = ["log10 of the points per component", "components"];
     numbered(Plot::new("evidence"), axes)
         .height(150.0)
         .allow_drag(false)
@@ -29,6 +29,6 @@ pub fn ui(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) 
         .allow_boxed_zoom(false)
         .show(ui, |plot| plot.bar_chart(chart));
     let n: usize = counts.iter().sum();
-    let text = format!("{n} components. The tab Edit selects those of little evidence.");
+    let text = format!("{n} components. The Edit tab can select those with low evidence.");
     ui.add(Label::new(RichText::new(text).weak()).wrap());
 }

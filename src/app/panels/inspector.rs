@@ -1,4 +1,4 @@
-//! The selected splat: its posterior and how it is drawn.
+//! Inspector of the selected splat: posterior and drawing parameters.
 
 use super::legend::number;
 use crate::app::state::{Inspected, Snapshot};
@@ -10,7 +10,6 @@ use crate::model::splat::appearance::Appearance;
 use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
 use glam::DVec3;
 
-/// A heading and its lines: label, values and unit.
 struct Section {
     title: &'static str,
     lines: Vec<Line>,
@@ -22,7 +21,6 @@ struct Line {
     swatch: Option<[f32; 3]>,
 }
 
-/// Draws the panel.
 pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(inspected) = &snapshot.inspected else {
         ui.label("Nothing is selected.");
@@ -86,13 +84,13 @@ fn sections(inspected: &Inspected, origin: DVec3) -> Vec<Section> {
             sections.push(drawn("As drawn", inspected, origin));
             sections
         }
-        Inspected::Splat { .. } => vec![drawn("In the file", inspected, origin)],
+        Inspected::Splat { .. } => vec![drawn("As stored in the file", inspected, origin)],
     }
 }
 
 fn posterior(i: &Inspection) -> Vec<Section> {
     let (p, a) = (&i.posterior, &i.attributes);
-    let known = |value: Option<String>| value.unwrap_or_else(|| "not known".to_owned());
+    let known = |value: Option<String>| value.unwrap_or_else(|| "unknown".to_owned());
     let color = i.color.as_vec3().to_array();
     let q = i.rotation;
     let evidence = Section {
@@ -131,13 +129,13 @@ fn posterior(i: &Inspection) -> Vec<Section> {
     vec![evidence, space, law]
 }
 
-/// Standard deviations of the splat's own parameters, as photographs leave them.
+/// Standard deviations of the splat's parameters under the photometric posterior.
 fn photographed(found: &PhotometricDeviations) -> Section {
     let percent = |x: f64| 100.0 * x;
     let lines = vec![
         line("Centre ±", numbers(&found.mean)),
         line("Scales ± %", numbers(&found.scale.map(percent))),
-        line("Turn ± °", numbers(&found.turn.map(f64::to_degrees))),
+        line("Rotation ± °", numbers(&found.turn.map(f64::to_degrees))),
         line("Opacity ± %", number(percent(found.opacity))),
         line("Colour ±", number(found.color)),
     ];
@@ -155,9 +153,9 @@ fn drawn(title: &'static str, inspected: &Inspected, origin: DVec3) -> Section {
         Line { label: "Colour", text: numbers(&wide(splat.color)), swatch: Some(splat.color) },
     ];
     if origin != DVec3::ZERO {
-        // All digits: a millimetre shows in map coordinates.
+        // Fixed decimals: map coordinates are large, and a millimetre must remain visible.
         let [x, y, z] = (origin + DVec3::from_array(wide(splat.mean))).to_array();
-        lines.insert(1, line("… in the world", format!("{x:.3}  {y:.3}  {z:.3}")));
+        lines.insert(1, line("World position", format!("{x:.3}  {y:.3}  {z:.3}")));
     }
     if *appearance != Appearance::default() {
         lines.push(line("Gradient rgb", rows(appearance.gradient.map(wide))));
@@ -174,7 +172,7 @@ fn numbers(values: &[f64]) -> String {
     values.iter().map(|&v| number(v)).collect::<Vec<_>>().join("  ")
 }
 
-/// Short enough for four numbers to stand in a line of the panel.
+/// Formats four numbers short enough for one line of the panel.
 fn quaternion(wxyz: [f64; 4]) -> String {
     wxyz.map(|v| format!("{v:.3}")).join(" ")
 }

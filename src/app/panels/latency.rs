@@ -1,4 +1,4 @@
-//! Where the milliseconds go: a stacked area over the latest frames, and a table.
+//! Timings of the latest frames: stacked plot and table.
 
 use super::explained::named;
 use super::plot_axes::numbered;
@@ -13,8 +13,8 @@ use eframe::egui::{
 use egui_plot::{FilledArea, HLine, HoverPosition, Plot};
 use std::ops::RangeInclusive;
 
-/// Colours of the stages, in the order they run; told apart by people with red-green blindness too
-/// (Okabe and Ito 2008).
+/// Colours of the stages in order of execution, distinguishable with red-green colour blindness (Okabe and
+/// Ito 2008).
 const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(86, 180, 233),
     Color32::from_rgb(230, 159, 0),
@@ -26,13 +26,13 @@ const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(153, 153, 153),
 ];
 
-/// Budgets that can be chosen, milliseconds a frame.
+/// Range of the time budget, milliseconds per frame.
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
-/// Width of a figure in the table, points: columns stay where they are while figures change.
+/// Width of a number in the table, points; fixed so that columns do not move.
 const FIGURE: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
-/// Draws the panel; the timings as CSV where they shall be written to a file.
+/// Draws the panel; returns the timings as CSV if they are to be written to a file.
 pub fn ui(
     snapshot: &Snapshot,
     drawn: &DrawHistory,
@@ -40,12 +40,12 @@ pub fn ui(
     ui: &mut Ui,
 ) -> Option<String> {
     let mut to_write = None;
-    // Both ways: longer figures must not widen the panel, and with it move the picture.
+    // Scrolls both ways: longer numbers must not widen the panel, which would resize the viewport.
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         if snapshot.recent.is_empty() {
-            ui.label("Timings of training appear with the first trained frame.");
+            ui.label("Training timings appear after the first trained frame.");
         } else {
-            ui.label(RichText::new("Milliseconds of training per frame").weak());
+            ui.label(RichText::new("Training time per frame, ms").weak());
             plot(&snapshot.recent, *budget_ms, ui);
             budget(&snapshot.recent, budget_ms, ui);
         }
@@ -60,7 +60,7 @@ pub fn ui(
             }
         });
         if drawn.drawer == Drawer::UntimedGpu {
-            ui.label(RichText::new("This adapter cannot time its passes.").weak());
+            ui.label(RichText::new("This adapter does not support GPU timings.").weak());
         }
         ui.add_space(6.0);
         let has_timings = !snapshot.recent.is_empty() || drawn.samples().len() > 0;
@@ -71,7 +71,7 @@ pub fn ui(
                 if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
                     ui.ctx().copy_text(all());
                 }
-                let save = "Writes the timings of these frames and pictures beside what is open";
+                let save = "Writes the timings of these frames and pictures to a file next to the open dataset or model";
                 if ui.button("Write CSV").on_hover_text(save).clicked() {
                     to_write = Some(all());
                 }
@@ -84,7 +84,7 @@ pub fn ui(
 fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
     let x: Vec<f64> = frames.iter().map(|f| f.index as f64).collect();
     let mut below = vec![0.0; frames.len()];
-    // The top of the axis leaves out the slowest frames: one hiccup must not flatten the rest.
+    // The axis excludes the slowest 2 % of frames, so that one outlier does not flatten the plot.
     let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
     totals.sort_by(f64::total_cmp);
     let top = (1.25 * quantile(&totals, 0.98)).max(f64::MIN_POSITIVE);
@@ -119,13 +119,13 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
         });
 }
 
-/// The frame nearest to a place on the axis.
+/// Frame nearest to an x coordinate of the plot.
 fn frame_at(frames: &[FrameReport], x: f64) -> Option<&FrameReport> {
     let distance = |frame: &FrameReport| (frame.index as f64 - x).abs();
     frames.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
-/// A frame's name and what its stages took.
+/// Tooltip text of a frame.
 fn described(frame: &FrameReport) -> String {
     let ms = &frame.ms.stages;
     let mut text = format!("Frame {} ({}): {:.1} ms", frame.index, frame.frame, ms.train);
@@ -135,21 +135,21 @@ fn described(frame: &FrameReport) -> String {
     text
 }
 
-/// How many of the frames were fast enough, and how fast they were in points.
+/// Draws the budget, the share of frames within it, and the points per second.
 fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         ui.label("Budget");
         let value = DragValue::new(budget_ms).range(BUDGETS_MS).speed(0.5).max_decimals(1);
-        let value = named(ui.add(value.suffix(" ms")), "Budget of a frame");
-        value.on_hover_text("The red line: what a frame may take");
+        let value = named(ui.add(value.suffix(" ms")), "Budget per frame");
+        value.on_hover_text("Time allowed per frame; the red line in the plot");
         let share = share_inside(frames, *budget_ms);
-        ui.label(format!("{:.0} % of frames inside it", 100.0 * share));
+        ui.label(format!("{:.0} % of frames within it", 100.0 * share));
     });
     let rate = Summary::of_frames(frames, 0.0).points_per_s;
     ui.label(format!("{:.2} million points/s", rate * 1e-6));
 }
 
-/// The share of frames whose training took no longer.
+/// Share of frames trained within the budget.
 fn share_inside(frames: &[FrameReport], budget_ms: f64) -> f64 {
     let n = frames.iter().filter(|frame| frame.ms.stages.train <= budget_ms).count();
     n as f64 / frames.len().max(1) as f64
@@ -161,14 +161,13 @@ fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
         row(ui, Some(COLORS[at]), stage.label, stage_ms(frames, at)).on_hover_text(stage.what);
     }
     row(ui, None, "Total", frames.iter().map(|f| f.ms.stages.train));
-    let beside = "Done on another thread where the machine has a core to spare, else between two \
-                  trainings";
+    let beside = "Runs on another thread if the machine has a spare core, otherwise between two \
+                  frames";
     row(ui, None, "Decode (not in total)", frames.iter().map(|f| f.ms.load)).on_hover_text(beside);
     row(ui, None, "Prepare (not in total)", frames.iter().map(|f| f.ms.prepare))
         .on_hover_text(beside);
 }
 
-/// What pictures of the viewport take.
 fn drawing_rows(drawn: &DrawHistory, ui: &mut Ui) {
     headings("Drawing, ms", ui);
     for stage in DrawStage::ALL {
@@ -179,7 +178,7 @@ fn drawing_rows(drawn: &DrawHistory, ui: &mut Ui) {
     }
     if drawn.drawer != Drawer::Cpu {
         let kib = drawn.samples().map(|s| s.uploaded_bytes as f64 / 1024.0);
-        row(ui, None, "Uploaded, KiB", kib).on_hover_text("Changed splats sent to the GPU");
+        row(ui, None, "Uploaded, KiB", kib).on_hover_text("Data of changed splats sent to the GPU");
     }
 }
 
@@ -216,7 +215,7 @@ fn row(
 fn number(ui: &mut Ui, text: RichText) {
     let size = Vec2::new(FIGURE, ui.spacing().interact_size.y);
     ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| {
-        // What is used of the place is its column's width.
+        // The column is as wide as the content of this layout.
         ui.set_min_width(FIGURE);
         ui.label(text)
     });

@@ -1,4 +1,4 @@
-//! What the colours of the viewport stand for: a bar of the ramp between its two values.
+//! Legend of the attribute colour modes: colour ramp with its end values.
 
 use crate::app::color_mode::ColorMode;
 use crate::render::attributes::{Attribute, Range, UNKNOWN};
@@ -7,15 +7,13 @@ use eframe::egui::{
     Align, Align2, Area, Color32, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2,
 };
 
-/// Size of the bar, points.
 const BAR: Vec2 = Vec2::new(180.0, 12.0);
-/// Strips of one colour each that the bar is drawn in.
+/// Number of single-coloured strips in the ramp.
 const STRIPS: usize = 60;
 
-/// Draws the legend with its lower left corner at `corner`.
 pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
     let area = Area::new(Id::unique("legend")).fixed_pos(corner).pivot(Align2::LEFT_BOTTOM);
-    // Without a share of the pointer, which steers the camera below.
+    // Not interactive: the pointer over the legend still controls the camera.
     area.interactable(false).show(ui.ctx(), |ui| {
         Frame::popup(ui.style()).show(ui, |ui| {
             ui.set_width(BAR.x);
@@ -29,7 +27,7 @@ pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
             ui.horizontal(|ui| {
                 let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
                 ui.painter().rect_filled(swatch, 2.0, color(UNKNOWN));
-                ui.label(RichText::new("not known").weak());
+                ui.label(RichText::new("unknown").weak());
             });
         });
     });
@@ -46,9 +44,9 @@ fn title(attribute: Attribute) -> String {
 
 fn why_unknown(attribute: Attribute) -> &'static str {
     match attribute {
-        Attribute::Elbo => "Known from the next trained frame on",
+        Attribute::Elbo => "Available after the next trained frame",
         Attribute::Evidence | Attribute::Uncertainty | Attribute::Birth => {
-            "Known when a frame has been trained"
+            "Available after the first trained frame"
         }
     }
 }
@@ -75,7 +73,7 @@ fn color(c: [f32; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// At most four digits behind the point, without an exponent where that reads well.
+/// Formats a number with at most four decimals; uses an exponent only for very large or small values.
 pub fn number(value: f64) -> String {
     match value.abs() {
         a if a < 1e6 && a.fract() == 0.0 => format!("{value}"),

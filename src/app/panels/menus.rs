@@ -1,11 +1,11 @@
-//! The menus: every command by its name, with its keys, and why it cannot be given just now.
+//! Menu bar: every command with its shortcut, and the reason if it is unavailable.
 
 use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
 use eframe::egui::{Button, Ui};
 use std::path::PathBuf;
 
-/// A menu of the bar. The one of training is not called so: that is a button's name.
+/// Menus of the bar. The training menu is named "Run", since "Train" is the label of a button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Menu {
     File,
@@ -29,7 +29,7 @@ impl Menu {
     }
 }
 
-/// The menu of a command and its group there; lines part the groups.
+/// Menu of a command and its group there; separators divide the groups.
 fn place(command: UiCommand) -> (Menu, u8) {
     match command {
         UiCommand::Open | UiCommand::OpenDemo => (Menu::File, 0),
@@ -67,33 +67,29 @@ fn place(command: UiCommand) -> (Menu, u8) {
     }
 }
 
-/// What the menus show of the window.
 pub struct MenuContext<'a> {
-    /// Paths that were open before, the newest first.
+    /// Recently opened paths, newest first.
     pub recent: &'a [PathBuf],
-    /// Why an action is not possible now, if it is not.
+    /// Reason why an action is unavailable, if any.
     pub why_not: &'a dyn Fn(Action) -> Option<&'static str>,
-    /// Whether what a command switches is on.
+    /// True if a toggle command is on.
     pub is_on: &'a dyn Fn(UiCommand) -> bool,
 }
 
-/// What the user chose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum MenuAnswer {
-    /// Something to do.
     Action(Action),
-    /// Something that was open before.
+    /// Reopen a recent path.
     Open(PathBuf),
 }
 
-/// Draws the buttons that open the menus.
 pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     let mut asked = None;
     for menu in Menu::ALL {
         ui.menu_button(menu.label(), |ui| {
             let mut commands = UiCommand::ALL.map(|command| (place(command), command)).to_vec();
             commands.retain(|((of, _), _)| *of == menu);
-            // Stable: within a group they stand in the order of the list of keys.
+            // A stable sort keeps the order of the shortcut list within a group.
             commands.sort_by_key(|((_, group), _)| *group);
             let mut before = 0;
             for ((_, group), command) in commands {
@@ -115,7 +111,7 @@ pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     asked
 }
 
-/// What is not a command: tabs, comparisons and meanings of colours.
+/// Submenus of actions that are not commands.
 fn submenus(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     let mut asked = None;
     type Kind = (&'static str, fn(&Action) -> bool);
@@ -139,7 +135,7 @@ fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<MenuAn
     let is_on = matches!(action, Action::Command(command) if (context.is_on)(command));
     let button = Button::selectable(is_on, action.menu_label());
     let keys = action.keys(ui.ctx());
-    // A text that is empty would be read out as part of the name.
+    // Screen readers would announce an empty shortcut as part of the name.
     let button = if keys.is_empty() { button } else { button.shortcut_text(keys) };
     let response = ui.add_enabled(why_not.is_none(), button);
     let response = response.on_hover_text(action.tooltip());
@@ -150,11 +146,10 @@ fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<MenuAn
     is_chosen.then_some(MenuAnswer::Action(action))
 }
 
-/// The menu of what was open before.
 fn recent(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     let mut asked = None;
     let why_not = match context.recent {
-        [] => Some("Nothing was opened so far"),
+        [] => Some("Nothing was opened yet"),
         _ => (context.why_not)(Action::Command(UiCommand::Open)),
     };
     ui.add_enabled_ui(why_not.is_none(), |ui| {
@@ -167,7 +162,7 @@ fn recent(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
             }
         });
         menu.response
-            .on_hover_text("Open again what was open before")
+            .on_hover_text("Reopen a recent file or folder")
             .on_disabled_hover_text(why_not.unwrap_or_default());
     });
     asked

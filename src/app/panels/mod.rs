@@ -1,4 +1,4 @@
-//! Panels: each draws from the snapshot and answers with what the user asked for.
+//! Panels: each draws from the snapshot and returns the user's request.
 
 pub mod abandoned;
 pub mod adapter;

@@ -1,5 +1,4 @@
-//! What the user should read, over the top of the viewport, until it is closed. What is merely good to
-//! know goes by itself.
+//! Notices at the top of the viewport. Warnings and errors stay until closed; information disappears.
 
 use super::signal_color::SignalColor;
 use crate::app::state::{Notice, NoticeKind, Snapshot};
@@ -7,20 +6,20 @@ use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, ScrollArea
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-/// Notices shown at once; the newest come first.
+/// Maximum number of notices shown at once, newest first.
 const SHOWN: usize = 3;
-/// Widest text, points.
+/// Largest width of the text, points.
 const WIDTH: f32 = 620.0;
 /// Distance from the top of the viewport, points.
 const MARGIN: f32 = 10.0;
-/// Share of the viewport's height beyond which notices scroll, and the height that they may take in any
-/// case, points: what lies below them, cards and the picture, needs room in a small window.
+/// Share of the viewport's height beyond which notices scroll, and the height (points) they always get.
+/// Cards and viewport below need room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
-/// How long something that is good to know stays.
+/// Display time of information.
 const FADES_AFTER: Duration = Duration::from_secs(20);
 
-/// Which notices were closed, and since when the others are there, by their serials.
+/// Closed notices and display times of the others, by serial.
 #[derive(Default)]
 pub struct NoticeBoard {
     closed: BTreeSet<u64>,
@@ -28,8 +27,7 @@ pub struct NoticeBoard {
 }
 
 impl NoticeBoard {
-    /// Draws the newest notices that nobody has closed; the height that they take from the top of the
-    /// viewport, points.
+    /// Draws the newest open notices; returns the height they occupy at the top of the viewport, points.
     pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> f32 {
         self.forget(&snapshot.notices);
         let open: Vec<&Notice> =
@@ -37,7 +35,7 @@ impl NoticeBoard {
         if open.is_empty() {
             return 0.0;
         }
-        // Beside the viewport they would cover the panels, whose controls they would take.
+        // Restricted to the viewport: over the panels they would block controls.
         let room = ui.max_rect().width() - 40.0;
         let top = ui.max_rect().center_top() + Vec2::new(0.0, MARGIN);
         let most = (MAX_SHARE * ui.max_rect().height()).max(MIN_HEIGHT);
@@ -74,7 +72,7 @@ impl NoticeBoard {
         !self.closed.contains(&notice.serial) && !has_faded
     }
 
-    /// What the worker keeps no longer.
+    /// Forgets notices that the worker has dropped.
     fn forget(&mut self, notices: &[Notice]) {
         let oldest = notices.first().map_or(u64::MAX, |notice| notice.serial);
         self.closed.retain(|&serial| serial >= oldest);

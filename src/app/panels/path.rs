@@ -1,4 +1,4 @@
-//! The camera path: its keyframes, a preview, and the file that `render --path` draws.
+//! Panel of the camera path: keyframes, preview, film, and the file for `render --path`.
 
 use super::explained::named;
 use crate::app::path_editor::PathEditor;
@@ -8,31 +8,30 @@ use eframe::egui::{
 };
 use std::path::{Path, PathBuf};
 
-/// Sides of the pictures of a film, pixels.
+/// Width and height of a film, pixels.
 const FILM_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
-/// What the user asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathRequest {
-    /// The view as it is now as a further keyframe.
+    /// Append the current view as a keyframe.
     Add,
-    /// The view as it is now in place of a keyframe.
+    /// Replace a keyframe by the current view.
     Replace(usize),
-    /// A turn around what the camera looks at.
+    /// Create an orbit around the camera's target.
     Turntable,
-    /// To stand there.
+    /// Move to a moment of the path.
     Show(Keyframe),
-    /// To write the path.
+    /// Save the path (JSON).
     Save(String),
-    /// To read another.
+    /// Load a path.
     Open(PathBuf),
-    /// To draw it into files.
+    /// Render the path to files.
     Film,
-    /// To draw it no further.
+    /// Cancel rendering.
     CancelFilm,
 }
 
-/// Draws the panel; `file` is where the path is saved, `film` the share that is drawn of a film.
+/// Draws the panel. `file` is the path of the saved file, `film` the rendered share of a running film.
 pub fn ui(
     editor: &mut PathEditor,
     file: &Path,
@@ -41,16 +40,16 @@ pub fn ui(
 ) -> Option<PathRequest> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
-        if ui.button("Add keyframe").on_hover_text("The view as it is now").clicked() {
+        if ui.button("Add keyframe").on_hover_text("Append the current view").clicked() {
             asked = Some(PathRequest::Add);
         }
-        let hint = "A path around what the camera looks at, in place of these keyframes";
+        let hint = "Replaces the keyframes by an orbit around the camera's target";
         if ui.button("Turntable").on_hover_text(hint).clicked() {
             asked = Some(PathRequest::Turntable);
         }
     });
     if editor.keyframes().is_empty() {
-        ui.label("Stand where the film is to begin, then add keyframes: the camera moves smoothly from one to the next.");
+        ui.label("Move the view to the start of the film and add keyframes; the camera moves smoothly between them.");
     }
     ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
         Grid::new("keyframes").num_columns(5).striped(true).show(ui, |ui| {
@@ -74,16 +73,16 @@ fn keyframes(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         } else {
             let mut step = editor.step(i);
             let drag = DragValue::new(&mut step).range(0.05..=600.0).speed(0.05).suffix(" s");
-            let hint = "Seconds after the keyframe before";
+            let hint = "Seconds after the previous keyframe";
             if ui.add(drag).labelled_by(name).on_hover_text(hint).changed() {
                 editor.set_step(i, step);
             }
         }
-        if ui.button("Go").on_hover_text("Look from there").clicked() {
+        if ui.button("Go").on_hover_text("Move the view to this keyframe").clicked() {
             editor.moment = keyframe.time;
             asked = Some(PathRequest::Show(keyframe));
         }
-        if ui.button("Set").on_hover_text("Take the view as it is now instead").clicked() {
+        if ui.button("Set").on_hover_text("Replace this keyframe by the current view").clicked() {
             asked = Some(PathRequest::Replace(i));
         }
         if ui.button("Remove").clicked() {
@@ -97,7 +96,7 @@ fn keyframes(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
     asked
 }
 
-/// Playing, and any moment by hand.
+/// Playback controls and time slider.
 fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
     let path = editor.paced()?;
     let mut asked = None;
@@ -110,29 +109,29 @@ fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
             }
         }
         let end = path.path.duration();
-        // Formatted, not `fixed_decimals`: that rounds the moment itself, and playing would stand still.
+        // A formatter, since `fixed_decimals` rounds the value itself, which would stop playback.
         let slider = Slider::new(&mut editor.moment, 0.0..=end).suffix(" s");
         let slider = slider.custom_formatter(|seconds, _| format!("{seconds:.1}"));
-        if named(ui.add(slider), "Moment").on_hover_text("The moment that is shown").changed() {
+        if named(ui.add(slider), "Moment").on_hover_text("Time along the path").changed() {
             editor.is_playing = false;
             asked = Some(PathRequest::Show(path.path.at(editor.moment)));
         }
     });
     ui.horizontal(|ui| {
-        ui.checkbox(&mut editor.is_loop, "Loop").on_hover_text("Back to the first keyframe");
+        ui.checkbox(&mut editor.is_loop, "Loop")
+            .on_hover_text("Return to the first keyframe at the end");
         if editor.is_loop {
             let back = DragValue::new(&mut editor.way_back).range(0.05..=600.0).speed(0.05);
-            named(ui.add(back.suffix(" s")), "Way back")
-                .on_hover_text("Seconds that the way back takes");
+            named(ui.add(back.suffix(" s")), "Return time")
+                .on_hover_text("Seconds for returning to the first keyframe");
         }
-        let fps = DragValue::new(&mut editor.fps).range(1.0..=120.0).suffix(" pictures a second");
-        named(ui.add(fps), "Pictures a second");
+        let fps = DragValue::new(&mut editor.fps).range(1.0..=120.0).suffix(" pictures per second");
+        named(ui.add(fps), "Pictures per second");
     });
     ui.label(RichText::new(format!("{} pictures", path.pictures().len())).weak());
     asked
 }
 
-/// The film of the path, drawn into files.
 fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequest> {
     let mut asked = None;
     ui.horizontal(|ui| match drawn {
@@ -145,7 +144,7 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
         None => {
             let button = Button::new("Draw film…");
             let draw = ui.add_enabled(editor.paced().is_some(), button);
-            let hint = "Draws every picture of the path into a folder or a video";
+            let hint = "Renders the path to a video or a folder of pictures";
             if draw.on_hover_text(hint).clicked() {
                 asked = Some(PathRequest::Film);
             }
@@ -154,7 +153,7 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
     asked
 }
 
-/// Choices of the dialog that asks where a film goes.
+/// Options in the dialog for the film's output path.
 pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (side, (suffix, name)) in
@@ -165,7 +164,7 @@ pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
         ui.weak("pixels");
     });
     if let Some(path) = editor.paced() {
-        ui.weak(format!("{} pictures of the scene as it is now", path.pictures().len()));
+        ui.weak(format!("{} pictures of the current scene", path.pictures().len()));
     }
 }
 
@@ -173,7 +172,7 @@ fn files(editor: &mut PathEditor, file: &Path, ui: &mut Ui) -> Option<PathReques
     let mut asked = None;
     ui.horizontal(|ui| {
         let path = editor.paced();
-        let hint = format!("Writes {}, which `render --path` draws", file.display());
+        let hint = format!("Writes {}, which `render --path` can render", file.display());
         let save = ui.add_enabled(path.is_some(), Button::new("Save path"));
         if let (true, Some(path)) = (save.on_hover_text(hint).clicked(), path) {
             asked = Some(PathRequest::Save(path.to_json()));
@@ -183,7 +182,7 @@ fn files(editor: &mut PathEditor, file: &Path, ui: &mut Ui) -> Option<PathReques
         let open = Button::new("Open path");
         let is_asked = ui.add_enabled(!editor.file.trim().is_empty(), open).clicked();
         let field = TextEdit::singleline(&mut editor.file).hint_text("way.json");
-        named(ui.add(field.desired_width(f32::INFINITY)), "File of a path");
+        named(ui.add(field.desired_width(f32::INFINITY)), "Path file");
         if is_asked {
             asked = Some(PathRequest::Open(PathBuf::from(editor.file.trim())));
         }

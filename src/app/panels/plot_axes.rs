@@ -1,12 +1,12 @@
-//! Axes of plots with round numbers along them, however narrow the panel is.
+//! Plot axes with round numbers at readable distances.
 
 use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
 
-/// Least distance of two numbers, in the closest grid lines that a plot would draw (8 points): numbers are
-/// wide and not high.
+/// Least distance of two labels in x and y, in units of the closest grid lines of a plot (8 points). Labels
+/// are wide but not high.
 const APART: [f64; 2] = [10.0, 4.0];
 
-/// A plot with names and numbers along its axes.
+/// Adds axis names and labels to a plot.
 pub fn numbered<'a>(plot: Plot<'a>, [x, y]: [&'a str; 2]) -> Plot<'a> {
     plot.x_axis_label(x)
         .y_axis_label(y)
@@ -16,8 +16,8 @@ pub fn numbered<'a>(plot: Plot<'a>, [x, y]: [&'a str; 2]) -> Plot<'a> {
         .y_axis_formatter(|mark, _| number(&mark))
 }
 
-/// Steps of 1, 2 or 5 times a power of ten. By powers of ten alone a low plot may have room for a single
-/// number.
+/// Grid steps of 1, 2 or 5 times a power of ten. With powers of ten alone, a low plot might have a single
+/// label.
 fn steps(input: &GridInput, apart: f64) -> [f64; 3] {
     let least = apart * input.base_step_size;
     let power = 10f64.powf(least.log10().floor());
@@ -26,7 +26,7 @@ fn steps(input: &GridInput, apart: f64) -> [f64; 3] {
     [step, 10.0 * step, 100.0 * step]
 }
 
-/// With as many decimals as its step has.
+/// Formats a label with as many decimals as its step.
 fn number(mark: &GridMark) -> String {
     let decimals = (-mark.step_size.log10()).ceil().max(0.0) as usize;
     format!("{:.decimals$}", mark.value)

@@ -1,4 +1,4 @@
-//! How good the scene is: held-out views against frames and seconds, and view by view.
+//! Quality panel: error of held-out views over frames or seconds, and per view.
 
 use super::explained::named;
 use super::legend::number;
@@ -16,7 +16,7 @@ use eframe::egui::{
 };
 use egui_plot::{Line, Plot, PlotPoints, Points};
 
-/// What is plotted, and against what.
+/// Metric and x axis of the quality plot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QualityPlot {
     metric: Metric,
@@ -63,16 +63,16 @@ impl Metric {
     }
 }
 
-/// Frames between two measurements that can be chosen.
+/// Range of the measuring interval, frames.
 const EVERY: std::ops::RangeInclusive<usize> = 1..=1000;
-/// Frames between two measurements unless others are chosen.
+/// Default measuring interval, frames.
 pub const DEFAULT_EVERY: usize = 10;
 /// Height of a photograph in the table, points.
 const ROW: f32 = 28.0;
 /// Width of a view's name in the table, points.
 const NAME: f32 = 96.0;
 
-/// Draws the panel; the view to fly to, if one was asked for.
+/// Draws the panel; returns the view to move to, if one is clicked.
 pub fn ui(
     quality: &QualityMonitor,
     snapshot: &Snapshot,
@@ -83,12 +83,12 @@ pub fn ui(
     ui: &mut Ui,
 ) -> Option<FrameRef> {
     let (Some(opened), Some(evaluation)) = (&snapshot.opened, quality.evaluation()) else {
-        ui.label("Quality is measured on the held-out photographs of a dataset; none is open.");
+        ui.label("Quality is measured on held-out photographs; no dataset is open.");
         return None;
     };
     let mut asked = None;
-    // Both ways: longer names must not widen the panel, and with it move the picture.
-    // Room for the names of axes on the left, and for the bar and the last number on the right.
+    // Scrolls both ways: longer names must not widen the panel, which would resize the viewport.
+    // Margins: axis names on the left, scroll bar and the last axis label on the right.
     let inner = Frame::new().inner_margin(Margin { left: 4, right: 12, top: 0, bottom: 0 });
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         inner.show(ui, |ui| {
@@ -110,7 +110,7 @@ pub fn ui(
             rate(every, ui);
             if !quality.views().is_empty() {
                 ui.add_space(6.0);
-                ui.label(RichText::new("Views, the worst first").strong());
+                ui.label(RichText::new("Views, worst first").strong());
                 let split = evaluation.new_views.split;
                 asked = table(quality.views(), opened, split, thumbnails, ui);
             }
@@ -119,7 +119,7 @@ pub fn ui(
     asked
 }
 
-/// The newest figures, large.
+/// Latest figures in large type.
 fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     let (done, all) = quality.progress();
     let after = |point: &QualityPoint| match point.frames {
@@ -134,7 +134,7 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
         }
         (None, None) => {
             let text = match snapshot.frames_done {
-                0 => "Appears with the first trained frames.",
+                0 => "Appears after the first trained frames.",
                 _ => "Measuring…",
             };
             ui.label(text);
@@ -148,12 +148,12 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     }
     ui.label(line);
     if let Some((psnr, share)) = point.covered {
-        ui.label(format!("{psnr:.2} dB where covered, {:.0} % of the pixels", 100.0 * share));
+        ui.label(format!("{psnr:.2} dB over the covered {:.0} % of the pixels", 100.0 * share));
     }
     ui.label(RichText::new(what).weak());
 }
 
-/// A line of each group of views, where some are from the side.
+/// One line per group of views if some views are from the side.
 fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
     let side = quality.side_progress(frames);
     if side.1 == 0 || frames == 0 {
@@ -166,7 +166,9 @@ fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
             Some(point) => {
                 format!("{name}: {:.2} dB, SSIM {:.3} (views: {all})", point.psnr, point.ssim)
             }
-            None => format!("{name}: {done} of {all} views measured; all once training rests"),
+            None => format!(
+                "{name}: {done} of {all} views measured; the others follow when training pauses"
+            ),
         });
     }
 }
@@ -209,11 +211,11 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
         });
 }
 
-/// How often it is measured while frames are trained.
+/// Setting of the measuring interval during training.
 fn rate(every: &mut Option<usize>, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let mut is_on = every.is_some();
-        let help = "A few views, by one thread that rests fifteen times as long as it measures; all views once training rests";
+        let help = "Measures a few views on one thread that is idle 15/16 of the time; all views are measured when training pauses";
         if ui.checkbox(&mut is_on, "While training, every").on_hover_text(help).changed() {
             *every = is_on.then_some(DEFAULT_EVERY);
         }
@@ -252,7 +254,7 @@ fn table(
                 }
                 None => drop(ui.allocate_space(Vec2::new(1.3 * ROW, ROW))),
             }
-            let hint = format!("{}: fly there and compare with its photograph", view.frame);
+            let hint = format!("{}: move to this view and compare with its photograph", view.frame);
             let name = ui.allocate_ui(Vec2::new(NAME, ROW), |ui| {
                 ui.set_min_width(NAME);
                 ui.add(Button::selectable(false, &view.frame).truncate())

@@ -1,5 +1,4 @@
-//! What was opened, before anything is trained: what was recognised, the first photograph, and the
-//! one button that matters.
+//! Card shown before training: what was recognised, the first photograph, and the Train button.
 
 use super::card::{self, CardPlace};
 use super::signal_color::SignalColor;
@@ -10,14 +9,14 @@ use eframe::egui::{Button, Id, Image, Label, RichText, TextureHandle, Ui, Vec2};
 
 /// Width of the card, points.
 const WIDTH: f32 = 250.0;
-/// Tallest first photograph, points.
+/// Largest height of the photograph, points.
 const PHOTO_HEIGHT: f32 = 190.0;
-/// Room for what is written below it until that was laid out once, points.
+/// Height assumed for the text before its first layout, points.
 const TEXT_HEIGHT: f32 = 170.0;
-/// A smaller photograph shows nothing.
+/// A smaller photograph is omitted, points.
 const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
-/// Draws the card; whether training is asked for.
+/// Draws the card; returns the command if the button is clicked.
 pub fn ui(
     snapshot: &Snapshot,
     opened: &Opened,
@@ -28,7 +27,7 @@ pub fn ui(
     let mut asked = None;
     let contents = |ui: &mut Ui| {
         ui.set_width(WIDTH);
-        // The photograph takes what the text leaves.
+        // The photograph gets the height left by the text.
         let measured = Id::unique("ready's text");
         let text = ui.data(|data| data.get_temp(measured)).unwrap_or(TEXT_HEIGHT);
         let height = PHOTO_HEIGHT.min(place.room - text);
@@ -47,7 +46,6 @@ pub fn ui(
     asked
 }
 
-/// What was recognised.
 fn words(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
     ui.label(RichText::new(&opened.name).strong().size(16.0));
     for line in recognised(opened) {
@@ -72,7 +70,7 @@ fn button(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     train.clicked().then_some(UiCommand::Train)
 }
 
-/// Layout, frames, sizes and depth.
+/// Layout, frames, image size and depth of each split.
 fn recognised(opened: &Opened) -> Vec<String> {
     let Some(dataset) = &opened.dataset else { return Vec::new() };
     let mut lines = vec![format!("Recognised as {}", dataset.layout.name())];

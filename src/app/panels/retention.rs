@@ -1,4 +1,4 @@
-//! Whether early frames are forgotten: their PSNR as training goes on.
+//! Plot of the PSNR of early frames during training, which reveals forgetting.
 
 use super::plot_axes::numbered;
 use crate::app::retention::RetainedFrame;
@@ -7,14 +7,14 @@ use crate::render::paint::ramp;
 use eframe::egui::{Color32, RichText, Ui};
 use egui_plot::{Legend, Line, Plot, PlotPoints, Points};
 
-/// Draws a curve for each frame that is followed.
+/// Draws one curve per tracked frame.
 pub fn ui(frames: &[RetainedFrame], ui: &mut Ui) {
     if frames.is_empty() {
         return;
     }
     ui.add_space(6.0);
     ui.label(RichText::new("Retention").strong())
-        .on_hover_text("PSNR of trained frames, measured again as training goes on: a curve that falls is forgotten");
+        .on_hover_text("PSNR of earlier frames, measured again during training: a falling curve means that the frame is forgotten");
     numbered(Plot::new("retention"), ["frames trained", "PSNR, dB"])
         .height(180.0)
         .legend(Legend::default())

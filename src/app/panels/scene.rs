@@ -1,5 +1,4 @@
-//! What is open: what is known of the dataset or model, and the frames that were skipped
-//! or doubted.
+//! Scene panel: facts about the open dataset or model, skipped frames and outlier frames.
 
 use super::signal_color::SignalColor;
 use crate::app::state::Snapshot;
@@ -7,7 +6,6 @@ use crate::app::wording;
 use crate::dataset::pose_check::PoseCheck;
 use eframe::egui::{Grid, RichText, ScrollArea, Ui};
 
-/// Draws the panel.
 pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(opened) = &snapshot.opened else {
         ui.label("Nothing is open.");
@@ -31,7 +29,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
     });
 }
 
-/// Whether poses and depth agree, and loudly where they do not.
+/// Agreement of poses and depth, with a warning if it is poor.
 fn poses(check: &PoseCheck, ui: &mut Ui) {
     ui.add_space(8.0);
     ui.label(RichText::new("Poses").strong());
@@ -42,7 +40,7 @@ fn poses(check: &PoseCheck, ui: &mut Ui) {
     }
 }
 
-/// Nothing where there is nothing to say.
+/// Titled list; omitted if it is empty.
 fn list(title: &str, messages: &[&str], ui: &mut Ui) {
     if messages.is_empty() {
         return;

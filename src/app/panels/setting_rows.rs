@@ -1,66 +1,63 @@
-//! A preset's settings, row by row, as far as its table gives them labels.
+//! Rows of a preset's settings, generated from the labelled entries of its settings table.
 //!
-//! What a row looks like follows from its table entry alone: few named values are buttons, more a menu,
-//! what is on or off a checkbox, and everything else is typed as on the command line, since a number or
-//! a word (`dense`, `2.5px`) fits in no slider.
+//! The entry determines the control: few named values are buttons, more are a menu, switches are check
+//! boxes. Everything else is a text field with the syntax of the command line, since values such as
+//! `dense` or `2.5px` fit no slider.
 
 use super::badge;
 use super::signal_color::SignalColor;
 use crate::train::setting::table::{Setting, SettingLayer, Spelling};
 use eframe::egui::{ComboBox, Grid, Label, Response, RichText, TextEdit, Ui};
 
-/// Most named values that stand beside each other.
+/// Maximum number of values shown as buttons.
 const MAX_BUTTONS: usize = 3;
-/// Width of a text field, points.
 const FIELD: f32 = 80.0;
 
-/// A setting that is drawn otherwise than its table entry says.
+/// Setting with a custom control instead of that of its table entry.
 pub struct OwnRow<L> {
-    /// Its name in the table.
+    /// Field name in the table.
     pub field: &'static str,
-    /// What it is by default, as its mark says it.
+    /// Default value as shown by the reset marker.
     pub default: &'static str,
-    /// Draws its value.
     pub draw: fn(&mut L, &mut Ui),
 }
 
-/// What is special about a preset's rows.
+/// Preset-specific parts of the rows.
 pub struct SettingRows<L: 'static> {
-    /// Settings drawn otherwise.
     pub own: &'static [OwnRow<L>],
-    /// Says what is wrong with settings, if anything is.
+    /// Validates the settings; the error is a message for the user.
     pub check: fn(&L) -> Result<(), String>,
 }
 
-/// A value while it is typed.
+/// Text field being edited.
 #[derive(Clone)]
 struct Typed {
     text: String,
-    /// The one that was given before, if one was.
+    /// Value before editing; `None` if the default applied.
     before: Option<String>,
 }
 
-/// How many settings are not as they are by default.
+/// Number of settings that differ from their default.
 pub fn n_changed<L: SettingLayer>(layer: &L) -> usize {
     listed::<L>().filter(|setting| differs(setting, layer)).count()
 }
 
-/// The settings that the table gives a label.
+/// Settings with a label in the table.
 fn listed<L: SettingLayer>() -> impl Iterator<Item = &'static Setting<L>> {
     L::TABLE.iter().filter(|setting| setting.about.label.is_some())
 }
 
-/// Whether a setting is given, and not as it is by default.
+/// True if a setting is given and differs from its default.
 fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
     (setting.given)(layer).is_some_and(|value| value != setting.about.default)
 }
 
 impl<L: SettingLayer + Clone> SettingRows<L> {
-    /// First the settings with values, then what is on or off.
+    /// Draws the settings with values, then the switches.
     pub fn ui(&self, layer: &mut L, ui: &mut Ui) {
         let is_part = |setting: &&Setting<L>| matches!(setting.about.spelling, Spelling::Part(_));
         let mut problem = None;
-        // By preset: two grids of one name would share the widths of their columns.
+        // The id depends on the preset: grids of the same id would share their column widths.
         Grid::new(L::EXAMPLE).num_columns(3).min_col_width(0.0).show(ui, |ui| {
             for setting in listed::<L>().filter(|setting| !is_part(setting)) {
                 self.mark(setting, layer, ui);
@@ -76,14 +73,14 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
                 ui.end_row();
             }
         });
-        // Below, where a long sentence wraps: in the grid it would widen the panel.
+        // Below the grid, where a long message wraps; inside, it would widen the panel.
         if let Some(problem) = problem {
             let color = SignalColor::Red.on(ui.visuals().dark_mode);
             ui.add(Label::new(RichText::new(problem).color(color)).wrap());
         }
         if listed::<L>().any(|setting| is_part(&setting)) {
             ui.label("Preparation of frames")
-                .on_hover_text("The view “Preparation” shows what becomes of every pixel");
+                .on_hover_text("The view mode “Preparation” shows the result for every pixel");
         }
         listed::<L>().filter(is_part).for_each(|setting| self.part(setting, layer, ui));
     }
@@ -92,7 +89,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         self.own.iter().find(|own| own.field == setting.about.field)
     }
 
-    /// The mark of a setting that differs from its default; a click takes it back.
+    /// Draws the marker of a changed setting; a click resets it.
     fn mark(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
         let about = &setting.about;
         let default = self.own(setting).map_or(about.default, |own| own.default);
@@ -103,7 +100,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         }
     }
 
-    /// Typed as on the command line. What is wrong with it while it is typed, if anything is.
+    /// Draws a text field with the syntax of the command line; returns the message if the text is invalid.
     fn typed(
         &self,
         setting: &Setting<L>,
@@ -114,7 +111,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         let about = &setting.about;
         let id = ui.make_persistent_id((about.field, "as typed"));
         let given = (setting.given)(layer);
-        // Kept while it is typed: half a number is none, and must not be overwritten.
+        // The text is retained while the field has focus, since an incomplete number must not be overwritten.
         let typed: Option<Typed> = ui.data(|data| data.get_temp(id));
         let mut typed = typed.unwrap_or_else(|| Typed {
             text: given.clone().unwrap_or_else(|| about.default.to_owned()),
@@ -129,7 +126,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         if field.changed() {
             match (&parsed, &typed.before) {
                 (Ok(parsed), _) => layer.clone_from(parsed),
-                // As it was, and not as the first digits of a number too large would have it.
+                // Restores the previous value, not the one parsed from the first digits of an invalid number.
                 (Err(_), Some(before)) => drop((setting.parse)(layer, before.as_ref())),
                 (Err(_), None) => (setting.clear)(layer),
             }
@@ -142,14 +139,14 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         parsed.err()
     }
 
-    /// The settings with one of them as a text says.
+    /// Settings with one of them parsed from a text.
     fn parsed(&self, setting: &Setting<L>, layer: &L, text: &str) -> Result<L, String> {
         let mut changed = layer.clone();
         (setting.parse)(&mut changed, text.trim().as_ref()).map_err(|error| error.to_string())?;
         (self.check)(&changed).map(|()| changed)
     }
 
-    /// What is on unless it is left out.
+    /// Draws a switch that is on by default.
     fn part(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
         let Some(&mut part) = (setting.flag)(layer) else { return };
         let mut is_on = part.unwrap_or(true);
@@ -164,10 +161,10 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
     }
 }
 
-/// One of a few values; the default is left to the preset.
+/// Draws the buttons or menu of a setting with named values; choosing the default clears the setting.
 fn choice<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, name: &Response, ui: &mut Ui) {
     let about = &setting.about;
-    // What a default is in other cases follows a semicolon.
+    // The text after a semicolon describes defaults in other cases.
     let default = about.default.split(';').next().unwrap_or_default();
     let now = (setting.given)(layer).unwrap_or_else(|| default.to_owned());
     let choices = (about.choices)();
@@ -191,7 +188,7 @@ fn choice<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, name: &Response,
     }
     match chosen {
         Some(name) if name == default => (setting.clear)(layer),
-        // Of the setting's own names, which are all read.
+        // Cannot fail: the name is one of the setting's own choices.
         Some(name) => drop((setting.parse)(layer, name.as_ref())),
         None => {}
     }

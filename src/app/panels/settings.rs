@@ -1,4 +1,4 @@
-//! How scenes are trained and how the viewport draws them, all in one place.
+//! Settings panel: training, drawing and window.
 
 use super::adapter::{self, AdapterRequest, Adapters};
 use super::explained::named;
@@ -12,26 +12,23 @@ use crate::render::Exposing;
 use crate::render::{Antialias, Lens, Renderer};
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
 
-/// What the panel says beside the settings.
 pub struct SettingsContext<'a> {
-    /// Who draws the scene.
+    /// Name of the renderer and its device.
     pub adapter: &'a str,
     /// Vertical field of view of the scene's own camera, degrees.
     pub own_fov_deg: f32,
-    /// What drawing takes of the cores, where the CPU draws.
+    /// CPU use of drawing, if the CPU draws.
     pub drawing: Option<&'a str>,
 }
 
-/// What the user asks for beyond settings.
+/// Requests that are not changes of settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SettingsAnswer {
-    /// Of the adapters.
     Adapter(AdapterRequest),
-    /// A command.
     Command(UiCommand),
 }
 
-/// Draws the panel; what the user asks for beyond settings.
+/// Draws the panel; returns requests that are not changes of settings.
 pub fn ui(
     settings: &mut ViewSettings,
     train_settings: &mut TrainSettings,
@@ -40,7 +37,7 @@ pub fn ui(
     ui: &mut Ui,
 ) -> Option<SettingsAnswer> {
     let mut asked = None;
-    // Both ways: rows wider than a narrow panel must not reach over the picture.
+    // Scrolls both ways: wide rows must not extend over the viewport.
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         section(ui, "Training");
         training::ui(train_settings, ui);
@@ -55,13 +52,13 @@ pub fn ui(
         draw_share::ui(&mut settings.draw_share, surroundings.drawing, ui);
         section(ui, "Window");
         theme(ui);
-        section(ui, "Drawn by");
+        section(ui, "Graphics");
         ui.add(Label::new(surroundings.adapter).wrap());
         let request = adapters.and_then(|adapters| adapter::ui(adapters, ui));
         asked = request.map(SettingsAnswer::Adapter).or(asked.take());
         ui.add_space(12.0);
-        if ui.button("Reset all").on_hover_text("Back to what a fresh start has").clicked() {
-            // What colours mean is chosen above the viewport and never stored, so it stays.
+        if ui.button("Reset all").on_hover_text("Restores the default of every setting").clicked() {
+            // The colour mode is chosen above the viewport and never stored, so it is retained.
             *settings = ViewSettings { color_mode: settings.color_mode, ..ViewSettings::default() };
             *train_settings = TrainSettings::default();
         }
@@ -69,13 +66,13 @@ pub fn ui(
     asked
 }
 
-/// Light or dark; kept by egui, like the sizes of panels.
+/// Colour theme; stored by egui, like the sizes of panels.
 fn theme(ui: &mut Ui) {
-    // Not by egui's own buttons: their symbols are in none of the window's fonts.
+    // Not egui's own buttons, whose symbols are missing from the window's fonts.
     let mut chosen = ui.options(|options| options.theme_preference);
     ui.horizontal(|ui| {
         for (theme, label) in [
-            (ThemePreference::System, "System's theme"),
+            (ThemePreference::System, "System theme"),
             (ThemePreference::Dark, "Dark theme"),
             (ThemePreference::Light, "Light theme"),
         ] {
@@ -85,12 +82,11 @@ fn theme(ui: &mut Ui) {
     ui.ctx().set_theme(chosen);
 }
 
-/// How the scene is drawn, section by section.
 fn viewport(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
     let start = ViewSettings::default();
     marked_section(ui, settings, "Renderer", |s| {
         (s.renderer, s.antialias) = (start.renderer, start.antialias);
-        // Only the exact renderer draws a fisheye.
+        // Selecting a fisheye lens again enforces the exact renderer, the only one that draws it.
         s.set_lens(s.lens);
     });
     renderer(settings, ui);
@@ -124,7 +120,7 @@ fn section(ui: &mut Ui, title: &str) {
     ui.add_space(2.0);
 }
 
-/// The title of a section with a mark if something in it is not as by default; `reset` takes it back.
+/// Title of a section with a marker if `reset` would change a setting; a click on it applies `reset`.
 fn marked_section(
     ui: &mut Ui,
     settings: &mut ViewSettings,
@@ -153,23 +149,23 @@ fn renderer(settings: &mut ViewSettings, ui: &mut Ui) {
         ui.selectable_value(&mut settings.renderer, Renderer::Exact, "Exact");
     });
     ui.horizontal(|ui| {
-        ui.label("Antialiasing").on_hover_text("Of the exact renderer");
+        ui.label("Antialiasing").on_hover_text("Applies to the exact renderer");
         for (antialias, label, tooltip) in [
-            (Antialias::Footprint, "Footprint", "Splats cover at least about a pixel"),
-            (Antialias::None, "None", "Thin splats flicker"),
-            (Antialias::Reference, "Reference", "As the published renderer: thin splats fade"),
+            (Antialias::Footprint, "Footprint", "Enlarges splats to about a pixel"),
+            (Antialias::None, "None", "No antialiasing: thin splats flicker"),
+            (Antialias::Reference, "Reference", "As in the published renderer: thin splats fade"),
         ] {
             ui.selectable_value(&mut settings.antialias, antialias, label).on_hover_text(tooltip);
         }
     });
 }
 
-/// Lens and field of view; also shown by the strip above the viewport.
+/// Draws lens and field of view; also used by the toolbar above the viewport.
 pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (choice, label, tooltip) in [
             (Lens::Pinhole, "Pinhole", "Straight lines stay straight"),
-            (Lens::Fisheye, "Fisheye", "Equidistant, up to all around; by the exact renderer"),
+            (Lens::Fisheye, "Fisheye", "Equidistant, up to 360°; drawn by the exact renderer"),
         ] {
             let is_chosen = settings.lens == choice;
             if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {
@@ -180,7 +176,7 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let reset = match settings.lens {
             Lens::Pinhole => {
-                // Rounded as the slider rounds, which else would count as a change.
+                // Rounded like the slider's value, which would otherwise count as changed.
                 let mut fov = settings.pinhole_fov_deg.unwrap_or(own_fov_deg).round();
                 if named(ui.add(degrees(&mut fov, PINHOLE_FOV_DEG)), FOV).changed() {
                     settings.pinhole_fov_deg = Some(fov);
@@ -193,15 +189,15 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
             }
         };
         let undo = ui.add_enabled(reset, eframe::egui::Button::new("Reset"));
-        if undo.on_hover_text("As the scene's own camera sees").clicked() {
+        if undo.on_hover_text("Resets to the scene's own camera").clicked() {
             settings.pinhole_fov_deg = None;
         }
     });
     ui.label(RichText::new(FOV).weak());
 }
 
-/// What the slider of the lens sets.
-const FOV: &str = "Field of view from top to bottom";
+/// Label of the field of view slider.
+const FOV: &str = "Vertical field of view";
 
 fn degrees(fov: &mut f32, range: std::ops::RangeInclusive<f32>) -> Slider<'_> {
     Slider::new(fov, range).suffix("°").max_decimals(0)
@@ -216,9 +212,9 @@ fn splats(settings: &mut ViewSettings, ui: &mut Ui) {
             settings.scale = start.scale;
         }
         ui.end_row();
-        ui.label("Opacity from").on_hover_text("Splats with a smaller opacity are left out");
+        ui.label("Minimum opacity").on_hover_text("Splats with lower opacity are not drawn");
         let cut = Slider::new(&mut settings.opacity_cut, 0.0..=1.0).max_decimals(2);
-        named(ui.add(cut), "Opacity from");
+        named(ui.add(cut), "Minimum opacity");
         if ui.add_enabled(settings.opacity_cut != start.opacity_cut, reset()).clicked() {
             settings.opacity_cut = start.opacity_cut;
         }
@@ -233,11 +229,11 @@ fn reset() -> eframe::egui::Button<'static> {
 fn exposure(settings: &mut ViewSettings, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (choice, label, tooltip) in [
-            (Exposing::Neutral, "Neutral", "From everywhere as the first frames were exposed; beside photographs as recorded"),
+            (Exposing::Neutral, "Neutral", "Draws all views with the exposure of the first frames; next to a photograph, with its recorded exposure"),
             (
                 Exposing::Recorded,
                 "As recorded",
-                "Every view as bright as the frames recorded around it, where the camera exposed by itself",
+                "Draws each view with the exposure of nearby frames, if the camera used automatic exposure",
             ),
         ] {
             ui.selectable_value(&mut settings.exposing, choice, label).on_hover_text(tooltip);

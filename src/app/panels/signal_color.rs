@@ -1,22 +1,22 @@
-//! Colours of words that shall be noticed, readable on dark and on light panels.
+//! Signal colours of text, readable on dark and light panels.
 
 use eframe::egui::Color32;
 
-/// A colour by its hue; what it stands for is said in words beside it.
+/// Signal colour; its meaning is also stated in words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignalColor {
-    /// Done, or good to know.
+    /// Finished, or information.
     Blue,
-    /// At work.
+    /// Running.
     Green,
-    /// Waits, or wants attention.
+    /// Waiting, or a warning.
     Yellow,
     /// Failed.
     Red,
 }
 
 impl SignalColor {
-    /// The shade for text on the panels of the dark theme, or of the light one.
+    /// Shade for text in the dark or the light theme.
     pub fn on(self, is_dark: bool) -> Color32 {
         let [on_dark, on_light] = match self {
             Self::Blue => [Color32::from_rgb(110, 170, 240), Color32::from_rgb(20, 90, 190)],

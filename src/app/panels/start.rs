@@ -1,15 +1,15 @@
-//! The window before anything is open: what happens here, and the ways to begin.
+//! Start page of an empty window.
 
 use crate::app::command::UiCommand;
 use crate::app::state::{RunState, Snapshot};
 use crate::export::endings::{READ_ENDINGS, listed};
 use eframe::egui::{Button, Color32, Frame, RichText, Stroke, Ui, Vec2};
 
-/// What happens here, in one sentence.
-pub const WHAT_HAPPENS: &str = "Photographs with depth become a scene of splats while you watch, \
-                                each frame learnt once";
+/// Purpose of the program in one sentence.
+pub const WHAT_HAPPENS: &str = "Turns photographs with depth into a Gaussian-splat scene while you watch, \
+                                using each frame once";
 
-/// Draws the page below what notices take from its top, points; what the user asks for.
+/// Draws the page below `noticed` points of notices; returns the requested command.
 pub fn ui(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     ui.vertical_centered(|ui| {
@@ -44,21 +44,21 @@ pub fn ui(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand> {
 
 const BUTTON: Vec2 = Vec2::new(220.0, 32.0);
 
-/// Where a folder is dropped; the whole window takes it.
+/// Outlined target for dropped folders; the whole window accepts them.
 fn target(ui: &mut Ui) {
     let width = (ui.available_width() - 40.0).clamp(100.0, 460.0);
     let line = Stroke::new(1.5, Color32::from_gray(110));
-    // A frame and no drawn rectangle: in a narrow window the lines wrap, and it grows with them.
+    // A frame, not a painted rectangle: it grows when lines wrap in a narrow window.
     let frame = Frame::new().stroke(line).corner_radius(8.0).inner_margin(14.0);
     ui.allocate_ui(Vec2::new(width, 0.0), |ui| {
         frame.show(ui, |ui| {
             ui.vertical_centered(|ui| {
                 ui.label(RichText::new("Your own capture: drop a folder").size(20.0));
-                ui.label("of a depth camera, a phone or a renderer, recognised by its content");
+                ui.label("from a depth camera, a phone or a renderer; the format is detected");
                 let endings = listed(&READ_ENDINGS);
                 ui.label(
                     RichText::new(format!(
-                        "or a checkpoint to go on with, or splats to look at ({endings})"
+                        "or a checkpoint to resume, or splats to view ({endings})"
                     ))
                     .weak(),
                 );

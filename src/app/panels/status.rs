@@ -1,4 +1,4 @@
-//! The line at the bottom: state, speed, components, memory, adapter.
+//! Status bar: state, speed, components, memory, adapter.
 
 use super::signal_color::SignalColor;
 use crate::app::state::{Followed, RunState, Snapshot};
@@ -9,28 +9,27 @@ use crate::pipeline::any_preset::ComponentLimit;
 use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
 use std::time::Duration;
 
-/// What the line says beside the snapshot.
 pub struct StatusContext<'a> {
-    /// Who draws the scene.
+    /// Name of the renderer and its device.
     pub adapter: &'a str,
-    /// Splats in the picture.
+    /// Splats drawn in the viewport.
     pub n_drawn: usize,
-    /// The share of the file being exported that is written.
+    /// Share of the running export already written.
     pub file_progress: Option<f32>,
-    /// For how long the trainer has been at one frame, where that is long.
+    /// Time spent waiting for the current frame, if it is long.
     pub slow_frame: Option<Duration>,
 }
 
-/// What the user wants no more.
+/// Operation that the user cancels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unwanted {
-    /// The file being exported.
+    /// The running export.
     File,
-    /// What is being opened.
+    /// Opening a file or folder.
     Opening,
 }
 
-/// Draws the line; what the user wants no more, if anything.
+/// Draws the bar; returns the operation that the user cancels, if any.
 pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Option<Unwanted> {
     let line = ui.horizontal(|ui| {
         let color = color(snapshot.state, ui.visuals().dark_mode);
@@ -73,11 +72,11 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
         if let Some(bytes) = machine::rss_bytes() {
             let model = snapshot.model_bytes as f64 / 1048576.0;
             ui.label(format!("{:.0} MiB", bytes as f64 / 1048576.0)).on_hover_text(format!(
-                "Memory of the whole program; the model itself: {model:.0} MiB"
+                "Memory of the whole program; the model alone: {model:.0} MiB"
             ));
             ui.separator();
         }
-        // The one text of unknown length must not make the line, and with it the viewport, jump.
+        // Truncated: its length is unbounded, and a wrapped bar would resize the viewport.
         let adapter = Label::new(RichText::new(surroundings.adapter).weak()).truncate();
         ui.add(adapter).on_hover_text(surroundings.adapter);
         unwanted
@@ -85,47 +84,46 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
     line.inner
 }
 
-/// How far a file is; whether the user wants it no more.
+/// Draws the progress of an export; returns true if the user cancels it.
 fn file(share: f32, ui: &mut Ui) -> bool {
     ui.separator();
     let text = format!("Exporting: {:.0} %", 100.0 * share);
     ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
-    ui.button("Cancel export").on_hover_text("An older file of this name stays").clicked()
+    ui.button("Cancel export").on_hover_text("An existing file of this name is kept").clicked()
 }
 
-/// Whether the user no longer waits for what is being opened.
+/// Draws a cancel button; returns true if it is clicked.
 fn opening(ui: &mut Ui) -> bool {
-    ui.button("Cancel opening").on_hover_text("What was open before stays").clicked()
+    ui.button("Cancel opening").on_hover_text("The previous dataset or model stays open").clicked()
 }
 
-/// How many frames could not be used, and why the first could not.
+/// Draws the number of skipped frames; the tooltip states the first reason.
 fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(first) = snapshot.skipped.first() else { return };
     ui.separator();
     let text = format!("{} frames skipped", snapshot.skipped.len());
     let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
     let said = ui.label(RichText::new(text).color(color));
-    said.on_hover_text(format!("The first: {}", first.message));
+    said.on_hover_text(format!("First reason: {}", first.message));
 }
 
-/// What the trainer has been waiting for.
+/// Draws a warning about a frame that is still being read.
 fn slow_frame(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
     let next = snapshot.opened.as_ref().and_then(|o| FrameRef::trained(o, snapshot.n_seen()));
     let name = next.map_or_else(|| "a frame".to_owned(), |frame| frame.entry().name.clone());
-    let text = format!("{name}: not read after {} s", time.as_secs());
+    let text = format!("{name}: still reading after {} s", time.as_secs());
     let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
     ui.label(RichText::new(text).color(color)).on_hover_text(
-        "Its drive may be slow or gone: check it. Training goes on once it answers, and only then pauses, saves and exports; the window can be closed",
+        "The drive may be slow or disconnected: check it. Training continues when it responds; pausing, saving and exporting wait until then. The window can be closed",
     );
 }
 
-/// How a recording is followed, in words.
 fn following(n_frames: usize, followed: &Followed) -> String {
     let waiting = if followed.is_waiting { ", waiting" } else { "" };
     format!("following, {n_frames} frames{waiting}")
 }
 
-/// Only the paper's preset has components that nothing uses.
+/// Component count; unused components exist only in the paper's preset.
 fn components(snapshot: &Snapshot) -> String {
     let Snapshot { components, used, opened, .. } = snapshot;
     let method = opened.as_ref().and_then(|opened| opened.method.as_ref());

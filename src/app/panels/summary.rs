@@ -1,4 +1,4 @@
-//! After the last frame: how good, how long, how large, and what can be done with it.
+//! Card shown after the last frame: quality, time, size, and next steps.
 
 use super::card::{self, CardPlace};
 use crate::app::command::UiCommand;
@@ -6,20 +6,18 @@ use crate::app::quality::QualityMonitor;
 use crate::app::state::Snapshot;
 use eframe::egui::{Button, Grid, RichText, Ui};
 
-/// What the user does about the card.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SummaryAnswer {
-    /// A command.
     Command(UiCommand),
-    /// The same frames again with a finer structural scale.
+    /// Train on the same frames with a finer structural scale.
     Finer,
-    /// To the figures of every view.
+    /// Show the figures of every view.
     Quality,
-    /// The card has been read.
+    /// Close the card.
     Close,
 }
 
-/// Draws the card. `finer` says what the next finer run would be, where there is one.
+/// Draws the card. `finer` describes the next finer run, if there is one.
 pub fn ui(
     snapshot: &Snapshot,
     quality: &QualityMonitor,
@@ -30,22 +28,24 @@ pub fn ui(
     let (mut answer, mut asked) = (None, None);
     let contents = |ui: &mut Ui| {
         ui.horizontal(|ui| {
-            // At the fixed corner of the card: figures that come in make it wider.
+            // At the left, which stays in place when new figures widen the card.
             if ui.small_button("×").on_hover_text("Close this card").clicked() {
                 answer = Some(SummaryAnswer::Close);
             }
-            let title = format!("{} frames are a scene", snapshot.frames_done);
+            let title = format!("Trained on {} frames", snapshot.frames_done);
             ui.label(RichText::new(title).strong().size(16.0));
         });
         Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
             ui.label(RichText::new("Held out").weak());
-            let figures = ui.link(figures(quality)).on_hover_text("Every view, and how it grew");
+            let figures = ui
+                .link(figures(quality))
+                .on_hover_text("Shows the figures of every view and their history");
             if figures.clicked() {
                 answer = Some(SummaryAnswer::Quality);
             }
             ui.end_row();
-            // There from the start: a row that came with the figures would move what is above it away
-            // from under the pointer.
+            // Present from the start: a row added with the figures would shift the rows above it, since the
+            // card is anchored at its bottom.
             ui.label(RichText::new("Where covered").weak());
             ui.label(covered(quality));
             ui.end_row();

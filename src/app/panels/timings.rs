@@ -1,4 +1,4 @@
-//! What training and drawing took, as columns and as CSV.
+//! Timings of training and drawing as columns and CSV.
 
 use crate::app::drawing::{DrawHistory, DrawStage};
 use crate::eval::report::FrameReport;
@@ -9,13 +9,13 @@ pub fn timings(frames: &[FrameReport], drawn: &DrawHistory) -> String {
     csv(frames) + &drawing_csv(drawn)
 }
 
-/// The stages of the preset that trains these frames.
+/// Training stages of the preset.
 pub fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
     frames.last().map_or(&[], |frame| frame.ms.stages.names())
 }
 
-/// Milliseconds of the stage at a position in [`stages`], frame by frame; 0 for frames that have
-/// others, such as those that version 0.1.0 trained of a run that goes on.
+/// Time of the stage at index `at` of [`stages`] per frame, milliseconds; 0 for frames with other stages,
+/// such as those trained by version 0.1.0 before the run was resumed.
 pub fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
     let stages = stages(frames);
     frames.iter().map(move |frame| match &frame.ms.stages {
@@ -45,7 +45,7 @@ fn csv(frames: &[FrameReport]) -> String {
     text
 }
 
-/// A second block, since pictures are not frames of the training.
+/// A block of its own, since pictures do not correspond to frames.
 fn drawing_csv(drawn: &DrawHistory) -> String {
     let names = DrawStage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
     let mut text = format!("\npicture,{names},uploaded bytes\n");
@@ -65,7 +65,7 @@ pub mod tests {
     use crate::train::stages::PAPER_STAGES;
     use crate::train::timing::StageMs;
 
-    /// A frame whose training took so many milliseconds, all in the first stage.
+    /// Report of a frame with `ms` milliseconds of training, all in the first stage.
     pub fn frame(ms: f64) -> FrameReport {
         let mut stages = StageMs::new(&PAPER_STAGES);
         stages.add(0, ms);

@@ -1,4 +1,4 @@
-//! How what is opened or reset next is trained.
+//! Training settings for the next opened or reset run.
 
 use super::explained::named;
 use super::setting_rows::{self, OwnRow, SettingRows};
@@ -12,19 +12,18 @@ use crate::train::setting::table::SettingLayer;
 use eframe::egui::{CollapsingHeader, DragValue, RichText, Ui};
 use std::ops::RangeInclusive;
 
-/// Components of a budget when one is first set.
+/// Initial budget, components.
 const FIRST_BUDGET: usize = 25_000;
 
-/// Seconds between two saves on the way that can be chosen.
+/// Range of the autosave interval, seconds.
 const AUTOSAVES_S: RangeInclusive<u32> = 1..=3600;
 
-/// Rows of the scene preset, whose ranges the types of its settings know.
+/// Rows of the scene preset; the types of its settings validate their ranges.
 const SCENE: SettingRows<SceneOverrides> = SettingRows {
     own: &[OwnRow { field: "budget", default: "no budget", draw: budget }],
     check: |_| Ok(()),
 };
 
-/// Rows of the paper preset.
 const PAPER: SettingRows<PaperOverrides> = SettingRows {
     own: &[],
     check: |paper| {
@@ -32,15 +31,14 @@ const PAPER: SettingRows<PaperOverrides> = SettingRows {
     },
 };
 
-/// Draws the panel.
 pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (preset, label, tooltip) in [
-            (Preset::Scene, "Scene preset", "Components are born where surfaces are seen"),
+            (Preset::Scene, "Scene preset", "Creates components on observed surfaces"),
             (
                 Preset::Paper,
                 "Paper preset",
-                "The published algorithm; 100,000 components unless Details say otherwise",
+                "The published algorithm; 100,000 components unless changed in Details",
             ),
         ] {
             ui.selectable_value(&mut settings.preset, preset, label).on_hover_text(tooltip);
@@ -51,15 +49,15 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     } else {
         details(&PAPER, &mut settings.paper, ui);
     }
-    ui.label(RichText::new("Holds for what is opened next, and after Reset").weak());
+    ui.label(RichText::new("Applies to the next opened dataset, and after Reset").weak());
     autosave(&mut settings.autosave_s, ui);
 }
 
-/// How often a run is saved on its way.
+/// Setting of the autosave interval.
 fn autosave(seconds: &mut Option<u32>, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let mut is_on = seconds.is_some();
-        let help = "Beside training, so that a crash costs no more than this; the next start offers to go on";
+        let help = "Saves during training; after a crash, the next start offers to resume";
         if ui.checkbox(&mut is_on, "Autosave every").on_hover_text(help).changed() {
             *seconds = is_on.then_some(AUTOSAVE_S);
         }
@@ -71,7 +69,7 @@ fn autosave(seconds: &mut Option<u32>, ui: &mut Ui) {
     });
 }
 
-/// A preset's settings, folded away until somebody wants to change one.
+/// Collapsible list of a preset's settings.
 fn details<L: SettingLayer + Clone>(rows: &SettingRows<L>, layer: &mut L, ui: &mut Ui) {
     let n = setting_rows::n_changed(layer);
     let title = if n == 0 { "Details".to_owned() } else { format!("Details: {n} changed") };

@@ -1,5 +1,5 @@
-//! The bar at the top: menus, transport buttons, name, progress, detail. One row for all, so that of a
-//! small window most stays the picture's.
+//! Top bar: menus, transport buttons, name, progress and level of detail. One row for all leaves more room
+//! for the viewport.
 
 use super::detail;
 use super::menus::{self, MenuAnswer, MenuContext};
@@ -8,24 +8,21 @@ use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::{Button, ProgressBar, RichText, Ui};
 
-/// Buttons in the order they stand.
+/// Groups of buttons, in order.
 const BUTTONS: [&[UiCommand]; 2] = [
     &[UiCommand::Open, UiCommand::OpenDemo, UiCommand::Save, UiCommand::Export],
     &[UiCommand::Train, UiCommand::Step, UiCommand::Follow, UiCommand::Reset],
 ];
 
-/// What the user asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TransportAnswer {
-    /// A command.
     Command(UiCommand),
-    /// Something of the menus.
     Menu(MenuAnswer),
-    /// The same frames again, as fine as is chosen now.
+    /// Train on the same frames with the chosen level of detail.
     Again,
 }
 
-/// Draws the bar. `scale` is the structural scale of the next run, `None` as the one that is open has it.
+/// Draws the bar. `scale` is the structural scale of the next run; `None` means that of the open run.
 pub fn ui(
     snapshot: &Snapshot,
     menu: &MenuContext<'_>,
@@ -38,7 +35,7 @@ pub fn ui(
         for group in BUTTONS {
             ui.separator();
             for &command in group {
-                // Train and Pause share one place.
+                // Train and Pause share one button.
                 let command = match (command, snapshot.state) {
                     (UiCommand::Train, RunState::Training) => UiCommand::Pause,
                     (other, _) => other,

@@ -1,4 +1,4 @@
-//! The walk back: the scene as it was after earlier frames, as far as it is kept, or what was born by then.
+//! Controls for viewing earlier frames: stored copies of the scene, or current splats by birth frame.
 
 use super::explained::{SLIDER, named, weak};
 use crate::app::edit::editor::{Editor, WalkBack};
@@ -7,7 +7,7 @@ use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
 use eframe::egui::{DragValue, Slider, Ui};
 
-/// Draws the controls; so many splats are of an unknown birth.
+/// Draws the controls; `n_unborn` is the number of splats with unknown birth frame.
 pub fn ui(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
     let last = snapshot.n_seen();
     let (editor, palette) = view.editing();
@@ -15,7 +15,7 @@ pub fn ui(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut U
     let is_kept = !editor.past.moments().is_empty();
     if last == 0 || !knows_births && !is_kept {
         editor.walked_to = None;
-        weak(ui, "What was before is known of scenes that were trained since they were opened.");
+        weak(ui, "Available for scenes trained since they were opened.");
         return;
     }
     ui.horizontal_wrapped(|ui| {
@@ -26,22 +26,18 @@ pub fn ui(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut U
     slider(editor, last, ui);
     weak(ui, &described(editor));
     if editor.born_until().is_some() && n_unborn > 0 {
-        weak(ui, &format!("{n_unborn} splats of an unknown birth are always shown."));
+        weak(ui, &format!("{n_unborn} splats with unknown birth frame are always shown."));
     }
-    weak(ui, "Nothing is left out of files by it.");
+    weak(ui, "This does not affect saving or exporting.");
     budget(view, ui);
 }
 
 const WALKS: [(WalkBack, &str, &str); 2] = [
-    (
-        WalkBack::AsItWas,
-        "As it was",
-        "The scene as it was after that frame, from copies that are kept of it",
-    ),
+    (WalkBack::AsItWas, "As it was", "Shows a stored copy of the scene after that frame"),
     (
         WalkBack::Births,
         "By birth, as it is now",
-        "Where splats are that a later frame bore is left empty; those that are left are as they are now, not as they were then",
+        "Shows the current splats that were created up to that frame, in their current state",
     ),
 ];
 
@@ -60,36 +56,36 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
     });
 }
 
-/// What is shown.
+/// Describes the displayed scene.
 fn described(editor: &Editor) -> String {
-    let Some(asked) = editor.walked_to else { return "Shown is the scene of now.".to_owned() };
+    let Some(asked) = editor.walked_to else { return "Showing the current scene.".to_owned() };
     match (editor.walk, editor.past_shown()) {
         (_, Some(past)) if past.n_frames == asked => format!(
-            "Shown is the scene as it was after frame {asked}, in its own colours. Figures are of the scene of now."
+            "Showing the scene after frame {asked}, in its learned colours. Figures refer to the current scene."
         ),
         (_, Some(past)) => format!(
-            "Shown is the scene as it was after frame {}, the last that is kept until {asked}, in its own colours. Figures are of the scene of now.",
+            "Showing the scene after frame {}, the latest copy up to frame {asked}, in its learned colours. Figures refer to the current scene.",
             past.n_frames
         ),
         (WalkBack::AsItWas, None) => format!(
-            "Nothing is kept from until frame {asked}: shown are the splats that were born by then, as they are now."
+            "No copy exists up to frame {asked}: showing the current splats created by then."
         ),
         (WalkBack::Births, None) => {
-            format!("Shown are the splats that were born until frame {asked}, as they are now.")
+            format!("Showing the current splats created up to frame {asked}.")
         }
     }
 }
 
-/// What the copies may take.
+/// Memory budget of the copies.
 fn budget(view: &mut SceneView, ui: &mut Ui) {
     let mut budget = view.settings.past_mb;
     let past = &view.editor().past;
     let (n, taken) = (past.moments().len(), past.bytes() as f64 / 1e6);
     ui.horizontal_wrapped(|ui| {
-        ui.label(format!("Kept: {n} moments, {taken:.1} of at most"));
+        ui.label(format!("{n} copies stored, {taken:.1} MB of at most"));
         let value = DragValue::new(&mut budget).range(0..=MAX_PAST_MB).suffix(" MB");
-        let value = named(ui.add(value), "Memory of earlier moments");
-        value.on_hover_text("Where they would take more, every other one is dropped");
+        let value = named(ui.add(value), "Memory for earlier frames");
+        value.on_hover_text("Beyond this limit, every other copy is dropped");
     });
     if budget != view.settings.past_mb {
         view.settings.past_mb = budget;

@@ -1,4 +1,4 @@
-//! What lies over the viewport when something has just been opened or finished.
+//! Cards over the viewport: before training and after the last frame.
 
 use super::Studio;
 use crate::app::color_mode::ColorMode;
@@ -15,7 +15,7 @@ use crate::train::scene::units::StructuralScale;
 use eframe::egui::Ui;
 
 impl Studio {
-    /// The card that goes with the state, if one does, below what notices take from the top.
+    /// Draws the card of the current state, if it has one, below `noticed` points of notices.
     pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
         let place = CardPlace::below(noticed, ui);
@@ -50,7 +50,7 @@ impl Studio {
                 StructuralScale::World(length) => format!("{length:.2e} world units"),
             };
             format!(
-                "The same frames again with a structural scale of {scale}: some {} components. The view stays",
+                "Train on the same frames again with a structural scale of {scale}: about {} components. The view stays",
                 2 * snapshot.used
             )
         });
@@ -66,17 +66,17 @@ impl Studio {
         }
     }
 
-    /// Trains the same frames by the settings of now; the view stays.
+    /// Trains on the same frames with the current settings; the view stays.
     pub(super) fn train_again(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let settings = Box::new(self.training.clone());
-        // Also where the scene in training is not given up for it: they hold for the next run then.
+        // Sent even if the user then cancels discarding: the settings apply to the next run.
         self.worker.send(WorkerOrder::TrainBy(settings.clone()));
         self.view.keep_place_of(opened);
         self.discard_then(WorkerOrder::Retrain(settings), snapshot);
     }
 
-    /// Before the first frame of what is open: lets the detail hold that was chosen since it was opened.
+    /// Applies a level of detail chosen after opening, if no frame is trained yet.
     pub(super) fn take_detail(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let (Some(run), Some(chosen)) = (trained_by(opened), self.training.scene.scale) else {

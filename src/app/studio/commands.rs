@@ -1,4 +1,4 @@
-//! Keys, buttons and the window's own events.
+//! Executes commands from buttons, shortcuts and window events.
 
 use super::Studio;
 use crate::app::action_finder::Action;
@@ -50,7 +50,7 @@ impl Studio {
                 None => memory.move_focus(FocusDirection::Next),
             }),
             UiCommand::Help => self.help_is_open = !self.help_is_open,
-            // Comes back as a request to close, about which the user may be asked.
+            // Returns as a close request, which may ask for confirmation first.
             UiCommand::Quit => self.egui.send_viewport_cmd(ViewportCommand::Close),
             of_view => {
                 debug_assert!(of_view.is_of_view(), "{of_view:?} does nothing");
@@ -79,14 +79,13 @@ impl Studio {
         self.worker.send(WorkerOrder::Report(kind, text));
     }
 
-    /// Why an action makes no sense now, if so.
+    /// Reason why an action is unavailable, if any.
     pub(super) fn why_not(&self, action: Action, snapshot: &Snapshot) -> Option<&'static str> {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => {
                 let removes = command == UiCommand::RemoveModel;
                 let vain = removes.then(|| self.view.why_not_remove()).flatten();
-                let useless =
-                    (!self.view.is_of_use(command)).then_some("There is nothing to do it to");
+                let useless = (!self.view.is_of_use(command)).then_some("Nothing to apply it to");
                 command.why_not(snapshot.state, snapshot.source).or(vain).or(useless)
             }
             (Action::Tab(_), _) => None,
@@ -96,7 +95,7 @@ impl Studio {
         }
     }
 
-    /// Whether what a command switches is on.
+    /// True if a toggle command is on.
     pub(super) fn is_on(&self, command: UiCommand, snapshot: &Snapshot) -> bool {
         let is_open = snapshot.opened.is_some();
         match command {
@@ -122,8 +121,8 @@ impl Studio {
         }
     }
 
-    /// Keys are left to text fields, open questions and open menus; a control that has the focus takes those that
-    /// press it, change it or lead on to the next one.
+    /// Executes shortcuts. Text fields, dialogs and menus have priority; a focused control receives the keys
+    /// that activate it, change it or move the focus.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dialogs = [
             &self.open_dialog,
@@ -139,17 +138,17 @@ impl Studio {
         if asks || ui.ctx().text_edit_focused() {
             return;
         }
-        // The list of keys goes before a selection does.
+        // Escape closes the help window before it clears the selection.
         let closes = |i: &mut InputState| i.consume_key(Modifiers::NONE, Key::Escape);
         if self.help_is_open && ui.input_mut(closes) {
             self.help_is_open = false;
         }
-        // Shift+Tab leads to the controls whatever Tab is taken for.
+        // Shift+Tab moves the focus to the controls even though Tab alone is a command.
         let leads_on = ui.input(|i| i.modifiers.shift && i.key_pressed(Key::Tab));
         let is_of_controls = leads_on || ui.memory(|memory| memory.focused().is_some());
         let toggles = UiCommand::ToggleRenderer.is_legal(snapshot.state, snapshot.source);
         if toggles && !is_of_controls && ui.input(|i| i.key_pressed(Key::Tab)) {
-            // The key is a command's; it would also move the focus, and keys with it.
+            // Tab is a command here; egui would also move the focus, and with it the keyboard input.
             ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
         }
         for command in UiCommand::ALL {
@@ -160,7 +159,7 @@ impl Studio {
                 continue;
             }
             let keys = command.shortcuts();
-            // With Ctrl a flight goes slowly: its keys neither save nor export meanwhile.
+            // Ctrl slows down flying, so Ctrl+S and Ctrl+E must not save or export meanwhile.
             if self.view.is_flying() && keys.iter().any(|key| key.modifiers.command) {
                 continue;
             }
@@ -170,7 +169,7 @@ impl Studio {
         }
     }
 
-    /// Opens a path, or calibrates what is open by it.
+    /// Opens a path; a calibration file is applied to the open dataset.
     pub(super) fn open_path(&mut self, path: PathBuf, snapshot: &Snapshot) {
         self.discard_then(order_to_open(path), snapshot);
     }
@@ -185,10 +184,10 @@ impl Studio {
         }
     }
 
-    /// Closing the window is asked about like everything else that forgets training.
+    /// Handles a request to close the window: unsaved training must be confirmed.
     pub(super) fn take_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
         if snapshot.is_left_behind && !self.may_close {
-            // Ended from outside: nobody is asked.
+            // The program is terminated from outside, so no confirmation is possible.
             self.may_close = true;
             ctx.send_viewport_cmd(ViewportCommand::Close);
         }
@@ -196,16 +195,16 @@ impl Studio {
         if !asked || self.may_close {
             return;
         }
-        // A question or a file that is under way is kept and now leads to closing: the same
-        // training is not asked about twice.
+        // A pending confirmation or file now leads to closing, so that the same training is not confirmed
+        // twice.
         let waiting = self.pending.take();
         if waiting.is_none() && !snapshot.has_training_to_lose() {
             return;
         }
-        // In this very pass: eframe closes unless it finds this among the commands of the pass.
+        // Must be sent in this pass: eframe closes unless it finds this command in the same pass.
         ctx.send_viewport_cmd(ViewportCommand::CancelClose);
         if ctx.input(|i| i.viewport().minimized == Some(true)) {
-            // Closed from the task bar: nobody would see the question.
+            // A minimised window, closed from the task bar, would hide the confirmation.
             ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
             ctx.send_viewport_cmd(ViewportCommand::Focus);
         }
@@ -216,7 +215,7 @@ impl Studio {
     }
 }
 
-/// Calibrations are opened for what is open already.
+/// Order for a path: calibration files apply to the open dataset, everything else is opened.
 pub(super) fn order_to_open(path: PathBuf) -> WorkerOrder {
     match path.extension() {
         Some(extension) if extension == "ron" => WorkerOrder::Calibrate(path),

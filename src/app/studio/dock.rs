@@ -1,4 +1,4 @@
-//! Where panels and picture stand: tiles that the user rearranges by dragging tabs.
+//! Docking of panels and viewport: tiles that the user rearranges by dragging tabs.
 
 use super::Studio;
 use crate::app::layout::{DockPane, WindowLayout, is_whole};
@@ -15,25 +15,24 @@ use egui_tiles::{
     UiResponse,
 };
 
-/// Width of the line between tiles, points.
 const GAP: f32 = 1.0;
-/// No panel becomes smaller by dragging, points.
+/// Least size of a panel resized by dragging, points.
 const MIN_SIZE: f32 = 120.0;
-/// Room around what a panel holds, and around the name of a tab, points.
+/// Margins of a panel's contents and of a tab's title, points.
 const MARGIN: Margin = Margin { left: 8, right: 4, top: 4, bottom: 2 };
 const TAB_MARGIN: Vec2 = Vec2::new(6.0, 2.0);
-/// Least room beside the name of a tab where a panel is narrow, points.
+/// Least margin of a tab's title in a narrow panel, points.
 const MIN_TAB_MARGIN: f32 = 2.0;
 
-/// What the tiles ask of the window while they are drawn.
+/// Behaviour of the tiles during one pass.
 struct Dock<'a> {
     studio: &'a mut Studio,
     snapshot: &'a Snapshot,
     picture: Option<TileId>,
-    /// Where the picture goes. It is drawn after the panels, by the settings that they leave.
+    /// Rectangle of the viewport, which is drawn after the panels so that their changes apply at once.
     place: Option<Rect>,
     is_dropped: bool,
-    /// Room around the names of the tabs that are drawn.
+    /// Margin of the tab titles in the current tab bar.
     tab_margin: Vec2,
 }
 
@@ -63,7 +62,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// As the window's other buttons of which one is on.
+    /// Drawn like the window's other selectable buttons.
     fn tab_ui(
         &mut self,
         tiles: &mut Tiles<DockPane>,
@@ -89,11 +88,12 @@ impl Behavior<DockPane> for Dock<'_> {
             ui.painter().rect(rect, radius, look.weak_bg_fill, stroke, StrokeKind::Inside);
         }
         ui.painter().galley(rect.min + self.tab_margin, text, look.text_color());
-        let hint = "Drag it beside the picture, beside other panels, or among their tabs";
+        let hint =
+            "Drag to dock it next to the viewport, next to other panels, or among their tabs";
         response.on_hover_cursor(CursorIcon::Grab).on_hover_text(hint)
     }
 
-    /// Names stand closer in a narrow panel, before some of them hide behind an arrow.
+    /// Reduces the margins of titles in a narrow panel before egui_tiles hides tabs behind an arrow.
     fn tab_bar_left_ui(&mut self, tiles: &Tiles<DockPane>, ui: &mut Ui, _: TileId, tabs: &Tabs) {
         ui.add_space(f32::from(MARGIN.left) - TAB_MARGIN.x);
         let font = TextStyle::Button.resolve(ui.style());
@@ -103,7 +103,7 @@ impl Behavior<DockPane> for Dock<'_> {
         };
         let names: f32 = tabs.children.iter().map(width).sum();
         let room = (ui.available_width() - names) / (2.0 * tabs.children.len().max(1) as f32);
-        // Rounded down, so that what is placed on whole pixels fits too.
+        // Rounded down, so that tabs still fit when aligned to whole pixels.
         self.tab_margin.x = room.floor().clamp(MIN_TAB_MARGIN, TAB_MARGIN.x);
     }
 
@@ -116,12 +116,12 @@ impl Behavior<DockPane> for Dock<'_> {
     }
 
     fn simplification_options(&self) -> SimplificationOptions {
-        // A panel alone has its tab too: it is its name, and what it is dragged by.
+        // A single panel keeps its tab, which shows its name and is its drag handle.
         SimplificationOptions { all_panes_must_have_tabs: true, ..Default::default() }
     }
 
     fn tab_bar_color(&self, _: &Visuals) -> Color32 {
-        // Nothing is filled twice: the window is cleared to the panels' colour.
+        // Transparent, since the window is already cleared to the panels' colour.
         Color32::TRANSPARENT
     }
 
@@ -141,7 +141,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Over the picture, which is drawn after the tiles.
+    /// Drawn in the foreground, since the viewport is drawn after the tiles.
     fn paint_drag_preview(
         &self,
         visuals: &Visuals,
@@ -161,7 +161,7 @@ impl Behavior<DockPane> for Dock<'_> {
 }
 
 impl Studio {
-    /// Draws panels and picture in all room that is left.
+    /// Draws panels and viewport in the remaining room.
     pub(super) fn tiles(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
         self.layout.fit(ui.available_size(), GAP);
         let before = self.layout.tree.clone();
@@ -178,7 +178,7 @@ impl Studio {
         };
         tree.ui(&mut dock, ui);
         let Dock { place, is_dropped, .. } = dock;
-        // Dropped on the picture's middle a panel would hide it behind a tab.
+        // A panel dropped on the middle of the viewport would hide it behind a tab.
         self.layout.tree = if is_dropped && !is_whole(&tree) { before } else { tree };
         let Some(place) = place else { return };
         let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
@@ -186,7 +186,7 @@ impl Studio {
         self.picture(&mut ui, frame, snapshot);
     }
 
-    /// The scene, with its bar above and what lies over it.
+    /// Draws the viewport with its toolbar and overlays.
     fn picture(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
         if let Some(opened) = &snapshot.opened {
             let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
@@ -199,14 +199,14 @@ impl Studio {
                 self.apply_command(command, snapshot);
             }
         }
-        // The last panel: egui gives it the room that those before have left.
+        // The central panel comes last: egui gives it the room left by the others.
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             let noticed = self.notices.ui(snapshot, ui);
             self.central_view(ui, snapshot, noticed);
         });
     }
 
-    /// Everything where a fresh start has it.
+    /// Restores the default layout.
     pub(super) fn reset_layout(&mut self) {
         self.layout = WindowLayout::default();
         self.egui.data_mut(|data| data.remove_by_type::<PanelState>());

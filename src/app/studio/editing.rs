@@ -1,4 +1,4 @@
-//! Edits of the scene, as far as they are more than the view's.
+//! Edit tab, and component attributes requested from the worker.
 
 use super::Studio;
 use crate::app::evidence_histogram::EvidenceHistogram;
@@ -18,15 +18,15 @@ impl Studio {
         }
     }
 
-    /// How many components have how much evidence, of a scene at rest: telling it takes the trainer's time.
+    /// Histogram of the components' evidence while training is paused; collecting it costs the trainer time.
     pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
         let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         let (editor, palette) = self.view.editing();
         is_at_rest.then(|| editor.evidence(palette)).flatten()
     }
 
-    /// Has the worker tell of components what colours, edits and panels need. To be called after the view
-    /// was drawn, which leaves modes that this scene cannot show, and after the panels.
+    /// Requests the component attributes needed by colours, edits and panels. Call it after drawing the view,
+    /// which leaves modes unavailable for the scene, and after the panels.
     pub(super) fn watch_components(&mut self) {
         let watched = self.view.take_watched();
         if watched != self.watched {

@@ -1,4 +1,4 @@
-//! Files that are opened and written, and what waits for them.
+//! Opening and writing files, and the actions that wait for them.
 
 use super::Studio;
 use super::commands::order_to_open;
@@ -18,10 +18,10 @@ use crate::render::{Lens, RenderOptions};
 use eframe::egui::{Ui, ViewportCommand};
 
 impl Studio {
-    /// Goes ahead at once if nothing would be lost, else asks.
+    /// Sends the order at once if no training would be lost, otherwise after confirmation.
     pub(super) fn discard_then(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
         self.pending = match self.pending.take() {
-            // The user has been asked about this training, and may have named a file.
+            // The user already confirmed or is about to name a file; only the following action changes.
             Some(waiting) => Some(waiting.instead(Continuation::Send(order))),
             None if snapshot.has_training_to_lose() => {
                 Some(Pending::Asking(Continuation::Send(order)))
@@ -33,7 +33,7 @@ impl Studio {
         };
     }
 
-    /// Whether the user wants to be asked about an abandoned run another time.
+    /// True if the user chose "Not now" for this abandoned run.
     pub(super) fn is_put_off(&self, run: &AbandonedRun) -> bool {
         self.put_off.as_ref() == Some(&run.slot)
     }
@@ -53,7 +53,7 @@ impl Studio {
     }
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        // Nothing ever waits for this dialog, so it does not matter that it was cancelled.
+        // No action waits for this dialog, so cancelling it has no effect.
         if let Some(PathAnswer::Path(path)) =
             self.open_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ())
         {
@@ -63,7 +63,7 @@ impl Studio {
             self.compare_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ())
             && let Err(error) = self.view.compare_with(path)
         {
-            let text = format!("no thread to read a model on could be started: {error}");
+            let text = format!("cannot start a thread to read the model: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
         match self.save_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ()) {
@@ -86,11 +86,11 @@ impl Studio {
         if let Some(action) = chosen {
             self.apply_action(action, snapshot);
         }
-        // After the dialogs: a file that was named in this pass is waited for from now on.
+        // After the dialogs, so that a file named in this pass is already taken into account.
         self.go_on(ui, snapshot);
     }
 
-    /// Where to export to, how, and what comes of it.
+    /// Draws the export dialog with its options and preview.
     fn ask_export(&mut self, ui: &Ui, snapshot: &Snapshot) {
         self.preview_export(snapshot);
         let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
@@ -105,7 +105,7 @@ impl Studio {
                 export_options::ui(mapping, ui);
             }
             if let Some((n, all)) = left_out {
-                ui.label(format!("{n} of {all} splats are left out, as edited (tab Edit)."));
+                ui.label(format!("{n} of {all} splats are excluded by edits (Edit tab)."));
             }
             export_options::preview(previews, ui);
         };
@@ -121,17 +121,17 @@ impl Studio {
         }
     }
 
-    /// Draws the picture of now into a file beside what is open.
+    /// Saves the current view as a PNG next to the open file or folder.
     pub(super) fn save_picture(&mut self, snapshot: &Snapshot) {
         let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
         let path = opened.files.path("view.png");
         if let Err(error) = self.still.start(still, path, self.wakes.waker().clone()) {
-            let text = format!("no thread to draw the picture on could be started: {error}");
+            let text = format!("cannot start a thread to draw the picture: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
     }
 
-    /// Where a film of the path goes, and what came of the one before.
+    /// Draws the film dialog and reports the previous film.
     fn ask_film(&mut self, ui: &Ui, snapshot: &Snapshot) {
         if let Some((kind, text)) = self.film.take() {
             self.worker.send(WorkerOrder::Report(kind, text));
@@ -157,12 +157,12 @@ impl Studio {
         };
         let scene = self.view.learned().clone();
         if let Err(error) = self.film.start(scene, order, self.wakes.waker().clone()) {
-            let text = format!("no thread to draw a film on could be started: {error}");
+            let text = format!("cannot start a thread to render the film: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
     }
 
-    /// Has the view show what is chosen in the dialog, while that is open.
+    /// Previews the choices of the export dialog while it is open.
     fn preview_export(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let is_wanted = self.export_dialog.is_open() && self.view.settings.previews_export;
@@ -173,29 +173,28 @@ impl Studio {
             left_out: self.view.editor().left_out(),
         });
         if let Err(error) = self.view.preview_export(choice, opened, snapshot.state) {
-            let text = format!("no thread to preview the file on could be started: {error}");
+            let text = format!("cannot start a thread to preview the file: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
             self.view.settings.previews_export = false;
         }
     }
 
-    /// The number of the file to write next, which is what waited for its name now waits for.
+    /// Returns a number for the next file and makes the pending action wait for it.
     fn begin_write(&mut self) -> u64 {
-        // A number and not the path: the snapshot still tells the outcome of an earlier file, which
-        // may have had the same name.
+        // A number, not the path: the snapshot may still report an earlier file of the same name.
         let number = self.worker.new_number();
         self.pending = self.pending.take().map(|pending| pending.named(number));
         number
     }
 
-    /// A file that gets no name is not written.
+    /// Cancels the action that waits for a file name.
     fn forget_named(&mut self) {
         self.pending = self.pending.take().filter(|p| !matches!(p, Pending::Naming(_)));
     }
 
-    /// Asks about unsaved training, and lets go ahead what need not wait any more.
+    /// Confirms discarding of unsaved training and executes pending actions that are ready.
     fn go_on(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        // Taken out and put back while it waits: the questions are drawn anew in every pass.
+        // Taken out and put back while waiting, since dialogs are drawn in every pass.
         let Some(pending) = self.pending.take() else { return };
         match pending.after(snapshot.latest_write) {
             AfterWrite::Wait(Pending::Asking(next)) => self.ask(next, ui, snapshot.unsaved_frames),
@@ -233,8 +232,7 @@ impl Studio {
         match next {
             Continuation::Send(order) => self.worker.send(order),
             Continuation::Close => {
-                // The command comes back as a request to close, which must
-                // not be asked about again.
+                // The command returns as a close request, which must not be confirmed again.
                 self.may_close = true;
                 ui.ctx().send_viewport_cmd(ViewportCommand::Close);
             }

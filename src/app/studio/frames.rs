@@ -1,16 +1,16 @@
-//! The strip of frames at the bottom, and the cameras that it previews.
+//! Frame strip at the bottom, and camera previews by dragging over it.
 
 use super::Studio;
 use crate::app::panels::frame_strip::{self, StripAnswer, StripContext};
 use crate::app::state::{RunState, Snapshot};
 use eframe::egui::{Frame, Panel, Ui};
 
-/// Share of the window's height that the strip takes at first, and at most.
+/// Initial and largest share of the window's height for the strip.
 const SHARE: f32 = 0.16;
 const MAX_SHARE: f32 = 0.4;
 
 impl Studio {
-    /// Draws the strip where the frames of a dataset are open.
+    /// Draws the strip if a dataset is open.
     pub(super) fn frame_strip(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
         let Some(opened) = snapshot.opened.as_ref().filter(|opened| opened.dataset.is_some())
         else {
@@ -67,7 +67,7 @@ impl Studio {
         if ui.input(|i| i.pointer.any_down()) {
             return;
         }
-        // What is open may have changed under the hand: there is no way back to a camera of before.
+        // If another dataset was opened during the drag, the previous camera no longer applies.
         if let Some((_, before)) = self.strip.before.take().filter(|(was, _)| *was == serial) {
             self.view.return_to(before);
         }

@@ -1,4 +1,4 @@
-//! The application: puts panels together and turns what they answer into orders.
+//! The application: assembles the panels and turns their requests into orders for the worker.
 
 mod cards;
 mod commands;
@@ -50,28 +50,27 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use strip_memory::StripMemory;
 
-/// The application's state; the trainer's is on its own thread.
+/// State of the window; the trainer's state is on its own thread.
 pub struct Studio {
     worker: Arc<Worker>,
     exit: Exit,
     device: Option<WindowDevice>,
-    /// Wakes this window from threads; once it is dropped with the window, it wakes nothing any more.
+    /// Wakes this window from other threads; inactive once the window is dropped.
     wakes: WindowWaker,
     egui: Context,
     view: SceneView,
     quality: QualityMonitor,
     quality_plot: QualityPlot,
-    /// Serial of what the card after the end was closed for.
+    /// Serial of the run whose summary card was closed.
     summary_closed: u64,
     training: TrainSettings,
-    /// What the worker was asked to tell of components.
+    /// Component attribute requested from the worker.
     watched: Option<Attribute>,
     adapter: String,
     layout: WindowLayout,
     strip: StripMemory,
-    /// The camera path that is being made.
     path: PathEditor,
-    /// Whether the view is where that path was played to.
+    /// True if the view shows a moment of the playing path.
     path_plays: bool,
     finder: ActionFinder,
     open_dialog: PathDialog,
@@ -83,14 +82,14 @@ pub struct Studio {
     still: StillJob,
     mapping: Mapping,
     help_is_open: bool,
-    /// What waits for the user or a file.
+    /// Action that waits for the user or a file.
     pending: Option<Pending>,
     may_close: bool,
     notices: NoticeBoard,
     recent: RecentPaths,
-    /// As the window's frame has it.
+    /// Current title, to send only changes.
     title: String,
-    /// File of the abandoned run that the user does not want to be asked about now.
+    /// Slot of the abandoned run for which the user chose "Not now".
     put_off: Option<PathBuf>,
     started: Instant,
     first_splats_logged: bool,
@@ -98,7 +97,7 @@ pub struct Studio {
 }
 
 impl Studio {
-    /// Builds the application on eframe's context and opens `subject`, if there is one.
+    /// Creates the application with a new worker and opens `subject`, if given.
     pub fn new(
         context: &eframe::CreationContext<'_>,
         subject: Option<Subject>,
@@ -111,8 +110,8 @@ impl Studio {
         Self::attach(context, worker, vec![first], Exit::default(), painting, started)
     }
 
-    /// Builds the application on a run that may be under way and gives the `first` orders; `exit`
-    /// learns why the window ends.
+    /// Creates the application for a worker that may already be training, and sends the `first` orders. The
+    /// reason why the window ends is recorded in `exit`.
     pub fn attach(
         context: &eframe::CreationContext<'_>,
         worker: Arc<Worker>,
@@ -121,7 +120,7 @@ impl Studio {
         painting: Painting,
         started: Instant,
     ) -> std::io::Result<Self> {
-        // The trainer begins while the GPU is made ready.
+        // Orders go first, so that the trainer works while the GPU is initialised.
         let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(|part| context.storage?.get_string(part));
         give_first_orders(&worker, &training, first, problems);
@@ -132,7 +131,7 @@ impl Studio {
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, waker)?;
         let mut view = scene_view(painter, view, (&context.egui_ctx, waker), device.as_ref());
         worker.set_interval(view.snapshot_interval());
-        // The window before may have coloured the scene otherwise.
+        // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
             path: go_on(&mut view, &exit),
@@ -173,44 +172,44 @@ impl Studio {
         })
     }
 
-    /// The newest snapshot of the run.
+    /// Latest snapshot of the run.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.worker.snapshot()
     }
 
-    /// Splats in the picture on screen.
+    /// Number of splats drawn in the viewport.
     pub fn n_drawn(&self) -> usize {
         self.view.n_drawn()
     }
 
-    /// The central view.
+    /// The viewport.
     pub fn view(&self) -> &SceneView {
         &self.view
     }
 
-    /// What is known of the quality of what is open.
+    /// Quality measurements of the open dataset.
     pub fn quality(&self) -> &QualityMonitor {
         &self.quality
     }
 
-    /// Why the window ends, if it does.
+    /// Record of why the window ends.
     pub fn exit(&self) -> &Exit {
         &self.exit
     }
 
-    /// Ends the window, not the run.
+    /// Closes the window but not the run.
     fn leave(&mut self, why: Leave, context: &Context) {
         self.exit.leave(why);
-        // Nothing is asked about unsaved training: it goes on in the next window.
+        // No confirmation: unsaved training continues in the next window.
         self.may_close = true;
         context.send_viewport_cmd(ViewportCommand::Close);
     }
 
-    /// Leaves what the user made to the next window, and says what cannot go on there.
+    /// Stores the user's state for the next window; warns about a film that cannot continue.
     fn hand_over(&mut self) {
         if let Some(output) = self.film.output() {
             let text = format!(
-                "{}: expected a film, found that it ended with the window that drew it; draw it again",
+                "{}: the film was not finished, because the window that rendered it was closed; render it again",
                 output.display()
             );
             self.worker.send(WorkerOrder::Report(NoticeKind::Warning, text));
@@ -220,10 +219,10 @@ impl Studio {
         self.exit.hand_over(Handover { view: self.view.keep(), path });
     }
 
-    /// Everything in the window but questions.
+    /// Draws everything except dialogs.
     fn panels(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        // The window is cleared to the panels' colour, so nothing is filled twice: one fill of the
-        // window costs 66 ms of processor time on a software adapter (1280×800, llvmpipe).
+        // Transparent, since the window is cleared to the panels' colour: filling it again costs 66 ms of CPU
+        // time on a software adapter (1280×800, llvmpipe).
         let frame = Frame::side_top_panel(ui.style()).fill(Color32::TRANSPARENT);
         let asked = Panel::top("transport").frame(frame).show(ui, |ui| {
             ui.add_space(3.0);
@@ -245,7 +244,7 @@ impl Studio {
             self.answer_abandoned(run, answer.inner, snapshot);
         }
         if snapshot.state == RunState::Training {
-            // A trainer that waits for a drive wakes no window.
+            // A trainer that waits for a drive does not wake the window.
             ui.ctx().request_repaint_after(Duration::from_secs(1));
         }
         let surroundings = status::StatusContext {
@@ -263,7 +262,7 @@ impl Studio {
             None => {}
         }
         self.frame_strip(ui, frame, snapshot);
-        // The last panel: egui gives it the room that those before have left.
+        // The central panel comes last: egui gives it the room left by the others.
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| self.tiles(ui, frame, snapshot));
     }
 
@@ -282,7 +281,7 @@ impl Studio {
         asked
     }
 
-    /// The title names what is open.
+    /// Updates the window title.
     fn name_window(&mut self, context: &Context, snapshot: &Snapshot) {
         let title = match &snapshot.opened {
             Some(opened) => format!("{} - VBGS Studio", opened.name),
@@ -294,7 +293,7 @@ impl Studio {
         }
     }
 
-    /// Nothing is shown of what was open before: neither its cameras nor its names for files.
+    /// Switches view and file dialogs to the open dataset or model.
     fn turn_to(&mut self, opened: &Opened) {
         if let Some(path) = opened.path.as_ref().filter(|_| self.view.is_another(opened)) {
             self.recent.note(path);
@@ -305,10 +304,9 @@ impl Studio {
         self.film_dialog.propose(opened.serial, &opened.files);
     }
 
-    /// The scene, or the page before there is one; notices take `noticed` points from its top.
+    /// Draws the viewport, or the start page if nothing is open, below `noticed` points of notices.
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot, noticed: f32) {
-        // Taken even if nothing is drawn of it: the worker makes the next update
-        // when this one is gone.
+        // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
             self.quality.change(&update.change);
             self.view.change(update);
@@ -335,25 +333,25 @@ impl Studio {
         self.watch_components();
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
-            // A click beside every splat deselects, which is no reason to turn to another tab.
+            // A click next to the splats deselects, which is no reason to switch tabs.
             if picked.is_some() && !self.view.is_measuring() {
                 self.layout.show(SideTab::Inspector);
             }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
             self.first_splats_logged = true;
-            // The test of the start-up time reads this line (`tests/app/window.rs`).
+            // Read by the test of the start-up time (`tests/app/window.rs`).
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
         }
     }
 }
 
 impl Drop for Studio {
-    /// egui panics where a lost device gives it no memory to write to. Whether that is so is asked
-    /// here, on the way out, since the device must not outlive the display that it draws on.
+    /// After a device loss egui panics because it cannot allocate buffers. The loss is detected here, during
+    /// unwinding, since the device must not outlive its display.
     fn drop(&mut self) {
         if let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking())
-            // A device that cannot even be asked is none any more.
+            // A device that panics when polled is lost.
             && catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true)
         {
             self.exit.leave(Leave::DeviceLost);
@@ -398,20 +396,19 @@ impl eframe::App for Studio {
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         if self.device.as_ref().is_some_and(WindowDevice::is_lost) {
-            // Nothing may be drawn any more, not even by egui, or it panics.
+            // Drawing with a lost device panics, even in egui.
             self.leave(Leave::DeviceLost, ui.ctx());
             return;
         }
         self.report_faults();
-        // One snapshot for the whole pass, so that keys, panels and questions
-        // judge by the same state.
+        // One snapshot for the whole pass, so that shortcuts, panels and dialogs act on the same state.
         let snapshot = self.worker.snapshot();
         if let Some(opened) = &snapshot.opened {
             self.turn_to(opened);
         }
         self.name_window(ui.ctx(), &snapshot);
         self.take_dropped(ui, &snapshot);
-        // Before the dialogs: the Escape that closes one would else find it closed and deselect.
+        // Before the dialogs: otherwise the Escape that closes a dialog would also clear the selection.
         self.take_keys(ui, &snapshot);
         self.panels(ui, &snapshot);
         self.dialogs(ui, &snapshot);

@@ -1,4 +1,4 @@
-//! What a window is made of when it opens.
+//! Steps of opening a window.
 
 use crate::app::device::WindowDevice;
 use crate::app::drawing::Drawer;
@@ -15,25 +15,25 @@ use crate::app::window_painter::WindowPainter;
 use crate::app::worker::{Waker, Worker, WorkerOrder};
 use eframe::egui::{Context, Theme};
 
-/// Share of its strength that text has which stands back.
+/// Opacity of weak text.
 const WEAK_TEXT: f32 = 0.8;
 
-/// What the worker is to do first, and what could not be read of the stored settings.
+/// Sends the initial settings, orders and warnings about unreadable stored settings to the worker.
 pub(super) fn give_first_orders(
     worker: &Worker,
     training: &TrainSettings,
     first: Vec<WorkerOrder>,
     problems: Vec<String>,
 ) {
-    // Settings go first, since they hold for what is opened after them.
+    // Settings go first, since they apply to datasets opened after them.
     worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
     first.into_iter().for_each(|order| worker.send(order));
     let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
     problems.into_iter().for_each(warn);
 }
 
-/// The central view, which knows whether a real GPU is there that does not draw it. Where none is, the cores
-/// draw the window too.
+/// Creates the viewport. If the CPU draws although a GPU exists, a GPU failure is noted; without any GPU, the
+/// CPU also draws the window.
 pub(super) fn scene_view(
     painter: ViewPainter,
     settings: ViewSettings,
@@ -52,14 +52,14 @@ pub(super) fn scene_view(
     view
 }
 
-/// Gives the view what the window before has left, if one did; returns the camera path that was being made.
+/// Restores the view handed over by the previous window, if any; returns its camera path.
 pub(super) fn go_on(view: &mut SceneView, exit: &Exit) -> PathEditor {
     let Some(Handover { view: kept, path }) = exit.taken_over() else { return Default::default() };
     view.go_on_with(kept);
     path
 }
 
-/// As egui has them, text that stands back and links are hard to read, on white above all.
+/// Raises the contrast of weak text and links, which egui draws too pale, above all on white.
 pub(super) fn strengthen_weak_text(context: &Context) {
     context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
     let link = SignalColor::Blue.on(false);

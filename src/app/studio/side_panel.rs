@@ -1,4 +1,4 @@
-//! The panels, and what they ask of the window.
+//! Panels and their requests to the window.
 
 use super::Studio;
 use crate::app::device::WindowDevice;
@@ -17,7 +17,6 @@ use crate::export::camera_path::PacedPath;
 use eframe::egui::Ui;
 
 impl Studio {
-    /// Draws what a tab shows.
     pub(super) fn panel(&mut self, tab: SideTab, ui: &mut Ui, snapshot: &Snapshot) {
         match tab {
             SideTab::Latency => self.latency_tab(ui, snapshot),
@@ -88,7 +87,7 @@ impl Studio {
         }
     }
 
-    /// Shows the next moment of a path that plays; a hand on the camera ends that.
+    /// Advances a playing path; moving the camera by hand stops it.
     pub(super) fn play_path(&mut self, ui: &Ui) {
         if !self.path.is_playing {
             self.path_plays = false;
@@ -98,7 +97,7 @@ impl Studio {
             (self.path.is_playing, self.path_plays) = (false, false);
             return;
         }
-        // The first moment is where it was stopped.
+        // The first pass shows the moment at which the path was stopped.
         let seconds = if self.path_plays { f64::from(ui.input(|i| i.stable_dt)) } else { 0.0 };
         match self.path.play(seconds) {
             Some(moment) => self.view.stand_along(moment),
@@ -132,14 +131,14 @@ impl Studio {
             Some(SettingsAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(SettingsAnswer::Adapter(AdapterRequest::RetryGpu)) => self.retry_gpu(),
             Some(SettingsAnswer::Adapter(AdapterRequest::Adapter(choice))) => {
-                // What was said of this one would be read as if of the next.
+                // Reports about the current adapter would be misread as those of the next one.
                 self.worker.send(WorkerOrder::ForgetReports);
                 self.leave(Leave::Adapter(choice), ui.ctx());
             }
         }
     }
 
-    /// Who draws the scene now, whatever was chosen at the start.
+    /// Description of the renderer in use, including a fallback to the CPU.
     pub(super) fn drawn_by(&self) -> String {
         match &self.device {
             Some(device) if self.view.gpu_failed() => {
@@ -151,7 +150,7 @@ impl Studio {
 
     pub(super) fn retry_gpu(&mut self) {
         let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
-        faults.take(); // what went wrong before is known
+        faults.take(); // earlier errors are already reported
         match GpuViewPainter::new(state, faults.clone(), self.wakes.waker().clone()) {
             Ok(painter) => {
                 self.view.draw_by(ViewPainter::Gpu(Box::new(painter)));
@@ -165,7 +164,7 @@ impl Studio {
         }
     }
 
-    /// Faults of the window's own drawing, which nobody else takes while the CPU draws the scene.
+    /// Reports errors of drawing the window itself, which no one else collects while the CPU draws the scene.
     pub(super) fn report_faults(&self) {
         let is_on_cpu = self.view.drawn().drawer == Drawer::Cpu;
         let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };

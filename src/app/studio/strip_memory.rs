@@ -1,16 +1,14 @@
-//! What the strip of frames remembers of what is open.
+//! State of the frame strip.
 
 use crate::app::frame_outcomes::FrameOutcomes;
 use crate::app::panels::frame_strip::StripPosition;
 use crate::app::viewer::preview::PlaceBefore;
 
-/// What the strip of frames remembers of what is open.
+/// State of the frame strip for the open dataset.
 #[derive(Default)]
 pub(super) struct StripMemory {
-    /// What became of the frames.
     pub(super) outcomes: FrameOutcomes,
-    /// Where it is scrolled to.
     pub(super) position: StripPosition,
-    /// Where one stood before a preview, and serial of what was open then.
+    /// Serial of the open dataset and view before a preview began.
     pub(super) before: Option<(u64, PlaceBefore)>,
 }

@@ -1,4 +1,4 @@
-//! Which way is which: a small cross of axes that can be clicked, and a grid on the ground.
+//! Axis gizmo, which can be clicked, and the ground grid.
 
 use super::SceneView;
 use super::world_painter::WorldPainter;
@@ -8,24 +8,23 @@ use eframe::egui::{
 use glam::DVec3;
 use std::time::Instant;
 
-/// Axes, their letters and colours.
 const AXES: [(DVec3, &str, Color32); 3] = [
     (DVec3::X, "X", Color32::from_rgb(230, 90, 90)),
     (DVec3::Y, "Y", Color32::from_rgb(110, 200, 110)),
     (DVec3::Z, "Z", Color32::from_rgb(100, 150, 240)),
 ];
-/// Length of the cross's arms, points, and its place from the upper right corner of the viewport.
+/// Length of an arm, and offset of the gizmo from the viewport's upper right corner, points.
 const ARM: f32 = 26.0;
 const PLACE: Vec2 = Vec2::new(-46.0, 84.0);
-/// Size of an arm's end, points.
+/// Radius of an arm's end, points.
 const KNOB: f32 = 8.0;
 const GRID: Color32 = Color32::from_gray(90);
-/// Cells on either side of the origin.
+/// Grid cells on either side of the origin.
 const CELLS: i32 = 10;
 
 impl SceneView {
-    /// The cross of axes as the camera sees the world. A click on an end looks along that axis; the menu
-    /// of the other button says which axis is up.
+    /// Draws the axis gizmo. A click on an end moves the camera onto that axis; a right click makes
+    /// that axis point up.
     pub(super) fn gizmo(&mut self, ui: &Ui, rect: Rect) {
         let (Some(camera), viewport) = (&mut self.camera, self.viewport) else { return };
         let (from_world, _) = camera.camera(viewport).pose.inverse();
@@ -36,7 +35,7 @@ impl SceneView {
             .flat_map(|&(axis, name, color)| [(axis, name, color), (-axis, "", color)])
             .map(|(axis, name, color)| (axis, name, color, from_world * axis))
             .collect();
-        // The far ones first.
+        // Far ends first, so that near ones cover them.
         ends.sort_by(|a, b| b.3.z.total_cmp(&a.3.z));
         let mut asked = None;
         for (axis, name, color, seen) in ends {
@@ -47,11 +46,11 @@ impl SceneView {
             arm(ui, [centre, at], name, color, response.hovered());
             let sign = if name.is_empty() { "-" } else { "" };
             let letter = AXES.iter().find(|(a, ..)| a.abs() == axis.abs()).map_or("", |a| a.1);
-            let note = if axis.dot(up) > 0.9 { ", which is up" } else { "" };
-            let name = format!("Look from {sign}{letter}");
+            let note = if axis.dot(up) > 0.9 { " (up)" } else { "" };
+            let name = format!("View from {sign}{letter}");
             response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));
-            let response =
-                response.on_hover_text(format!("{name}{note}; the other button makes it up"));
+            let response = response
+                .on_hover_text(format!("{name}{note}; right-click to make this axis point up"));
             if response.clicked() {
                 asked = Some((axis, false));
             } else if response.secondary_clicked() {
@@ -67,8 +66,8 @@ impl SceneView {
         self.moved_at = Instant::now();
     }
 
-    /// The grid on the ground through the origin and the axes, in cells of a round size near a tenth of the
-    /// scene; `radius` is the scene's, world units.
+    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near 0.2
+    /// `radius`; `radius` is the scene's, world units.
     pub(super) fn grid(&self, world: &WorldPainter, radius: f64) {
         let Some(up) = self.camera.map(|camera| camera.up()) else { return };
         let cell = 10f64.powf((0.2 * radius).log10().round());
@@ -91,7 +90,7 @@ impl SceneView {
 fn arm(ui: &Ui, [from, to]: [Pos2; 2], name: &str, color: Color32, is_hovered: bool) {
     let painter = ui.painter();
     if name.is_empty() {
-        // The far side of an axis is a ring, so that the letters tell which way it points.
+        // The negative end is a ring, so that the letters mark the positive direction.
         let faint = color.gamma_multiply(if is_hovered { 1.0 } else { 0.5 });
         painter.circle_stroke(to, 0.6 * KNOB, Stroke::new(1.5, faint));
         return;

@@ -1,4 +1,4 @@
-//! What is written over the picture: which is which, how well the photograph is met, what to do.
+//! Captions over the picture: names of the compared pictures, PSNR, hints.
 
 use super::mode::ViewMode;
 use super::photo::PhotoResult;
@@ -10,11 +10,11 @@ use crate::render::compare::Combination;
 use eframe::egui::{Align2, Rect, Ui, Vec2};
 use std::time::{Duration, Instant};
 
-/// How long a hint stays.
+/// Time for which a hint is shown.
 const HINT: Duration = Duration::from_secs(5);
 
 impl SceneView {
-    /// Divider, captions, figures and hints over the picture.
+    /// Draws divider, captions, metrics and hints over the picture.
     pub(super) fn decorate(
         &mut self,
         ui: &mut Ui,
@@ -29,8 +29,7 @@ impl SceneView {
             if let Combination::Wipe(_) = second.how
                 && overlay::divider(ui, rect, compared, &mut self.divider)
             {
-                // As if the camera moved: on the CPU, pictures are made in haste
-                // until the divider rests.
+                // Counts as camera motion: the CPU renders at low resolution until the divider rests.
                 self.moved_at = Instant::now();
             }
             self.captions(ui, inner.intersect(compared.shrink(overlay::MARGIN)), second);
@@ -43,7 +42,7 @@ impl SceneView {
         if let Some(psnr) = psnr {
             let [r, g, b] = self.settings.background.rgb8();
             let tooltip = format!(
-                "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure recorded` measures it"
+                "Whole photograph at its native size, as measured by `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure recorded`"
             );
             let compared = known.and_then(|s| s.compared_psnr).zip(self.compared());
             let compared = compared.map(|(psnr, model)| format!(" · {} {psnr:.2} dB", model.name));
@@ -90,26 +89,28 @@ impl SceneView {
         if let Some((text, since)) = &self.hint
             && since.elapsed() < HINT
         {
-            // egui sleeps without input, and the hint would stay.
+            // egui does not repaint without input, so the hint would stay.
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }
         if let Some(past) = self.editor.past_shown() {
             let (frame, of) = (past.n_frames, self.n_frames);
-            return Some(format!("As it was after frame {frame} of {of} (Edit)"));
+            return Some(format!("Scene after frame {frame} of {of} (Edit)"));
         }
         if let Some(last) = self.editor.born_until() {
             let (frame, of) = (last + 1, self.n_frames);
-            return Some(format!("Born up to frame {frame} of {of}, as they are now (Edit)"));
+            return Some(format!(
+                "Splats born up to frame {frame} of {of}, in their current state (Edit)"
+            ));
         }
         if self.editor.is_boxing {
-            return Some("Box select: drag over splats (B ends it)".to_owned());
+            return Some("Box select: drag over splats (B to exit)".to_owned());
         }
         if let Some(hint) = self.measure.hint() {
             return Some(hint.to_owned());
         }
         let is_away = self.mode.needs_frame() && self.place == Place::Free;
-        is_away.then(|| "No photograph was taken from here: [ and ] go to one".to_owned())
+        is_away.then(|| "No photograph from this viewpoint: press [ or ] to go to one".to_owned())
     }
 }
 

@@ -1,4 +1,4 @@
-//! A second model that the scene is compared with, read on a thread of its own.
+//! Second model for comparison, read on its own thread.
 
 use crate::app::background_job::BackgroundJob;
 use crate::app::opening::{BareSplats, OpenError, splats_of};
@@ -10,26 +10,27 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Most letters of a name that captions show: a viewport of a small window is some 450 points wide.
+/// Maximum length of a name in a caption, characters: the viewport of a small window is about 450
+/// points wide.
 const MAX_NAME: usize = 30;
 
-/// A model to compare with.
+/// Model compared with the scene.
 #[derive(Clone, Debug)]
 pub struct ComparedModel {
-    /// Its file and the folder of that, short enough for a caption.
+    /// File name with its folder, shortened for a caption.
     pub name: String,
-    /// Where it lies.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Its splats, relative to `local_origin`.
+    /// Splats, with positions relative to `local_origin`.
     pub splats: SplatSet,
-    /// Where zero of its positions lies in the world.
+    /// Origin of the positions, world coordinates.
     pub local_origin: DVec3,
-    /// Its size, world units, by which its near plane is chosen.
+    /// Radius of the model, world units; it determines the near plane.
     pub radius: f64,
 }
 
 impl ComparedModel {
-    /// Tells its positions relative to another place.
+    /// Re-expresses the positions relative to another origin.
     fn move_origin(&mut self, origin: DVec3) {
         let moved = self.local_origin - origin;
         for splat in self.splats.splats_mut() {
@@ -39,10 +40,10 @@ impl ComparedModel {
     }
 }
 
-/// Something the user should read.
+/// Notice for the user.
 type Told = (NoticeKind, String);
 
-/// The model that is compared with, and the one that is being read.
+/// Model compared with the scene, and the one being read.
 #[derive(Default)]
 pub struct ModelSlot {
     model: Option<Arc<ComparedModel>>,
@@ -55,12 +56,12 @@ struct Reading {
 }
 
 impl ModelSlot {
-    /// The model, once it is read.
+    /// Model, once it has been read.
     pub fn model(&self) -> Option<&Arc<ComparedModel>> {
         self.model.as_ref()
     }
 
-    /// Reads a checkpoint or a file of splats; one that is still being read is forgotten.
+    /// Starts reading a checkpoint or splat file; replaces a read in progress.
     pub fn read(&mut self, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let file = path.clone();
         let job = BackgroundJob::start("second model", waker, move || read(&file))?;
@@ -68,20 +69,20 @@ impl ModelSlot {
         Ok(())
     }
 
-    /// Tells the model's positions relative to where the scene's are, which another dataset may change.
+    /// Re-expresses the model relative to the scene's local origin, which may change with the dataset.
     pub fn follow_origin(&mut self, origin: DVec3) {
         if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
             Arc::make_mut(model).move_origin(origin);
         }
     }
 
-    /// Compares with nothing any more.
+    /// Removes the model.
     pub fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// Takes what was read; what there is to say of it, and whether it is compared with from now on.
-    /// The model before stays where it cannot be.
+    /// Takes a finished read: true if the model was replaced, and the notices. After an error the
+    /// previous model stays.
     pub fn take(&mut self) -> Option<(bool, Vec<Told>)> {
         let reading = self.reading.as_ref()?;
         let read = reading.job.take()?.unwrap_or_else(|panic| {
@@ -117,8 +118,8 @@ fn read(path: &Path) -> Result<(ComparedModel, Vec<Told>), String> {
     Ok((model, told))
 }
 
-/// The file with its folder, since the files of every run are named alike; the end of it where that is
-/// long.
+/// Returns the file name with its folder, because the files of all runs have the same name. Only the
+/// end of a long name is retained.
 fn name_of(path: &Path) -> String {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     let folder = path.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy();

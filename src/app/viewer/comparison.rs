@@ -1,4 +1,4 @@
-//! What the scene is compared with: the other renderer, a photograph or a second model.
+//! Comparison of the scene with the other renderer, a photograph or a second model.
 
 use super::SceneView;
 use super::compared_model::ComparedModel;
@@ -18,38 +18,38 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl SceneView {
-    /// The second model, if there is one: what an export would give back, while one is previewed.
+    /// Second model, if any; while an export is previewed, the exported model.
     pub fn compared(&self) -> Option<&Arc<ComparedModel>> {
         self.preview.model().or(self.compared.model())
     }
 
-    /// Why a comparison cannot be chosen, if so.
+    /// Reason why a comparison mode is unavailable, if it is.
     pub fn why_not(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
         mode.why_not(self.settings.lens, opened, self.compared().map(|model| &**model))
     }
 
-    /// Reads a second model, which is compared with when it is there.
+    /// Starts reading a second model; the view compares with it once it is read.
     pub fn compare_with(&mut self, path: PathBuf) -> std::io::Result<()> {
         self.hint = Some((format!("Reading {}…", path.display()), Instant::now()));
         self.compared.read(path, self.waker.clone())
     }
 
-    /// Why there is no second model to remove, if so.
+    /// Reason why there is no second model to remove, if so.
     pub fn why_not_remove(&self) -> Option<&'static str> {
         if self.preview.model().is_some() {
-            // What is seen beside the scene is no model that was opened.
-            return Some("An export is previewed: switch its preview off first");
+            // The model beside the scene is the preview, not an opened file.
+            return Some("An export preview is shown: switch it off first");
         }
         self.compared.model().is_none().then_some("No second model is open")
     }
 
-    /// Compares with no second model any more.
+    /// Removes the second model.
     pub fn remove_compared(&mut self) {
         self.compared.clear();
     }
 
-    /// Shows a second model that was read since, relative to the scene's local origin; what there is to say
-    /// of it.
+    /// Shows a second model that was read since the last call, relative to the scene's local origin
+    /// `origin`. Returns its notices.
     pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
         let taken = self.compared.take();
         self.compared.follow_origin(origin);
@@ -61,20 +61,20 @@ impl SceneView {
         told
     }
 
-    /// The camera whose photographs are looked at, where it is not the one that measured depth, to
-    /// whose pixels preparation belongs.
+    /// Camera that took the photographs, if it is not the depth camera. Preparation uses the depth
+    /// camera's pixels.
     pub(super) fn color_camera(&self, opened: &Opened) -> Option<ColorCamera> {
         opened.color_camera().filter(|_| self.mode != ViewMode::Preparation)
     }
 
-    /// The photograph taken from here, if it is compared with.
+    /// Returns the photograph at the current dataset camera with its metrics, if the mode uses it.
     pub(super) fn look_at_photo(
         &mut self,
         ui: &Ui,
         opened: &Opened,
         is_training: bool,
     ) -> Option<Result<PhotoResult, String>> {
-        // A second model is measured by the photograph beside the scene, where there is one.
+        // A second model is also measured against the photograph, if there is one.
         let is_looked_at = self.mode.needs_frame() || self.mode.has_model();
         let (true, Place::At(frame)) = (is_looked_at, &self.place) else { return None };
         let query = PhotoQuery {
@@ -91,16 +91,13 @@ impl SceneView {
             match PhotoRequests::new(self.waker.clone(), self.palette.learned().clone()) {
                 Ok(requests) => self.photos = Some(requests),
                 Err(error) => {
-                    return Some(Err(format!(
-                        "no thread for photographs could be started: {error}"
-                    )));
+                    return Some(Err(format!("starting the photograph thread failed: {error}")));
                 }
             }
         }
         self.photos.as_mut()?.look(ui, &query, is_training).cloned()
     }
 
-    /// What to draw.
     pub(super) fn picture_request(
         &self,
         camera: Camera,
@@ -111,7 +108,7 @@ impl SceneView {
         let (radius, distance) = self
             .camera
             .map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(&camera)));
-        // A dataset's camera is a pinhole whatever else is looked through.
+        // A dataset camera is a pinhole, whatever lens is chosen.
         let lens = if self.place == Place::Free { settings.lens } else { Lens::Pinhole };
         let options =
             |renderer| settings.options(settings.method(renderer, lens), radius, distance);
@@ -128,7 +125,8 @@ impl SceneView {
         let model = |how| {
             let second = self.compared().map(|model| {
                 let seen = options(settings.renderer);
-                // Of its own size: a far larger or smaller scene must not cut it off.
+                // The near plane follows the model's own size: that of the scene could clip a model of
+                // another scale.
                 let own = settings.options(seen.method, model.radius, distance);
                 let options = RenderOptions { near: own.near, ..seen };
                 let partner = Partner::Model(model.clone(), options);
@@ -148,7 +146,7 @@ impl SceneView {
         let mut options = options(renderer);
         if self.mode.has_photo() && self.place != Place::Free && options.look.paint == Paint::Stored
         {
-            // Beside a photograph the scene is as bright as that was taken.
+            // Beside a photograph the scene is drawn with the exposure of that photograph.
             options.exposing = Exposing::Recorded;
         }
         PictureRequest { camera, options, second }

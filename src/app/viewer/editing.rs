@@ -1,4 +1,4 @@
-//! Edits in the viewport: boxes that select, the crop box, and what painters are told of both.
+//! Edits in the viewport: selection rectangle, crop box, and the resulting changes for painters.
 
 use super::SceneView;
 use super::crop_handles::{self, EditDrag};
@@ -22,28 +22,28 @@ use glam::DVec2;
 const FRAME: Color32 = Color32::from_rgb(255, 90, 220);
 
 impl SceneView {
-    /// The edits.
+    /// Editor that hides, deletes and crops splats.
     pub fn editor(&self) -> &Editor {
         &self.editor
     }
 
-    /// What is known of each splat, as far as colours, edits or panels ask for it.
+    /// Attributes of each splat, if colours, edits or panels need them.
     pub fn known(&self) -> &[ComponentAttributes] {
         self.palette.known()
     }
 
-    /// The edits and the splats that they are about, for the panel.
+    /// Returns the editor and the splats that it edits, for the edit panel.
     pub fn editing(&mut self) -> (&mut Editor, &Palette) {
         (&mut self.editor, &self.palette)
     }
 
-    /// How many of how many splats an export leaves out, if some.
+    /// Number of splats that an export leaves out, and of all splats; `None` if none are left out.
     pub fn n_left_out(&mut self) -> Option<(usize, usize)> {
         let counts = self.editor.counts(&self.palette);
         (counts.left_out > 0).then_some((counts.left_out, counts.all))
     }
 
-    /// Whether a command of the edits would change anything; other commands always do.
+    /// True if an edit command would change anything; always true for other commands.
     pub fn is_of_use(&self, command: UiCommand) -> bool {
         let edits = self.editor.edits();
         match command {
@@ -56,21 +56,22 @@ impl SceneView {
         }
     }
 
-    /// What the worker is to tell of components: what colours them, else what a panel or the walk back
-    /// needs.
+    /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
+    /// or the birth filter needs attributes.
     fn watched(&self) -> Option<Attribute> {
         let is_asked = self.editor.is_asked || self.editor.born_until().is_some();
         self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
     }
 
-    /// The same, at the end of a pass: in the next one panels say anew what they need.
+    /// Returns the attribute to watch at the end of a pass. Panels renew their requests in the next
+    /// pass.
     pub fn take_watched(&mut self) -> Option<Attribute> {
         let watched = self.watched();
         self.editor.is_asked = false;
         watched
     }
 
-    /// Colours and edits as they are chosen now.
+    /// Applies the chosen colours and edits.
     pub(super) fn show_edits(&mut self) {
         self.palette.keep_known(self.watched().is_some());
         if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
@@ -81,19 +82,19 @@ impl SceneView {
         }
     }
 
-    /// Hands over what of the palette has changed, as far as it is shown.
+    /// Passes a change of the palette to the painter, filtered by the edits.
     pub(super) fn show(&mut self, change: SplatChange) {
         if let Some(change) = self.editor.change(change, &self.palette) {
             self.painter.change(change, self.editor.shown(&self.palette));
         }
     }
 
-    /// Whether a drag edits, and so turns nothing.
+    /// True while a drag edits, so that it does not orbit the camera.
     pub(super) fn is_editing(&self) -> bool {
         self.edit_drag.is_some()
     }
 
-    /// Takes the beginning of a drag: a handle of the crop box before all else.
+    /// Starts an edit if a drag begins; handles of the crop box take precedence.
     pub(super) fn begin_edit(&mut self, ui: &Ui, response: &Response, opened: &Opened) {
         if !response.drag_started_by(PointerButton::Primary) {
             return;
@@ -103,17 +104,17 @@ impl SceneView {
             let world = self.world_of(ui, response.rect, &self.latest_camera?, opened)?;
             crop_handles::face_at(&world, crop, at)
         });
-        // Edits are of the splats of now, which are not seen then.
+        // Edits apply to the current splats, which are not visible while the past is shown.
         let is_boxing = self.editor.is_boxing && self.editor.past_shown().is_none();
         let selects = is_boxing.then_some(EditDrag::Select);
         self.edit_drag = face.map(EditDrag::Face).or(selects);
         if self.edit_drag.is_some() {
-            // What is framed must not be carried away while it is framed.
+            // A guided camera must not move during the drag.
             self.guide = None;
         }
     }
 
-    /// Draws the crop box and the box that selects, and follows the drag.
+    /// Draws the crop box and the selection rectangle, and applies the drag.
     pub(super) fn edit(
         &mut self,
         ui: &Ui,
@@ -171,12 +172,12 @@ impl SceneView {
         self.editor.select(slots, &self.palette, how);
     }
 
-    /// The crop box while its panel is open.
+    /// Crop box, while its panel is open.
     fn crop_shown(&self) -> Option<[glam::DVec3; 2]> {
         self.editor.edits().crop.filter(|_| self.editor.is_asked)
     }
 
-    /// `None` through a fisheye, in which straight lines are not straight.
+    /// `None` for a fisheye, which bends straight lines.
     fn world_of(
         &self,
         ui: &Ui,

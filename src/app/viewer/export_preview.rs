@@ -1,8 +1,8 @@
-//! The scene as a file would give it back, shown beside it before the file is written.
+//! Preview of an export: the scene as the file would reproduce it.
 //!
-//! The file is written and read in memory on a thread of its own, by the very writer and reader of
-//! exports, so that nothing can be shown that a file does not hold. How much is lost is measured at the
-//! view of now, by the pictures of the scene and of the file.
+//! The file is written and read back in memory on a separate thread by the exporter's own writer and
+//! reader, so the preview shows exactly what the file holds. The loss is measured as PSNR between
+//! renders of scene and file at the current view.
 
 use super::compared_model::ComparedModel;
 use super::frame_refs::fit;
@@ -27,52 +27,51 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Width of the pictures that are measured, pixels: enough for a figure, a moment to draw.
+/// Width of the renders that are compared, pixels; small, so that it takes little time.
 const MEASURED_WIDTH: u32 = 480;
-/// Least time between two conversions of a scene that changes.
+/// Minimum time between two conversions of a changing scene.
 const INTERVAL: Duration = Duration::from_secs(3);
 
-/// How a scene is to be exported.
+/// Settings of an export.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportChoice {
-    /// The file's format.
+    /// File format.
     pub format: ModelFormat,
-    /// How native splats become plain ones.
+    /// Mapping from native to plain splats.
     pub mapping: Mapping,
-    /// What the file does not get.
+    /// Splats left out of the file.
     pub left_out: LeftOut,
 }
 
-/// What is known of a file before it is written.
+/// State of a preview.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PreviewReport {
-    /// It is being converted.
+    /// The scene is being converted.
     Converting,
-    /// It would not be written.
+    /// The export would fail, with the reason.
     Refused(String),
-    /// It is shown.
+    /// The preview is shown.
     Shown {
-        /// Splats of the file.
+        /// Number of splats in the file.
         n_splats: usize,
-        /// Size of the file without comments.
+        /// Size of the file without comments, bytes.
         bytes: u64,
-        /// PSNR of what the file shows of the scene at the view of now, dB, once measured.
+        /// PSNR between renders of file and scene at the current view, dB; `None` until measured.
         psnr: Option<f64>,
-        /// What it loses, a sentence each.
+        /// Losses of the format, one sentence each.
         losses: Vec<String>,
     },
 }
 
-/// A converted scene.
 struct Converted {
-    /// What was converted, without what files do not get.
+    /// Source of the conversion, without the splats left out.
     scene: Arc<SplatSet>,
     model: Arc<ComparedModel>,
     bytes: u64,
     losses: Vec<String>,
 }
 
-/// Under way on a thread; dropping it tells the thread that nobody wants it any more.
+/// Conversion in progress; dropping it cancels the work.
 struct Converting {
     job: BackgroundJob<Result<Converted, String>>,
     is_wanted: Arc<AtomicBool>,
@@ -80,18 +79,18 @@ struct Converting {
 
 impl Drop for Converting {
     fn drop(&mut self) {
-        // Relaxed: the flag stands for itself.
+        // Relaxed: no other memory depends on the flag.
         self.is_wanted.store(false, Ordering::Relaxed);
     }
 }
 
-/// By what a figure was measured.
+/// Inputs of a PSNR measurement.
 type Measure = (Arc<ComparedModel>, Camera, RenderOptions);
 
-/// The preview, while there is one.
+/// Export preview, if one is active.
 #[derive(Default)]
 pub(super) struct ExportPreview {
-    /// What is shown; nothing while there is no preview.
+    /// `None` while no preview is active.
     choice: Option<ExportChoice>,
     converting: Option<Converting>,
     converted: Option<Result<Converted, String>>,
@@ -99,17 +98,17 @@ pub(super) struct ExportPreview {
     begun_at: Option<Instant>,
     measuring: Option<(Measure, BackgroundJob<f64>)>,
     measured: Option<(Measure, f64)>,
-    /// What was compared before.
+    /// View mode before the preview.
     pub before: Option<ViewMode>,
 }
 
 impl ExportPreview {
-    /// The file's splats, once they are there.
+    /// Splats of the file, once converted.
     pub fn model(&self) -> Option<&Arc<ComparedModel>> {
         self.converted.as_ref()?.as_ref().ok().map(|converted| &converted.model)
     }
 
-    /// The scene has changed.
+    /// Marks the conversion as out of date, because the scene has changed.
     pub fn outdate(&mut self) {
         self.is_stale = true;
     }
@@ -127,13 +126,13 @@ impl ExportPreview {
         }
     }
 
-    /// What is known of the file, if one is previewed.
+    /// State of the preview; `None` if there is none.
     pub fn told(&self) -> Option<PreviewReport> {
         self.choice.as_ref().map(|_| self.report())
     }
 
-    /// Converts the scene as is chosen, unless that is done or under way; up and the local origin are the
-    /// scene's.
+    /// Starts the conversion of the scene, unless it is done or in progress. `frame` is the scene's up
+    /// direction and local origin.
     pub fn choose(
         &mut self,
         choice: ExportChoice,
@@ -164,13 +163,13 @@ impl ExportPreview {
         Ok(())
     }
 
-    /// The latest figure, of this file.
+    /// Latest PSNR, if it belongs to the current file.
     fn figure(&self) -> Option<f64> {
         let (measure, psnr) = self.measured.as_ref()?;
         self.model().filter(|model| Arc::ptr_eq(model, &measure.0)).map(|_| *psnr)
     }
 
-    /// Takes what was converted and measured; whether a file is shown for the first time.
+    /// Takes finished conversions and measurements; true if a file is shown for the first time.
     pub fn take(&mut self) -> bool {
         let answer = self.converting.as_ref().and_then(|converting| converting.job.take());
         let is_first = match answer {
@@ -187,13 +186,13 @@ impl ExportPreview {
         if let Some(figure) = figure
             && let Some((measure, _)) = self.measuring.take()
         {
-            // After a panic too, of which the log tells, so that it is not asked for again.
+            // NaN after a panic, which is logged, so that the measurement is not repeated.
             self.measured = Some((measure, figure.unwrap_or(f64::NAN)));
         }
         is_first
     }
 
-    /// Measures the file at a view, unless that is known or under way.
+    /// Starts to measure the PSNR of the file at a view, unless it is known or in progress.
     pub fn measure(
         &mut self,
         request: &PictureRequest,
@@ -205,7 +204,7 @@ impl ExportPreview {
         let width = k.width.clamp(1, MEASURED_WIDTH);
         let height = (u64::from(k.height) * u64::from(width) / u64::from(k.width.max(1))).max(1);
         let (camera, _) = fit(&request.camera, [width, height as u32]);
-        // By what was learnt, whatever colours show.
+        // With learned colours, whatever colours are displayed.
         let look = SplatStyle { paint: Paint::Stored, ..request.options.look };
         let options = RenderOptions { look, ..request.options };
         let measure = (converted.model.clone(), camera, options);
@@ -217,8 +216,8 @@ impl ExportPreview {
             return Ok(());
         }
         let (scene, of, aside) = (converted.scene.clone(), measure.clone(), aside(is_training)?);
-        // The scene goes with the work, before the answer is there: whoever changes the splats next need
-        // not copy them then.
+        // The job owns its reference to the scene and drops it before the result arrives, so that the
+        // next change of the splats need not copy them.
         let figure = move || run_in(aside, || difference(&scene, &of));
         let job = BackgroundJob::start("export figure", waker.clone(), figure)?;
         self.measuring = Some((measure, job));
@@ -226,22 +225,22 @@ impl ExportPreview {
     }
 }
 
-/// PSNR between the pictures of the scene and of its file, dB.
+/// Returns the PSNR between renders of the scene and of its file, dB.
 fn difference(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
     let mut renderer = CpuRenderer::new();
     let [whole, plain] =
         [scene, &model.splats].map(|splats| renderer.render(splats, camera, options).color);
-    // Both are of one size.
+    // Both renders have the same size, so this cannot fail.
     psnr(&plain, &whole).unwrap_or(f64::NAN)
 }
 
-/// One thread for what works beside a trainer, which needs the others.
+/// Returns a pool of one thread during training, which needs the other cores.
 fn aside(is_training: bool) -> std::io::Result<Option<ThreadPool>> {
     let pool = || ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other);
     is_training.then(pool).transpose()
 }
 
-/// Works there, or with all threads.
+/// Runs work in the pool, or on all threads without one.
 fn run_in<T: Send>(pool: Option<ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     match pool {
         Some(pool) => pool.install(work),

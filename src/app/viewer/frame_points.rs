@@ -1,7 +1,7 @@
-//! The points of the current frame in the viewport: what its camera measured, in its own colours.
+//! Points of the current frame in the viewport: its measured depth in the frame's own colours.
 //!
-//! Decoded on a thread of their own, one frame at a time. While frames are trained the thread rests many
-//! times as long as a frame took it, so that the trainer keeps its cores: then not every frame is shown.
+//! Frames are decoded one at a time on a separate thread. During training this thread rests for a
+//! multiple of the decoding time, to leave the cores to training; not every frame is shown then.
 
 use super::frame_refs::FrameRef;
 use crate::app::background_job::BackgroundJob;
@@ -14,20 +14,20 @@ use eframe::egui::Color32;
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
-/// Points drawn at most, evenly chosen: more lie on one another.
+/// Maximum number of points drawn, evenly subsampled; more would overlap.
 const MAX_POINTS: usize = 12_000;
-/// Rest after a frame while others are trained, in times of the decoding.
+/// Rest after a frame during training, as a multiple of its decoding time.
 const REST: u32 = 15;
 
-/// Points in world coordinates with their colours, or why there are none.
+/// Points in world coordinates with their colours, or the reason why there are none.
 pub(super) type Points = Result<Vec<(DVec3, Color32)>, String>;
 
-/// The points that are drawn, and those that are being decoded.
+/// Points that are drawn, and the frame being decoded.
 #[derive(Default)]
 pub(super) struct FramePoints {
     shown: Option<(FrameRef, Points)>,
     decoding: Option<Decoding>,
-    /// When the trainer can spare the cores again.
+    /// End of the rest that leaves the cores to training.
     rests_until: Option<Instant>,
 }
 
@@ -37,12 +37,12 @@ struct Decoding {
 }
 
 impl FramePoints {
-    /// The frame and its points, or why it has none, once it is decoded.
+    /// Decoded frame with its points, or the reason why it has none.
     pub fn shown(&self) -> Option<(&FrameRef, &Points)> {
         self.shown.as_ref().map(|(frame, points)| (frame, points))
     }
 
-    /// Takes what was decoded.
+    /// Takes a decoded frame, if there is one.
     pub fn take(&mut self) {
         let Some(decoding) = &self.decoding else { return };
         let Some(decoded) = decoding.job.take() else { return };
@@ -55,7 +55,7 @@ impl FramePoints {
         self.rests_until = Some(Instant::now() + took * REST);
     }
 
-    /// Decodes a frame, unless that is done or under way or the cores are needed.
+    /// Starts decoding a frame, unless it is done or in progress or the cores are needed.
     pub fn ask(
         &mut self,
         frame: FrameRef,
@@ -79,7 +79,7 @@ impl FramePoints {
     }
 }
 
-/// What a frame whose depth was measured from `pose` says of surfaces.
+/// Unprojects the depth of a frame taken from `pose` to coloured points.
 fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -> Points {
     let (split, index) = frame.position();
     let loaded = frame.dataset().load(split, index).map_err(|error| error.to_string())?;
@@ -103,7 +103,7 @@ fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -
             let (pixel, ahead) = photo.project(point);
             let is_seen = ahead > 0.0 && pixel.min_element() >= 0.0;
             let [x, y] = pixel.to_array().map(|v| v as usize);
-            // Beyond the photograph nobody knows a point's colour.
+            // Points that project outside the photograph have no colour.
             let color = match is_seen && x < loaded.color.width && y < loaded.color.height {
                 true => *loaded.color.at(x, y),
                 false => [128, 128, 128, 255],
@@ -141,7 +141,7 @@ mod tests {
             };
             assert!((measured - depth.value_at(x, y).unwrap()).abs() < 1e-6);
         }
-        // Where the scene says that the camera stood elsewhere, its points are there too.
+        // With a corrected pose the points move along.
         let moved = Pose::look_at(camera.pose.centre() + DVec3::X, DVec3::ZERO, DVec3::Z).unwrap();
         assert!(points_of(&frame, moved, None).unwrap()[0].0.is_finite());
     }

@@ -1,8 +1,7 @@
-//! The dataset's cameras as places to stand at.
+//! References to the cameras of a dataset.
 //!
-//! A reference carries its dataset: whatever is opened meanwhile, it can only ever be looked up where
-//! it belongs. As bare numbers it outlived its dataset by a picture, and a shorter one had no such
-//! frame.
+//! A reference holds its dataset, so that it stays valid when another dataset is opened. Plain indices
+//! could outlive their dataset by one pass and exceed a shorter one.
 
 use crate::app::state::Opened;
 use crate::dataset::calibration::ColorCamera;
@@ -12,7 +11,7 @@ use crate::model::splat::appearance::Finishing;
 use crate::render::compare::Area;
 use std::sync::Arc;
 
-/// One frame of one dataset, which it keeps open.
+/// Reference to a frame; keeps its dataset open.
 #[derive(Clone, Debug)]
 pub struct FrameRef {
     dataset: Arc<Dataset>,
@@ -21,42 +20,43 @@ pub struct FrameRef {
 }
 
 impl PartialEq for FrameRef {
-    /// The same frame of the same opened dataset; the same folder opened twice counts as two.
+    /// True for the same frame of the same opened dataset; a folder opened twice counts as two
+    /// datasets.
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.dataset, &other.dataset)
             && (self.split, self.index) == (other.split, other.index)
     }
 }
 
-/// Where to step.
+/// Direction of a step between frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// To the frame before.
+    /// To the previous frame.
     Back,
-    /// To the frame after.
+    /// To the next frame.
     Forth,
 }
 
 impl FrameRef {
-    /// The first frame of a dataset, `None` if it has none.
+    /// First frame of a dataset; `None` if it has none.
     pub fn first(dataset: &Arc<Dataset>) -> Option<Self> {
         let split = dataset.splits.iter().position(|split| !split.frames.is_empty())?;
         Some(Self { dataset: dataset.clone(), split, index: 0 })
     }
 
-    /// The frame at a position of the order of training; `None` for a model.
+    /// Frame at a position in training order; `None` for a model.
     pub fn trained(opened: &Opened, position: usize) -> Option<Self> {
         let plan = opened.plan.as_ref()?;
         Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)
     }
 
-    /// A frame by its split and its index within the split, `None` if there is none.
+    /// Frame by its split and its index within the split; `None` if there is none.
     pub fn at(dataset: &Arc<Dataset>, split: usize, index: usize) -> Option<Self> {
         dataset.splits.get(split)?.frames.get(index)?;
         Some(Self { dataset: dataset.clone(), split, index })
     }
 
-    /// The frame at a place among all frames of a dataset, from 0; `None` past the last.
+    /// Frame by its number among all frames of a dataset, from 0; `None` past the last.
     pub fn numbered(dataset: &Arc<Dataset>, number: usize) -> Option<Self> {
         let mut index = number;
         for (split, frames) in dataset.splits.iter().map(|split| split.frames.len()).enumerate() {
@@ -68,7 +68,7 @@ impl FrameRef {
         None
     }
 
-    /// The same frame of the dataset as it is now, if that has grown since.
+    /// Same frame of `dataset` if that is a newer state of the same recording, else itself.
     pub fn of_now(&self, dataset: Option<&Arc<Dataset>>) -> Self {
         let (split, index) = self.position();
         let is_there = |dataset: &&Arc<Dataset>| {
@@ -79,59 +79,59 @@ impl FrameRef {
         Self { dataset, split, index }
     }
 
-    /// The neighbouring frame; splits follow each other, the last frame is followed by the first.
+    /// Next or previous frame; continues across splits and wraps around.
     pub fn stepped(&self, direction: Direction) -> Self {
         let n = self.n_frames();
         let number = match direction {
             Direction::Forth => (self.number() + 1) % n,
             Direction::Back => (self.number() + n - 1) % n,
         };
-        // Below the number of frames there always is one.
+        // `number` is below the number of frames, so this frame always exists.
         Self::numbered(&self.dataset, number).unwrap_or_else(|| self.clone())
     }
 
-    /// Its place among all frames of the dataset, from 0.
+    /// Number among all frames of the dataset, from 0.
     pub fn number(&self) -> usize {
         let before =
             self.dataset.splits[..self.split].iter().map(|s| s.frames.len()).sum::<usize>();
         before + self.index
     }
 
-    /// Frames of all splits of its dataset, itself included.
+    /// Number of frames in all splits of the dataset.
     pub fn n_frames(&self) -> usize {
         self.dataset.splits.iter().map(|s| s.frames.len()).sum()
     }
 
-    /// Index of its split, and its index within the split.
+    /// Index of the split, and index within the split.
     pub fn position(&self) -> (usize, usize) {
         (self.split, self.index)
     }
 
-    /// Its dataset.
+    /// Dataset of the frame.
     pub fn dataset(&self) -> &Arc<Dataset> {
         &self.dataset
     }
 
-    /// The split it is part of.
+    /// Split of the frame.
     pub fn split(&self) -> &DatasetSplit {
         &self.dataset.splits[self.split]
     }
 
-    /// The frame.
+    /// Entry of the frame in its dataset.
     pub fn entry(&self) -> &FrameEntry {
         &self.split().frames[self.index]
     }
 
-    /// The camera that took its photograph, given where that stands if it is not the one that
-    /// measured depth: where it really stood, as far as the scene tells.
+    /// Camera that took the photograph, at the pose corrected by the scene. `color_camera` is given if
+    /// the photographs were not taken by the depth camera.
     pub fn photo_camera(&self, color_camera: Option<&ColorCamera>, scene: &Finishing) -> Camera {
         let entry = self.entry();
         entry.photo_camera_at(scene.corrected(&entry.camera.pose), color_camera)
     }
 }
 
-/// The camera of a viewport (pixels) in which `camera`'s image is as large as fits and in the
-/// middle, and where that image lies.
+/// Fits the image of `camera` into a viewport (pixels), centred and as large as possible. Returns the
+/// camera of the whole viewport and the area of the image in it.
 pub fn fit(camera: &Camera, [width, height]: [u32; 2]) -> (Camera, Area) {
     let k = &camera.intrinsics;
     let size = [f64::from(width), f64::from(height)];

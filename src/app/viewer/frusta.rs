@@ -1,4 +1,4 @@
-//! The dataset's cameras in the viewport: pyramids that end in the photographs.
+//! Dataset cameras in the viewport: frusta that end in the photographs.
 
 use super::SceneView;
 use super::frame_refs::FrameRef;
@@ -9,22 +9,22 @@ use crate::math::camera::Camera;
 use eframe::egui::{Color32, Stroke, Ui};
 use glam::DVec3;
 
-/// Cameras drawn at most, evenly chosen: more hide each other.
+/// Maximum number of cameras drawn, evenly subsampled; more would hide each other.
 const MAX_CAMERAS: usize = 60;
-/// Length of a pyramid, in scene radii.
+/// Length of a frustum, in scene radii.
 const LENGTH: f64 = 0.25;
-/// Frames that are still to be trained, those that were, and the one that was trained last.
+/// Colours of frames not yet trained, of trained frames, and of the one trained last.
 const AHEAD: Color32 = Color32::from_rgb(120, 150, 190);
 const DONE: Color32 = Color32::from_rgb(110, 200, 120);
 const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
 
 impl SceneView {
-    /// Whether cameras are drawn: before training there is nothing else to see.
+    /// True if cameras are drawn; always before training, when there is nothing else to see.
     pub(super) fn shows_cameras(&self, snapshot: &Snapshot) -> bool {
         self.settings.shows_cameras || snapshot.frames_done == 0
     }
 
-    /// Draws the cameras of the frames that are trained.
+    /// Draws the cameras of the run's frames.
     pub(super) fn frusta(
         &mut self,
         ui: &Ui,
@@ -37,7 +37,7 @@ impl SceneView {
         let latest = snapshot.recent.last().map(|frame| frame.index);
         let stride = n.div_ceil(MAX_CAMERAS).max(1);
         let length = LENGTH * opened.home.radius;
-        // While frames are trained, the machine has better things to decode.
+        // During training the cores are needed for training, not for thumbnails.
         let may_decode = snapshot.state != RunState::Training;
         for position in (0..n).step_by(stride).chain(latest) {
             let Some(frame) = FrameRef::trained(opened, position) else { continue };
@@ -51,11 +51,11 @@ impl SceneView {
         }
     }
 
-    /// The thumbnails of what is open; `None` where no thread could be started.
+    /// Thumbnails of the open dataset; `None` if their thread could not be started.
     pub fn thumbnails(&mut self, opened: &Opened) -> Option<&mut Thumbnails> {
         if self.thumbnails.as_ref().is_none_or(|(serial, _)| *serial != opened.serial) {
             let started = Thumbnails::start(self.waker.clone());
-            // Without them there is less to look at and nothing is wrong.
+            // The view works without thumbnails, so the error is dropped.
             self.thumbnails = started.ok().map(|thumbnails| (opened.serial, thumbnails));
         }
         self.thumbnails.as_mut().map(|(_, thumbnails)| thumbnails)

@@ -1,9 +1,8 @@
-//! The camera while nobody steers it: over all cameras before training, at the camera whose frame is
-//! learnt while training goes on, before the whole scene at the end.
+//! Guided camera: shows all dataset cameras before training, the camera of the latest frame during
+//! training, and the whole scene at the end.
 //!
-//! The first move of a hand ends it, and Ride along begins it again. It jumps with the snapshots and
-//! glides nowhere: a picture between two snapshots would cost the trainer a picture's time where the
-//! CPU draws.
+//! Steering by the user ends it, the Ride along command starts it again. It moves with the snapshots,
+//! without animation: pictures in between would take CPU time from training if no GPU draws.
 
 use super::SceneView;
 use super::frame_refs::FrameRef;
@@ -15,12 +14,11 @@ use glam::DVec3;
 use std::time::Instant;
 
 impl SceneView {
-    /// Whether the camera goes where training is.
+    /// True while the camera follows training.
     pub fn is_guided(&self) -> bool {
         self.guide.is_some()
     }
 
-    /// Goes where training is, until a hand moves the camera; or no longer.
     pub(super) fn toggle_guide(&mut self) {
         self.guide = match self.guide {
             Some(_) => None,
@@ -28,7 +26,7 @@ impl SceneView {
         };
     }
 
-    /// Moves a guided camera to where training is now.
+    /// Moves a guided camera to the current stage of training.
     pub(super) fn follow_guide(&mut self, opened: &Opened, snapshot: &Snapshot) {
         let Some(shown) = self.guide else { return };
         let now = match (snapshot.state, snapshot.recent.last()) {
@@ -54,7 +52,7 @@ impl SceneView {
         }
     }
 
-    /// Steps back until every camera of the dataset is seen.
+    /// Moves back until every camera of the dataset is visible.
     fn look_over(&mut self, opened: &Opened) {
         let (Some(camera), Some(around)) = (&mut self.camera, framing_of_cameras(opened)) else {
             return;
@@ -63,8 +61,8 @@ impl SceneView {
         self.moved_at = Instant::now();
     }
 
-    /// The whole scene where it was taken from outside; a room from inside, where its first camera
-    /// stood: from outside nothing but the backs of its walls is seen.
+    /// Shows the whole scene if it was captured from outside. A room is shown from its first camera:
+    /// from outside only the backs of its walls would be visible.
     fn look_at_the_end(&mut self, opened: &Opened, source: Source) {
         let splats = framing(self.palette.splats().iter());
         let is_inside = match (&splats, source) {
@@ -80,7 +78,7 @@ impl SceneView {
     }
 }
 
-/// Where the cameras of the frames that are trained stand.
+/// Centres of the cameras of the run's frames.
 fn camera_centres(opened: &Opened) -> Vec<DVec3> {
     let (Some(dataset), Some(plan)) = (&opened.dataset, &opened.plan) else { return Vec::new() };
     let frames = dataset.splits.get(plan.split).map_or(&[][..], |split| split.frames.as_slice());
@@ -88,7 +86,7 @@ fn camera_centres(opened: &Opened) -> Vec<DVec3> {
     trained.map(|frame| frame.camera.pose.centre()).collect()
 }
 
-/// A ball around all cameras and what they look at.
+/// Sphere around all cameras and the point halfway between them and the scene.
 fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     let centres = camera_centres(opened);
     let mean = centres.iter().copied().sum::<DVec3>() / centres.len().max(1) as f64;
@@ -98,7 +96,7 @@ fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     (!centres.is_empty()).then_some(Framing { centre, radius })
 }
 
-/// Whether most of the cameras stand within the scene.
+/// True if most of the cameras are inside the scene.
 fn are_inside(cameras: &[DVec3], scene: &Framing) -> bool {
     let n = cameras.iter().filter(|c| c.distance(scene.centre) < scene.radius).count();
     2 * n > cameras.len()

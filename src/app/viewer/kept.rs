@@ -1,5 +1,5 @@
-//! What of the view outlives its window: where one stands, what is compared and what was edited. The rest is
-//! made of a graphics device, or is found again.
+//! View state that outlives its window: camera, comparison and edits. The rest depends on the graphics
+//! device or can be recomputed.
 
 use super::SceneView;
 use super::compared_model::ModelSlot;
@@ -9,7 +9,7 @@ use super::stand::{GuideStage, Place};
 use crate::app::camera::ViewCamera;
 use crate::app::edit::editor::Editor;
 
-/// What the next window's view goes on with, as long as the same is open.
+/// View state that the next window restores if the same subject is open.
 pub struct KeptView {
     serial: u64,
     camera: Option<ViewCamera>,
@@ -23,9 +23,9 @@ pub struct KeptView {
 }
 
 impl SceneView {
-    /// Lets go of what the next window goes on with.
+    /// Moves the state for the next window out of this view.
     pub fn keep(&mut self) -> KeptView {
-        // The dialog that it belongs to goes down with the window.
+        // The export dialog closes with the window, so its preview ends too.
         self.end_preview();
         KeptView {
             serial: self.serial,
@@ -40,7 +40,7 @@ impl SceneView {
         }
     }
 
-    /// Goes on with what the window before has kept, until something else is open.
+    /// Restores the state of the previous window; it is reset once another subject is open.
     pub fn go_on_with(&mut self, kept: KeptView) {
         let KeptView { serial, camera, place, guide, mode, divider, compared, measure, editor } =
             kept;

@@ -1,8 +1,8 @@
-//! The distance between two clicked places, and how well the posterior knows it.
+//! Measuring tool: distance between two clicked points and its posterior standard deviation.
 //!
-//! A click finds the splat that is seen and the place where the pixel's ray meets its plane. The mean of
-//! a component given the points has the covariance `E[Σ]/κ` (`model.md`, Posterior); along the line
-//! between two places the variances of both ends add up.
+//! A click finds the visible splat and the intersection of the pixel's ray with the splat's plane. The
+//! mean of a component given the points has the covariance `E[Σ]/κ` (`model.md`, Posterior); along the
+//! line between two points the variances of both ends add up.
 
 use super::world_painter::WorldPainter;
 use crate::app::panels::legend::number;
@@ -14,50 +14,50 @@ use eframe::egui::{Align2, Color32, FontId, Stroke, Vec2};
 use glam::{DQuat, DVec2, DVec3};
 
 const LINE: Color32 = Color32::from_rgb(255, 210, 70);
-/// How far from its middle a splat's plane is taken for its surface, in its largest deviations.
+/// Largest distance from a splat's centre at which its plane counts as its surface, in units of its
+/// largest standard deviation.
 const REACH: f64 = 4.0;
 
-/// One of the two places.
+/// End point of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredPoint {
-    /// Where, world units.
+    /// Position, world units.
     pub point: DVec3,
-    /// Covariance of the position there, world units²; `None` for splats of files, behind which no
-    /// posterior stands.
+    /// Covariance of the position, world units²; `None` for splats from files, which have no posterior.
     pub covariance: Option<Sym3>,
 }
 
-/// A length and its standard deviation, world units.
+/// Length and its standard deviation, world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredLength {
-    /// Distance between the two places.
+    /// Distance between the two points.
     pub length: f64,
-    /// Its standard deviation, where both ends have a posterior.
+    /// Standard deviation of the length, if both ends have a posterior.
     pub deviation: Option<f64>,
 }
 
-/// The tool: off, or with up to two places.
+/// Measuring tool: off, or on with up to two points.
 #[derive(Clone, Debug, Default)]
 pub struct MeasureTool {
-    /// Whether clicks measure.
+    /// True if clicks measure.
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
-    /// A clicked splat of which the trainer has not told yet, and the place on it.
+    /// Clicked splat and point, until the trainer has inspected the splat.
     waiting: Option<(u32, DVec3)>,
 }
 
 impl MeasureTool {
-    /// On without places, or off.
+    /// Switches the tool off, or on without points.
     pub fn toggle(&mut self) {
         *self = Self { is_on: !self.is_on, ..Self::default() };
     }
 
-    /// A place on a splat, of which the trainer is asked.
+    /// Stores a clicked point until its splat is inspected.
     pub fn aim(&mut self, splat: u32, point: DVec3) {
         self.waiting = Some((splat, point));
     }
 
-    /// Takes what the trainer tells of the splat that was clicked; a third place begins anew.
+    /// Adds the stored point once its splat is inspected; a third point starts a new measurement.
     pub fn take(&mut self, inspected: Option<&Inspected>) {
         let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
         if inspected.id() != id {
@@ -72,16 +72,16 @@ impl MeasureTool {
             Inspected::Splat { .. } => None,
         };
         self.ends.push(MeasuredPoint { point, covariance });
-        // The tests with a real hand read this line and the one of the photograph (`tests/app/journey.rs`).
+        // The GUI tests parse this line and that of the photograph (`tests/app/journey.rs`).
         tracing::debug!("measured from {point:.3}: {:?}", self.length());
     }
 
-    /// Places that are known.
+    /// Number of measured points.
     pub fn n_ends(&self) -> usize {
         self.ends.len()
     }
 
-    /// What was measured, once both places are known.
+    /// Measured length, once both points are known.
     pub fn length(&self) -> Option<MeasuredLength> {
         let &[a, b] = self.ends.as_slice() else { return None };
         let line = b.point - a.point;
@@ -92,17 +92,17 @@ impl MeasureTool {
         Some(MeasuredLength { length, deviation })
     }
 
-    /// What to do next, while there is something to do.
+    /// Hint for the next step, if there is one.
     pub fn hint(&self) -> Option<&'static str> {
         match self.ends.len() {
             _ if !self.is_on => None,
-            0 => Some("Measure: click the first place (M ends it)"),
-            1 => Some("Measure: click the second place"),
+            0 => Some("Measure: click the first point (M to exit)"),
+            1 => Some("Measure: click the second point"),
             _ => None,
         }
     }
 
-    /// Draws places, line and length.
+    /// Draws points, line and length.
     pub fn draw(&self, world: &WorldPainter) {
         for end in &self.ends {
             if let Some(at) = world.position(end.point) {
@@ -122,7 +122,7 @@ impl MeasureTool {
     }
 }
 
-/// The length in words.
+/// Formats a length with its standard deviation.
 pub fn described(MeasuredLength { length, deviation }: MeasuredLength) -> String {
     match deviation {
         Some(deviation) => format!("{} ± {} world units", number(length), number(deviation)),
@@ -130,8 +130,8 @@ pub fn described(MeasuredLength { length, deviation }: MeasuredLength) -> String
     }
 }
 
-/// The place where a pixel's ray meets the plane of the splat seen there; its centre where the ray
-/// passes the plane by.
+/// Intersection of a pixel's ray with the plane of the visible splat; the splat's centre if they meet
+/// too far from it or not at all.
 pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let [w, x, y, z] = splat.rotation.map(f64::from);

@@ -1,5 +1,4 @@
-//! The central view: where one stands, what is compared, and painting with whatever the machine
-//! has.
+//! Central view: camera, comparison modes, and painting on GPU or CPU.
 
 mod axes;
 mod captions;
@@ -68,53 +67,52 @@ use std::time::{Duration, Instant};
 use thumbnails::Thumbnails;
 use world_painter::WorldPainter;
 
-/// How long after the last movement the picture is refined.
+/// Time after the last movement until the picture is refined.
 const SETTLE: Duration = Duration::from_millis(150);
 
-/// Place of the legend, from the lower left corner of the viewport, points.
+/// Offset of the legend from the lower left corner of the viewport, points.
 const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
 
 /// State of the central view.
 pub struct SceneView {
-    /// What the user chose.
+    /// Settings of the viewport.
     pub settings: ViewSettings,
     mode: ViewMode,
     painter: ViewPainter,
     waker: Waker,
     camera: Option<ViewCamera>,
     place: Place,
-    /// What the camera shows by itself; `None` once a hand has moved it.
+    /// Stage of a guided camera; `None` once the user has steered.
     guide: Option<GuideStage>,
     is_flying: bool,
     measure: MeasureTool,
-    /// What the camera stays with if it is opened again.
+    /// Files of the subject whose camera is retained if it is opened again.
     kept: Option<FileProposal>,
     /// Size of the viewport in the last pass, pixels.
     viewport: [u32; 2],
-    /// Of the dataset with this serial.
+    /// Serial of the dataset, and its thumbnails.
     thumbnails: Option<(u64, Thumbnails)>,
-    /// The dataset's camera visited last, from which stepping goes on.
+    /// Dataset camera visited last, from which stepping continues.
     latest_frame: Option<FrameRef>,
-    /// The camera of the latest picture.
+    /// Camera of the latest picture.
     latest_camera: Option<Camera>,
-    /// Share of the viewport's width at which a wipe changes over.
+    /// Position of the wipe divider, as a share of the viewport's width.
     divider: f32,
     compared: ModelSlot,
-    /// What is compared with instead while an export is chosen.
+    /// Replaces `compared` while an export is previewed.
     preview: ExportPreview,
     points: FramePoints,
-    /// Starts with the first photograph.
+    /// Started with the first photograph.
     photos: Option<PhotoRequests>,
     hint: Option<(String, Instant)>,
-    /// Serial of what the camera was set up for.
+    /// Serial of the subject for which the camera was set up.
     serial: u64,
-    /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
+    /// Displayed splats: for framing, for the painter, and for its replacement if the GPU fails.
     palette: Palette,
     editor: Editor,
-    /// Frames of the run.
     n_frames: usize,
     edit_drag: Option<EditDrag>,
-    /// The box that a drag has drawn last, points.
+    /// Latest selection rectangle, points.
     latest_box: Option<Rect>,
     selection: SplatSelection,
     moved_at: Instant,
@@ -124,7 +122,7 @@ pub struct SceneView {
 }
 
 impl SceneView {
-    /// Starts at nothing.
+    /// Creates a view of nothing.
     pub fn new(painter: ViewPainter, settings: ViewSettings, waker: Waker) -> Self {
         Self {
             settings,
@@ -161,11 +159,10 @@ impl SceneView {
         }
     }
 
-    /// Hands changed splats over.
+    /// Applies an update of the splats.
     pub fn change(&mut self, update: SplatUpdate) {
         if let Some(photos) = &mut self.photos {
-            // With the colours that were learned: a figure must not depend on
-            // what colours show here.
+            // With learned colours: the PSNR must not depend on the displayed colours.
             photos.change(update.change.clone());
         }
         self.preview.outdate();
@@ -176,19 +173,19 @@ impl SceneView {
         self.show(change);
     }
 
-    /// Whether the GPU was given up.
+    /// True if the CPU draws because the GPU failed.
     pub fn gpu_failed(&self) -> bool {
         self.gpu_failed
     }
 
-    /// A GPU is there and could not be used from the start.
+    /// Records that a GPU exists but could not be used from the start.
     pub fn note_gpu_failure(&mut self) {
         self.gpu_failed = true;
     }
 
-    /// Draws with another painter from here on; the scene is handed over again.
+    /// Replaces the painter and passes it the whole scene.
     pub fn draw_by(&mut self, mut painter: ViewPainter) {
-        // A new painter has nothing, and the trainer sends no more than what changes.
+        // A new painter is empty, and the trainer sends only changes.
         let splats = self.editor.shown(&self.palette);
         painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
@@ -196,27 +193,27 @@ impl SceneView {
         self.gpu_failed = false;
     }
 
-    /// Splats in the picture.
+    /// Number of splats in the picture.
     pub fn n_drawn(&self) -> usize {
         self.painter.n_drawn()
     }
 
-    /// What drawing takes.
+    /// Timings of recent pictures.
     pub fn drawn(&self) -> &DrawHistory {
         &self.drawn
     }
 
-    /// What is compared.
+    /// Comparison mode.
     pub fn mode(&self) -> ViewMode {
         self.mode
     }
 
-    /// The splats as they were learnt, whatever colours show.
+    /// Splats in learned colours, whatever colours are displayed.
     pub fn learned(&self) -> &Arc<SplatSet> {
         self.palette.learned()
     }
 
-    /// The dataset's camera that is looked through.
+    /// Dataset camera in view, if any.
     pub fn frame_ref(&self) -> Option<&FrameRef> {
         match &self.place {
             Place::Free | Place::Along(_) => None,
@@ -224,22 +221,22 @@ impl SceneView {
         }
     }
 
-    /// Share of the viewport's width at which a wipe changes over.
+    /// Position of the wipe divider, as a share of the viewport's width.
     pub fn divider(&self) -> f32 {
         self.divider
     }
 
-    /// Size of the picture in the last pass, pixels.
+    /// Size of the viewport in the last pass, pixels.
     pub fn size_px(&self) -> [u32; 2] {
         self.viewport
     }
 
-    /// Where the steered camera stands, world units; `None` while nothing is open.
+    /// Centre of the steered camera, world units; `None` while nothing is open.
     pub fn eye(&self) -> Option<DVec3> {
         self.camera.map(|camera| camera.camera(self.viewport).pose.centre())
     }
 
-    /// What the camera turns about, world units; `None` while nothing is open.
+    /// Orbit centre of the camera, world units; `None` while nothing is open.
     pub fn target(&self) -> Option<DVec3> {
         self.camera.map(|camera| camera.target())
     }
@@ -249,9 +246,9 @@ impl SceneView {
         self.camera.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
     }
 
-    /// Draws the view over all space left. Returns a message if the GPU had to be given up.
+    /// Draws the view into the remaining space. Returns a message if the GPU failed.
     pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
-        // No stop of Tab: it has keys of its own, which the focus would take from it.
+        // Not reachable by Tab: the view uses keys that keyboard focus would consume.
         let sense = Sense::CLICK | Sense::DRAG;
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), sense);
         let opened = snapshot.opened.as_ref()?;
@@ -267,7 +264,7 @@ impl SceneView {
         self.follow_guide(opened, snapshot);
         self.measure.take(snapshot.inspected.as_deref());
         self.begin_edit(ui, &response, opened);
-        // Before the camera is asked for: a drag shows in the picture of the same pass.
+        // Before the camera is computed, so that a drag shows in the same pass.
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
         self.latest_camera = Some(camera);
@@ -278,14 +275,13 @@ impl SceneView {
         self.measure_preview(&request, snapshot.state);
         self.draw_world(ui, rect, &request, opened, snapshot);
         self.decorate(ui, rect, &request, result);
-        // The past is shown in its own colours.
+        // The past is drawn in its own colours, to which the legend does not apply.
         let legend = self.palette.legend().filter(|_| self.editor.past_shown().is_none());
         if let Some((attribute, range)) = legend {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
         self.edit(ui, &response, &request, opened);
-        // A click is about places, which colours do not change, and these
-        // splats are shared uncopied.
+        // Picking needs positions, not colours, and these splats are shared without a copy.
         let splats = self.editor.clickable(&self.palette);
         let picked = self.selection.ui(
             ui,
@@ -299,7 +295,7 @@ impl SceneView {
         message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
     }
 
-    /// What lies in the world beside the splats.
+    /// Draws the overlays in world coordinates.
     fn draw_world(
         &mut self,
         ui: &Ui,
@@ -328,7 +324,7 @@ impl SceneView {
         }
     }
 
-    /// Leaves what this scene or lens cannot show, and colours it as is asked for.
+    /// Leaves modes that the scene or lens does not support, and applies colours and edits.
     fn fall_back(&mut self, opened: &Opened) {
         if self.why_not(self.mode, opened).is_some() {
             self.mode = ViewMode::Single;
@@ -339,7 +335,7 @@ impl SceneView {
         self.show_edits();
     }
 
-    /// The camera for a viewport of `size` pixels, and the part of it that a photograph would fill.
+    /// Returns the camera for a viewport of `size` pixels, and the area that a photograph would fill.
     fn camera_now(&mut self, opened: &Opened, size: [u32; 2]) -> Option<(Camera, Area)> {
         let camera = self.camera.as_mut()?;
         let settings = &self.settings;
@@ -367,7 +363,7 @@ impl SceneView {
         state: RunState,
     ) -> Option<String> {
         let moving = self.moved_at.elapsed() < SETTLE;
-        // Training comes before pictures, also of a camera that a hand moves: they keep to a budget.
+        // Training takes precedence over pictures, even while the camera moves: they share a budget.
         let effort = match (state, moving) {
             (RunState::Training, _) => {
                 Effort::Shared { scale: self.budget.scale(moving), apart: self.snapshot_interval() }
@@ -376,7 +372,7 @@ impl SceneView {
             (_, false) => Effort::Full,
         };
         if moving {
-            // egui sleeps without input: it is woken once more to refine what was drawn in haste.
+            // egui does not repaint without input: one more pass refines the picture.
             ui.ctx().request_repaint_after(SETTLE);
         }
         let splats = self.editor.shown(&self.palette);
@@ -391,24 +387,24 @@ impl SceneView {
         }
     }
 
-    /// Draws on the CPU from here on; the scene is handed over again.
+    /// Falls back to the CPU renderer and passes it the whole scene.
     fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
         match ViewPainter::software(&self.waker) {
             Ok(painter) => {
                 self.draw_by(painter);
                 self.gpu_failed = true;
                 Some(format!(
-                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on, Settings has a button to try the GPU again"
+                    "the GPU can no longer draw the scene ({reason}); the CPU renderer is used instead; retry the GPU in Settings"
                 ))
             }
             Err(error) => Some(format!(
-                "the GPU cannot draw the scene ({reason}) and no drawing thread could be started ({error}); export the scene and restart"
+                "the GPU cannot draw the scene ({reason}) and starting the CPU renderer failed ({error}); export the scene and restart the program"
             )),
         }
     }
 }
 
-/// The camera of a moment of a path in a viewport of `size` pixels.
+/// Camera at a keyframe of a path, for a viewport of `width` × `height` pixels.
 fn along(moment: &Keyframe, [width, height]: [u32; 2]) -> Camera {
     let intrinsics = Intrinsics::from_vertical_fov(width, height, moment.fov_y);
     Camera { intrinsics, pose: moment.pose }

@@ -1,33 +1,33 @@
-//! What the viewport compares.
+//! Comparison modes of the viewport.
 
 use super::compared_model::ComparedModel;
 use crate::app::state::Opened;
 use crate::render::Lens;
 
-/// One picture, or two beside or against each other.
+/// Comparison mode: one picture, or two as a wipe or a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ViewMode {
     /// The chosen renderer alone.
     #[default]
     Single,
-    /// Projected left of a divider, exact right of it.
+    /// Projected renderer left of a divider, exact renderer right of it.
     Wipe,
-    /// What differs between projected and exact.
+    /// Difference between projected and exact renderer.
     Difference,
-    /// The chosen renderer left of a divider, the photograph right of it.
+    /// Chosen renderer left of a divider, photograph right of it.
     PhotoWipe,
-    /// What differs between the chosen renderer and the photograph.
+    /// Difference between the chosen renderer and the photograph.
     PhotoDifference,
-    /// The scene left of a divider, a second model right of it.
+    /// Scene left of a divider, second model right of it.
     ModelWipe,
-    /// What differs between the scene and a second model.
+    /// Difference between the scene and a second model.
     ModelDifference,
-    /// The chosen renderer left of a divider, what training makes of the photograph right of it.
+    /// Chosen renderer left of a divider, prepared photograph right of it.
     Preparation,
 }
 
 impl ViewMode {
-    /// Every mode, in the order of the menu.
+    /// Every mode, in menu order.
     pub const ALL: [ViewMode; 8] = [
         ViewMode::Single,
         ViewMode::Wipe,
@@ -39,7 +39,7 @@ impl ViewMode {
         ViewMode::Preparation,
     ];
 
-    /// As menus show it.
+    /// Label in menus.
     pub fn label(self) -> &'static str {
         match self {
             ViewMode::Single => "Single",
@@ -53,45 +53,45 @@ impl ViewMode {
         }
     }
 
-    /// One sentence on what it shows.
+    /// Tooltip in menus.
     pub fn tooltip(self) -> &'static str {
         match self {
             ViewMode::Single => "The chosen renderer alone",
-            ViewMode::Wipe => "Projected left of a divider that can be dragged, exact right of it",
-            ViewMode::Difference => "What differs between projected and exact, amplified",
-            ViewMode::PhotoWipe => "The render left of a divider, the photograph right of it",
-            ViewMode::PhotoDifference => "What differs between render and photograph, amplified",
-            ViewMode::ModelWipe => "The scene left of a divider, the second model right of it",
+            ViewMode::Wipe => "Projected left of a draggable divider, exact right of it",
+            ViewMode::Difference => "Amplified difference between projected and exact renderer",
+            ViewMode::PhotoWipe => "Render left of a draggable divider, photograph right of it",
+            ViewMode::PhotoDifference => "Amplified difference between render and photograph",
+            ViewMode::ModelWipe => "Scene left of a draggable divider, second model right of it",
             ViewMode::ModelDifference => {
-                "What differs between the scene and the second model, amplified"
+                "Amplified difference between the scene and the second model"
             }
             ViewMode::Preparation => {
-                "Which pixels of the photograph become points, and why the others do not"
+                "Which pixels of the photograph become points, and why the others are dropped"
             }
         }
     }
 
-    /// Whether a photograph is part of it.
+    /// True if the mode shows a photograph.
     pub fn has_photo(self) -> bool {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
     }
 
-    /// Whether a second model is part of it.
+    /// True if the mode shows a second model.
     pub fn has_model(self) -> bool {
         matches!(self, ViewMode::ModelWipe | ViewMode::ModelDifference)
     }
 
-    /// Whether it is seen from a dataset's camera only.
+    /// True if the mode needs a dataset camera.
     pub fn needs_frame(self) -> bool {
         self.has_photo() || self == ViewMode::Preparation
     }
 
-    /// Whether it shows a difference.
+    /// True if the mode shows a difference.
     pub fn is_difference(self) -> bool {
         matches!(self, ViewMode::Difference | ViewMode::PhotoDifference | ViewMode::ModelDifference)
     }
 
-    /// Why it cannot be chosen, if so.
+    /// Reason why the mode is unavailable, if it is.
     pub fn why_not(
         self,
         lens: Lens,
@@ -100,16 +100,16 @@ impl ViewMode {
     ) -> Option<&'static str> {
         match self {
             _ if self.has_model() && compared.is_none() => {
-                Some("There is no second model: choose “Compare with a model…” first")
+                Some("No second model is open: choose “Compare with a model…” first")
             }
             ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => {
-                Some("Only the exact renderer draws a fisheye; choose the pinhole in Settings")
+                Some("Only the exact renderer supports a fisheye; choose the pinhole in Settings")
             }
             _ if self.needs_frame() && opened.dataset.is_none() => {
                 Some("A model has no photographs")
             }
             ViewMode::Preparation if opened.scene().is_none() => Some(
-                "The paper's preset prepares no surfaces; choose the scene preset in Settings and reset",
+                "The paper preset does not prepare surfaces; choose the scene preset in Settings and reset",
             ),
             _ => None,
         }

@@ -1,4 +1,4 @@
-//! When the window is drawn beside training, where the CPU draws it.
+//! Pacing of window passes during training if the CPU draws the window.
 
 use super::SceneView;
 use crate::app::draw_budget::DrawBudget;
@@ -6,17 +6,17 @@ use crate::app::drawing::Drawer;
 use crate::app::state::RunState;
 use std::time::Duration;
 
-/// Shortest time between two snapshots: of a real GPU, and where the CPU draws the window too.
+/// Minimum time between two snapshots: with a real GPU, and if the CPU also draws the window.
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 
 impl SceneView {
-    /// What drawing takes of the cores; `None` where a GPU draws and takes nothing.
+    /// CPU budget of drawing; `None` if a GPU draws.
     pub fn budget(&self) -> Option<&DrawBudget> {
         (self.painter.drawer() == Drawer::Cpu).then_some(&self.budget)
     }
 
-    /// Shortest time between two snapshots while training. Every snapshot repaints the window, which a
+    /// Minimum time between two snapshots during training. Every snapshot repaints the window, which a
     /// software adapter does on the cores that train (`rendering.md`, Software adapters).
     pub fn snapshot_interval(&self) -> Duration {
         match self.budget() {
@@ -25,9 +25,9 @@ impl SceneView {
         }
     }
 
-    /// Begins a pass of the window; what to wait before it. egui draws the whole window anew with every
-    /// movement of the pointer, many times as often as a picture is made: beside training the movements
-    /// are taken together.
+    /// Starts a pass of the window; returns the time to wait before it. egui redraws the whole window
+    /// on every pointer movement, much more often than the scene is rendered; during training these
+    /// movements are merged.
     pub fn begin_pass(&mut self, state: RunState) -> Duration {
         self.budget.share = self.settings.draw_share;
         let is_shared = state == RunState::Training && self.budget().is_some();

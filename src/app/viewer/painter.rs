@@ -1,4 +1,4 @@
-//! Who draws the viewport: a GPU, or the CPU where there is no real one.
+//! Painter of the viewport: a GPU, or the CPU if there is no real one.
 
 use super::picture_request::PictureRequest;
 use crate::app::device::WindowDevice;
@@ -12,16 +12,17 @@ use crate::app::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
 use eframe::egui::{Rect, Ui};
 
-/// The painter in use.
+/// Painter in use.
 pub enum ViewPainter {
-    /// `render::gpu`.
+    /// Paints with `render::gpu`.
     Gpu(Box<GpuViewPainter>),
-    /// `render::cpu`.
+    /// Paints with `render::cpu`.
     Software(Box<SoftwarePainter>),
 }
 
 impl ViewPainter {
-    /// A GPU painter if the adapter is a real GPU; and a line on who draws.
+    /// Creates a GPU painter if the adapter is a real GPU, else a CPU painter; also returns a line that
+    /// names the renderer.
     pub fn choose(
         device: Option<&WindowDevice>,
         painting: Painting,
@@ -32,7 +33,8 @@ impl ViewPainter {
         };
         let capabilities = viewport::capabilities(state);
         tracing::info!("adapter: {capabilities}");
-        // It would compute on the same cores, and far slower (`rendering.md`, Software adapters).
+        // A software adapter would use the same cores and be far slower (`rendering.md`, Software
+        // adapters).
         if capabilities.is_software() && painting == Painting::Auto {
             let who = format!("CPU renderer; window by {capabilities}");
             return Ok((Self::software(waker)?, who));
@@ -40,19 +42,19 @@ impl ViewPainter {
         match GpuViewPainter::new(state, faults.clone(), waker.clone()) {
             Ok(painter) => Ok((Self::Gpu(Box::new(painter)), capabilities.to_string())),
             Err(error) => {
-                // The window itself may well be drawn by it; only the scene moves to the CPU.
+                // The adapter may still draw the window itself; only the scene falls back to the CPU.
                 tracing::warn!("{error}");
                 Ok((Self::software(waker)?, format!("CPU renderer ({error})")))
             }
         }
     }
 
-    /// The CPU's painter.
+    /// Creates a CPU painter.
     pub fn software(waker: &Waker) -> std::io::Result<Self> {
         Ok(Self::Software(Box::new(SoftwarePainter::new(waker.clone())?)))
     }
 
-    /// Who draws.
+    /// Device that draws.
     pub fn drawer(&self) -> Drawer {
         match self {
             Self::Gpu(painter) => painter.drawer(),
@@ -60,7 +62,7 @@ impl ViewPainter {
         }
     }
 
-    /// Hands changed splats over; `splats` are all of them, the change applied.
+    /// Applies a change; `splats` are all splats after it.
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match self {
             Self::Gpu(painter) => painter.change(change, splats),
@@ -68,7 +70,7 @@ impl ViewPainter {
         }
     }
 
-    /// Splats in the picture.
+    /// Number of splats in the picture.
     pub fn n_drawn(&self) -> usize {
         match self {
             Self::Gpu(painter) => painter.n_drawn(),
@@ -76,8 +78,8 @@ impl ViewPainter {
         }
     }
 
-    /// Paints over `rect`, the CPU with as much effort as is said; what a new picture took, which the
-    /// budget learns. An error means that this painter is of no more use.
+    /// Paints over `rect`; `effort` applies to the CPU only. Returns the timing of a new picture, which
+    /// also updates the budget. After an error this painter is unusable.
     pub fn paint(
         &mut self,
         ui: &Ui,

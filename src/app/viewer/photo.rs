@@ -1,5 +1,5 @@
-//! Photographs, how well the scene reproduces them and what training makes of their pixels, found on
-//! a thread of their own.
+//! Photographs for comparison, their PSNR and the status of their pixels, computed on a separate
+//! thread.
 
 use super::compared_model::ComparedModel;
 use super::frame_refs::FrameRef;
@@ -21,27 +21,26 @@ use eframe::egui::Ui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Least time between two measurements while the scene changes.
+/// Minimum time between two measurements while the scene changes.
 const INTERVAL: Duration = Duration::from_millis(500);
 
-/// A photograph to look at, and how the scene is drawn for the measurement.
+/// Photograph to show, and render settings of its measurement.
 #[derive(Clone, Debug)]
 pub struct PhotoQuery {
-    /// The frame that holds it.
     pub frame: FrameRef,
-    /// The camera that took the photographs, where it is not the one that measured depth.
+    /// Camera that took the photographs, if it is not the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Paints what became of its pixels when it was prepared so.
+    /// Settings of the preparation whose pixel status is painted over the photograph.
     pub prepared: Option<Arc<SurfaceSettings>>,
-    /// Settings of the measurement; its background shows through transparent photographs.
+    /// Render settings; their background shows through transparent photographs.
     pub options: RenderOptions,
-    /// A second model that is measured as well.
+    /// Second model to measure as well.
     pub compared: Option<Arc<ComparedModel>>,
 }
 
 impl PhotoQuery {
     fn is_same_photo(&self, other: &Self) -> bool {
-        // The colour camera is left out: it follows from the frame's dataset and from `prepared`.
+        // The colour camera is not compared: it follows from the frame's dataset and from `prepared`.
         self.frame == other.frame
             && self.prepared == other.prepared
             && self.options.background == other.options.background
@@ -59,27 +58,27 @@ impl PhotoQuery {
     }
 }
 
-/// What is known of a photograph.
+/// Photograph and what is known about it.
 #[derive(Clone, Debug)]
 pub struct PhotoResult {
-    /// The photograph, sRGB-encoded over the background; painted over if that was asked for.
+    /// Photograph over the background, sRGB-encoded; with pixel status if requested.
     pub image: Arc<RgbImage>,
-    /// What became of its pixels, if that was asked for.
+    /// Number of pixels by status, if requested.
     pub pixel_counts: Option<SurfaceCounts>,
-    /// PSNR of the scene against it in dB, once measured.
+    /// PSNR of the scene against the photograph, dB, once measured.
     pub psnr: Option<f64>,
-    /// That of the second model, likewise.
+    /// PSNR of the second model, dB, once measured.
     pub compared_psnr: Option<f64>,
 }
 
-/// How much of a question to answer.
+/// Part of the result to compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Question {
-    /// The photograph only, which is there at once.
+    /// Only the photograph, which is available at once.
     Show,
-    /// The PSNR, with one thread while a trainer needs the others.
+    /// PSNR, with one thread because training needs the others.
     MeasureAside,
-    /// The PSNR, with all threads.
+    /// PSNR, with all threads.
     Measure,
 }
 
@@ -88,7 +87,7 @@ struct Answer {
     result: Result<PhotoResult, String>,
 }
 
-/// Where photographs are asked for.
+/// Client of the photograph thread.
 pub struct PhotoRequests {
     thread: ViewThread<(PhotoQuery, Question), Answer>,
     query: Option<PhotoQuery>,
@@ -98,7 +97,7 @@ pub struct PhotoRequests {
 }
 
 impl PhotoRequests {
-    /// Starts the thread with the scene as it is.
+    /// Starts the thread with the current splats.
     pub fn new(waker: Waker, splats: Arc<SplatSet>) -> std::io::Result<Self> {
         let mut worker = PhotoWorker::new()?;
         let thread = ViewThread::start(
@@ -113,13 +112,12 @@ impl PhotoRequests {
         Ok(Self { thread, query: None, result: None, is_stale: true, measured_at: Instant::now() })
     }
 
-    /// Hands changed splats over.
     pub fn change(&mut self, change: SplatChange) {
         self.thread.change(change);
         self.is_stale = true;
     }
 
-    /// What is known of the photograph that is asked for, or why nothing can be; asks for what is not known.
+    /// Returns the known part of the result, and requests the rest.
     pub fn look(
         &mut self,
         ui: &Ui,
@@ -137,8 +135,7 @@ impl PhotoRequests {
             Some(now) if now.is_same_photo(query) => {
                 if !now.is_same_measurement(query) {
                     self.is_stale = true;
-                    // The photograph stays on screen; only the figures were
-                    // measured by other settings.
+                    // The photograph stays on screen; only its metrics belong to other settings.
                     if let Some(Ok(result)) = &mut self.result {
                         (result.psnr, result.compared_psnr) = (None, None);
                     }
@@ -154,7 +151,7 @@ impl PhotoRequests {
 
     fn take_answer(&mut self) {
         let (Some(answer), Some(query)) = (self.thread.take(), &self.query) else { return };
-        // The user may have stepped on while it was made.
+        // The user may have moved on meanwhile.
         if answer.query.is_same_measurement(query) {
             if let Ok(PhotoResult { psnr: Some(psnr), .. }) = &answer.result {
                 tracing::debug!("photograph met with {psnr:.2} dB");
@@ -166,14 +163,14 @@ impl PhotoRequests {
     fn ask(&mut self, ui: &Ui, is_training: bool) {
         let Some(query) = &self.query else { return };
         if self.thread.is_busy() {
-            return; // the answer wakes the window, which asks again
+            return; // the answer wakes the window, which repeats the request
         }
         match &self.result {
             None => self.thread.ask((query.clone(), Question::Show), Announce::Wake),
-            // A photograph that is painted over is no measure of a scene.
+            // A photograph painted with pixel status cannot be compared with the scene.
             Some(Ok(result)) if self.is_stale && result.pixel_counts.is_none() => {
                 let pause = INTERVAL.saturating_sub(self.measured_at.elapsed());
-                // The first figure does not wait; the pauses are between two.
+                // The first measurement starts at once; pauses lie between two measurements.
                 if result.psnr.is_some() && !pause.is_zero() {
                     ui.ctx().request_repaint_after(pause);
                     return;
@@ -188,18 +185,16 @@ impl PhotoRequests {
     }
 }
 
-/// The thread's own state.
 struct PhotoWorker {
     renderer: CpuRenderer,
     alone: rayon::ThreadPool,
     painter: PixelStatusPainter,
-    /// The photograph looked at last.
+    /// Photograph decoded last.
     latest: Option<(PhotoQuery, Photo)>,
-    /// What was measured of the second model last, which does not change as the scene does.
+    /// PSNR of the second model, which does not change with the scene.
     latest_compared: Option<(PhotoQuery, f64)>,
 }
 
-/// A photograph, decoded.
 #[derive(Clone)]
 struct Photo {
     image: Arc<RgbImage>,
@@ -234,7 +229,7 @@ impl PhotoWorker {
         let renderer = &mut self.renderer;
         let mut measure = |splats: &SplatSet| {
             let color_camera = query.color_camera.as_ref();
-            // By its own corrections of the cameras, which differ from model to model.
+            // With the model's own pose corrections, which differ between models.
             let camera = query.frame.photo_camera(color_camera, splats.finishing());
             psnr(&renderer.render(splats, &camera, &query.options).color, &image)
         };
@@ -257,7 +252,7 @@ impl PhotoWorker {
     }
 
     fn photo(&mut self, query: &PhotoQuery) -> Result<Photo, String> {
-        // Decoded once: during training the same photograph is measured against twice a second.
+        // Decoded once: during training the same photograph is measured twice a second.
         if let Some((latest, photo)) = &self.latest
             && latest.is_same_photo(query)
         {

@@ -1,4 +1,4 @@
-//! What the viewport is asked to show: one picture, or two and how they are compared.
+//! Request for the picture of the viewport: one render, or two and how they are compared.
 
 use super::compared_model::ComparedModel;
 use crate::math::camera::Camera;
@@ -7,42 +7,41 @@ use crate::render::RenderOptions;
 use crate::render::compare::{Area, Combination};
 use std::sync::Arc;
 
-/// A picture of the viewport.
+/// Picture of the viewport.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureRequest {
-    /// Camera for the whole viewport, in pixels of the screen.
+    /// Camera of the whole viewport, in screen pixels.
     pub camera: Camera,
-    /// How the scene is drawn.
+    /// Render options of the scene.
     pub options: RenderOptions,
-    /// What it is compared with.
+    /// Picture that it is compared with, if any.
     pub second: Option<ComparedPicture>,
 }
 
-/// What a picture is compared with.
+/// Second picture of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ComparedPicture {
-    /// The other picture.
+    /// Source of the second picture.
     pub partner: Partner,
-    /// The part of the viewport that it fills.
+    /// Part of the viewport that it fills.
     pub area: Area,
-    /// What is shown of the two.
+    /// How the two pictures are combined.
     pub how: Combination,
 }
 
-/// The other picture.
+/// Source of the second picture of a comparison.
 #[derive(Clone, Debug)]
 pub enum Partner {
-    /// The same splats, drawn otherwise.
+    /// The same splats with other options.
     Splats(RenderOptions),
-    /// Another model, drawn by itself.
+    /// Another model.
     Model(Arc<ComparedModel>, RenderOptions),
-    /// The photograph that was taken from here.
+    /// The photograph taken by this camera.
     Photo(Arc<RgbImage>),
 }
 
 impl PartialEq for Partner {
-    /// Photographs and models are the same if they are one in memory: what they hold is never
-    /// compared.
+    /// Compares photographs and models by address, never by content.
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Splats(a), Self::Splats(b)) => a == b,

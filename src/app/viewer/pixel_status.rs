@@ -1,4 +1,4 @@
-//! What became of a photograph's pixels when the frame was prepared: painted over it, and told.
+//! Status of a photograph's pixels after preparation: painted over it, with a legend.
 
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
@@ -11,27 +11,27 @@ use eframe::egui::{
     Align2, Area, Color32, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Ui, Vec2,
 };
 
-/// Share of a status's colour in a pixel that made no point.
+/// Opacity of a status colour over a dropped pixel.
 const OVERLAY: f32 = 0.7;
 
-/// Why a pixel made no point.
+/// Reason why a pixel was dropped.
 struct Reason {
     status: PixelStatus,
-    /// Told apart by people with red-green blindness too (Okabe and Ito 2008).
+    /// Distinguishable with red-green blindness (Okabe and Ito 2008).
     color: [f32; 3],
     label: &'static str,
     count: fn(&SurfaceCounts) -> usize,
 }
 
-/// Every reason, in the order in which pixels are looked at.
+/// Every reason, in the order of the checks.
 const REASONS: [Reason; 7] = [
     reason(PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
     reason(PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
-    reason(PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth", |c| {
+    reason(PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth range", |c| {
         c.dropped_range
     }),
-    reason(PixelStatus::Flying, [0.84, 0.37, 0.0], "explained by no plane", |c| c.dropped_flying),
-    reason(PixelStatus::Slant, [0.0, 0.62, 0.45], "seen at a slant", |c| c.dropped_slant),
+    reason(PixelStatus::Flying, [0.84, 0.37, 0.0], "no plane fits", |c| c.dropped_flying),
+    reason(PixelStatus::Slant, [0.0, 0.62, 0.45], "too oblique", |c| c.dropped_slant),
     reason(PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
     reason(PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| {
         c.dropped_no_color
@@ -47,23 +47,22 @@ const fn reason(
     Reason { status, color, label, count }
 }
 
-/// Prepares frames as training does and paints what became of their pixels.
+/// Prepares frames like training does and paints the status of their pixels.
 pub struct PixelStatusPainter {
     preparer: Preparer,
     observation: Observation,
 }
 
 impl PixelStatusPainter {
-    /// No memory yet.
     pub fn new() -> Self {
         Self { preparer: Preparer::new(), observation: Observation::empty() }
     }
 
-    /// The frame as training sees it: points in the colours they were given, the other pixels of the
-    /// photograph over `background` (sRGB-encoded) tinted by why they are none.
+    /// Returns the frame as training uses it: points in their colours, and dropped pixels of the
+    /// photograph over `background` (sRGB-encoded), tinted by reason.
     ///
     /// # Errors
-    /// A frame without depth.
+    /// If the frame has no depth.
     pub fn paint(
         &mut self,
         frame: &Frame,
@@ -71,7 +70,7 @@ impl PixelStatusPainter {
         background: [f32; 3],
     ) -> Result<(RgbImage, SurfaceCounts), FrameError> {
         let counts = self.preparer.prepare(frame, settings, &mut self.observation)?;
-        // Statuses are of depth pixels, whatever size the photograph has.
+        // Statuses refer to depth pixels, whatever size the photograph has.
         let mut image = ground_truth(&frame.registered(), GroundTruth::Composited, background);
         for (pixel, &status) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
             if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.status == status) {
@@ -85,17 +84,17 @@ impl PixelStatusPainter {
     }
 }
 
-/// Draws the legend with its lower right corner at `corner`: what there is of each, by its share.
+/// Draws the legend with its lower right corner at `corner`: the share of each status.
 pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
     let area = Area::new(Id::unique("pixel status")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
-    // Without a share of the pointer, which steers the camera below.
+    // Not interactable: the pointer steers the camera below.
     area.interactable(false).show(ui.ctx(), |ui| {
         Plate::popup(ui.style()).show(ui, |ui| {
             ui.label(RichText::new("Preparation").strong());
             Grid::new("pixel status").num_columns(3).show(ui, |ui| {
                 let n_pixels = counts.kept + counts.holes + counts.dropped();
                 let share = |n: usize| n as f64 / n_pixels.max(1) as f64;
-                row(ui, None, "kept", share(counts.kept));
+                row(ui, None, "used", share(counts.kept));
                 for Reason { color, label, count, .. } in REASONS {
                     if count(counts) > 0 {
                         row(ui, Some(color), label, share(count(counts)));

@@ -1,4 +1,4 @@
-//! Commands that place the camera, and clicks that turn it.
+//! Commands and clicks that move the camera.
 
 use super::SceneView;
 use super::frame_points::FramePoints;
@@ -19,13 +19,13 @@ use crate::render::{Lens, Renderer};
 use glam::DVec3;
 use std::time::Instant;
 
-/// Seconds once around the scene.
+/// Duration of a turntable revolution, seconds.
 const TURNTABLE_S: f64 = 12.0;
 
 impl SceneView {
-    /// Starts at home where something else is open than before. To be called with every snapshot
-    /// before anything is drawn from it or any key is taken, so that nothing of what was open before
-    /// is met any more: no camera, no comparison, no question after a splat.
+    /// Resets the view if another subject is open. Call it with every snapshot before anything is drawn
+    /// from it or any key is handled, so that no camera, comparison or pending pick of the previous
+    /// subject remains.
     pub fn turn_to(&mut self, opened: &Opened) {
         if self.serial == opened.serial {
             return;
@@ -45,17 +45,17 @@ impl SceneView {
         self.guide = Some(GuideStage::Start);
     }
 
-    /// Whether something else is shown so far.
+    /// True while the view still shows another subject.
     pub fn is_another(&self, opened: &Opened) -> bool {
         self.serial != opened.serial
     }
 
-    /// Stays where it is when the same is opened again, once.
+    /// Retains the camera when the same files are opened again, once.
     pub fn keep_place_of(&mut self, opened: &Opened) {
         self.kept = Some(opened.files.clone());
     }
 
-    /// Stands where a dataset's camera stood, beside its photograph.
+    /// Moves to a dataset camera and compares with its photograph.
     pub fn compare_at(&mut self, frame: FrameRef, opened: &Opened) {
         self.stand_at(frame);
         if !self.mode.has_photo() {
@@ -63,23 +63,23 @@ impl SceneView {
         }
     }
 
-    /// Whether clicks measure.
+    /// True if clicks measure.
     pub fn is_measuring(&self) -> bool {
         self.measure.is_on
     }
 
-    /// Places that were clicked to measure from.
+    /// Number of points clicked for a measurement.
     pub fn n_measured(&self) -> usize {
         self.measure.n_ends()
     }
 
-    /// What was measured, once two places were clicked.
+    /// Measured length, once two points were clicked.
     pub fn measured(&self) -> Option<MeasuredLength> {
         self.measure.length()
     }
 
-    /// The splat that the user wants to know of, once: `Some(None)` for none. A double click turns the
-    /// camera here instead.
+    /// Takes the splat clicked for inspection, once; `Some(None)` if there was none. A double click
+    /// moves the orbit centre to the clicked point instead.
     pub fn take_picked(&mut self) -> Option<Option<u32>> {
         let found = self.selection.take_picked()?;
         let picked = found
@@ -89,7 +89,7 @@ impl SceneView {
             })
             .ok()?;
         if self.editor.past_shown().is_some() && picked.purpose != PickPurpose::Pivot {
-            let text = "Only splats of now can be asked about: the tab Edit goes back to them";
+            let text = "Only current splats can be inspected: return to them in the Edit tab";
             self.hint = Some((text.to_owned(), Instant::now()));
             return None;
         }
@@ -112,7 +112,7 @@ impl SceneView {
         None
     }
 
-    /// Does what a command asks of the view.
+    /// Executes a command of the view.
     pub fn apply(&mut self, command: UiCommand, opened: &Opened) {
         match command {
             UiCommand::FrameScene => self.frame_scene(),
@@ -134,12 +134,12 @@ impl SceneView {
                 self.set_mode(ViewMode::Single, opened);
             }
             UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
-            // The editor knows which are its own.
+            // The editor ignores commands that are not its own.
             edit => self.editor.apply(edit, &self.palette),
         }
     }
 
-    /// Chooses what is compared; photographs are compared where they were taken.
+    /// Sets the comparison mode; photographs are compared at a dataset camera.
     pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
         self.mode = mode;
         if mode.needs_frame() && self.place == Place::Free {
@@ -152,7 +152,7 @@ impl SceneView {
 
     fn toggle_renderer(&mut self) {
         if self.settings.lens == Lens::Fisheye {
-            let text = "Only the exact renderer draws a fisheye: choose the pinhole first";
+            let text = "Only the exact renderer supports a fisheye: choose the pinhole first";
             self.hint = Some((text.to_owned(), Instant::now()));
             return;
         }
@@ -180,7 +180,7 @@ impl SceneView {
 
     fn step(&mut self, opened: &Opened, direction: Direction) {
         let frame = match (&self.latest_frame, direction) {
-            // The first step after steering leads back to where one stood, not past it.
+            // The first step after steering returns to the last camera instead of passing it.
             (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
             (Some(frame), _) => Some(frame.of_now(opened.dataset.as_ref()).stepped(direction)),
             (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
@@ -194,26 +194,26 @@ impl SceneView {
         }
     }
 
-    /// The camera of the latest picture, as a keyframe.
+    /// Camera of the latest picture, as a keyframe.
     pub fn keyframe(&self) -> Option<Keyframe> {
         let Camera { intrinsics, pose } = self.latest_camera?;
         Some(Keyframe { time: 0.0, pose, fov_y: intrinsics.fov_y() })
     }
 
-    /// The picture of now for a file: the scene alone, without what it is compared with and what lies over it.
+    /// Returns the current picture for a file: the scene alone, without comparison and overlays.
     pub fn still(&self) -> Option<Still> {
         let camera = self.latest_camera?;
         let PictureRequest { options, .. } = self.picture_request(camera, Area::FULL, None);
         Some(Still { splats: self.editor.shown(&self.palette).clone(), camera, options })
     }
 
-    /// Once around what the camera turns about, from where it stands.
+    /// Path of one revolution about the orbit centre, from the current camera.
     pub fn turntable(&self) -> Option<CameraPath> {
         let fov_y = self.keyframe()?.fov_y;
         Some(CameraPath::turntable(&self.camera?.orbit(), fov_y, TURNTABLE_S))
     }
 
-    /// Stands at a moment of a camera path, until something else moves the camera.
+    /// Moves to a keyframe of a camera path, until something else moves the camera.
     pub fn stand_along(&mut self, moment: Keyframe) {
         if self.mode.needs_frame() {
             self.mode = ViewMode::Single;
@@ -222,17 +222,17 @@ impl SceneView {
         self.moved_at = Instant::now();
     }
 
-    /// Whether it stands at a moment of a path.
+    /// True while the camera is on a path.
     pub fn is_along(&self) -> bool {
         matches!(self.place, Place::Along(_))
     }
 
-    /// Direction that points up, unit length.
+    /// Up direction, unit length.
     pub fn up(&self) -> DVec3 {
         self.camera.map_or(DVec3::Z, |camera| camera.up())
     }
 
-    /// Stands where a dataset's camera stood.
+    /// Moves to a dataset camera.
     pub fn stand_at(&mut self, frame: FrameRef) {
         (self.place, self.guide) = (Place::At(frame.clone()), None);
         self.latest_frame = Some(frame);

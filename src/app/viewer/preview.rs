@@ -1,11 +1,11 @@
-//! Looking through cameras of the dataset for a moment, and back to where one stood.
+//! Temporary visits to dataset cameras.
 
 use super::SceneView;
 use super::frame_refs::FrameRef;
 use super::stand::{GuideStage, Place};
 use std::time::Instant;
 
-/// Where one stood before a preview.
+/// Position before a temporary visit.
 pub struct PlaceBefore {
     place: Place,
     guide: Option<GuideStage>,
@@ -13,7 +13,7 @@ pub struct PlaceBefore {
 }
 
 impl SceneView {
-    /// Where one stands now, to come back to.
+    /// Current position, to return to.
     pub fn place_now(&self) -> PlaceBefore {
         PlaceBefore {
             place: self.place.clone(),
@@ -22,7 +22,7 @@ impl SceneView {
         }
     }
 
-    /// Stands there again, and goes on as before.
+    /// Restores a position.
     pub fn return_to(&mut self, before: PlaceBefore) {
         let PlaceBefore { place, guide, latest_frame } = before;
         (self.place, self.guide, self.latest_frame) = (place, guide, latest_frame);

@@ -1,4 +1,4 @@
-//! The preview of an export in the view: turned to when it is there, left when it is over.
+//! Starts and ends the preview of an export in the view.
 
 use super::SceneView;
 use super::export_preview::{ExportChoice, ExportPreview, PreviewReport};
@@ -8,10 +8,10 @@ use crate::app::state::{Opened, RunState};
 use std::time::Instant;
 
 impl SceneView {
-    /// Shows beside the scene what a file would give back of it, from now on; `None` ends that.
+    /// Previews an export beside the scene; `None` ends the preview.
     ///
     /// # Errors
-    /// No thread could be started.
+    /// If no thread can be started.
     pub fn preview_export(
         &mut self,
         choice: Option<ExportChoice>,
@@ -27,12 +27,12 @@ impl SceneView {
         self.preview.choose(choice, self.palette.learned(), frame, is_training, &self.waker)
     }
 
-    /// What is known of the file that is previewed, if one is.
+    /// State of the export preview, if there is one.
     pub fn previewed(&self) -> Option<PreviewReport> {
         self.preview.told()
     }
 
-    /// Takes what was converted since, and turns to it at first.
+    /// Takes a finished conversion, and switches the mode to the first one.
     pub(super) fn take_preview(&mut self) {
         if self.preview.take() && self.preview.before.is_none() {
             self.preview.before = Some(self.mode);
@@ -40,18 +40,21 @@ impl SceneView {
         }
     }
 
-    /// Asks for the figure of a view that rests.
+    /// Starts to measure the preview once the view rests.
     pub(super) fn measure_preview(&mut self, request: &PictureRequest, state: RunState) {
         if self.moved_at.elapsed() < super::SETTLE {
             return;
         }
         let is_training = state == RunState::Training;
         if let Err(error) = self.preview.measure(request, is_training, &self.waker) {
-            self.hint = Some((format!("No thread to measure on: {error}"), Instant::now()));
+            self.hint = Some((
+                format!("Starting the thread that measures the preview failed: {error}"),
+                Instant::now(),
+            ));
         }
     }
 
-    /// Compares again with what was compared with before.
+    /// Ends the preview and restores the previous mode.
     pub(super) fn end_preview(&mut self) {
         let ExportPreview { before, .. } = std::mem::take(&mut self.preview);
         if let Some(before) = before.filter(|_| self.mode.has_model()) {

@@ -1,4 +1,4 @@
-//! What the user chose about the viewport; kept between sessions.
+//! Settings of the viewport, stored between sessions.
 
 use crate::app::color_mode::ColorMode;
 use crate::app::draw_budget::{DEFAULT_SHARE, SHARES};
@@ -11,19 +11,19 @@ use crate::render::{
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// Factors on the splats' sizes.
+/// Range of the factor on splat sizes.
 pub const SCALES: RangeInclusive<f32> = 0.1..=3.0;
-/// Factors on a difference.
+/// Range of the gain of differences.
 pub const GAINS: RangeInclusive<f32> = 1.0..=64.0;
-/// Vertical fields of view of a pinhole, degrees.
+/// Range of a pinhole's vertical field of view, degrees.
 pub const PINHOLE_FOV_DEG: RangeInclusive<f32> = 10.0..=150.0;
-/// Vertical fields of view of a fisheye, degrees.
+/// Range of a fisheye's vertical field of view, degrees.
 pub const FISHEYE_FOV_DEG: RangeInclusive<f32> = 60.0..=360.0;
 
-/// Largest budget of earlier moments, MB.
+/// Maximum memory of earlier states, MB.
 pub const MAX_PAST_MB: u32 = 4096;
 
-/// Colour behind the scene, sRGB bytes.
+/// Background colour, sRGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
@@ -35,12 +35,12 @@ pub enum Background {
     White,
     /// Black.
     Black,
-    /// Any colour.
+    /// Any colour, sRGB bytes.
     Custom([u8; 3]),
 }
 
 impl Background {
-    /// As bytes.
+    /// As sRGB bytes.
     pub fn rgb8(self) -> [u8; 3] {
         match self {
             Background::Dark => [23, 25, 31],
@@ -51,58 +51,57 @@ impl Background {
         }
     }
 
-    /// As renderers want it.
+    /// As sRGB values from 0 to 1.
     pub fn rgb(self) -> [f32; 3] {
         self.rgb8().map(|v| f32::from(v) / 255.0)
     }
 }
 
-/// What a frame may take unless another budget is chosen: the pace of a camera of 30 frames a second.
+/// Default latency budget of a frame: the interval of a camera with 30 frames per second.
 const FRAME_BUDGET_MS: f64 = 33.3;
 
 /// Settings of the viewport.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ViewSettings {
-    /// The renderer; with a fisheye it is always the exact one.
+    /// Renderer; always the exact one with a fisheye.
     pub renderer: Renderer,
-    /// What the exact renderer does about thin splats.
+    /// Antialiasing of thin splats by the exact renderer.
     pub antialias: Antialias,
-    /// How pixels map to rays.
+    /// Mapping from pixels to rays.
     pub lens: Lens,
-    /// Vertical field of view of the pinhole, degrees; the scene's own camera's if `None`.
+    /// Vertical field of view of the pinhole, degrees; `None` uses that of the scene's camera.
     pub pinhole_fov_deg: Option<f32>,
     /// Vertical field of view of the fisheye, degrees.
     pub fisheye_fov_deg: f32,
     /// Factor on the splats' sizes.
     pub scale: f32,
-    /// Splats with a smaller opacity are left out.
+    /// Minimum opacity of splats that are drawn.
     pub opacity_cut: f32,
-    /// Colour behind the scene.
+    /// Background colour.
     pub background: Background,
-    /// How bright a scene is drawn from anywhere whose cameras exposed by themselves; beside photographs
-    /// it is always as they recorded it.
+    /// Exposure of scenes whose cameras used automatic exposure. Beside a photograph the recorded
+    /// exposure is always used.
     pub exposing: Exposing,
-    /// Factor on differences.
+    /// Gain of differences.
     pub difference_gain: f32,
-    /// Whether the dataset's cameras are drawn when something else is there to see.
+    /// True if dataset cameras are drawn; before training they always are.
     pub shows_cameras: bool,
-    /// Whether the points of the current frame are drawn.
+    /// True if the points of the current frame are drawn.
     pub shows_points: bool,
-    /// Whether the ground and the axes are drawn.
+    /// True if the ground grid and the axes are drawn.
     pub shows_grid: bool,
-    /// Whether what a file would give back is shown before it is written.
+    /// True if exports are previewed before they are written.
     pub previews_export: bool,
-    /// Frames between two measurements of held-out views while training goes on; `None` measures at rest
-    /// alone.
+    /// Frames between two measurements of held-out views during training; `None` measures at rest only.
     pub quality_every: Option<usize>,
-    /// What training a frame may take, milliseconds: a line in the plot of latencies.
+    /// Latency budget of a training frame, milliseconds: a line in the latency plot.
     pub frame_budget_ms: f64,
-    /// Share of all cores that drawing may take while frames are trained, where no GPU draws.
+    /// Share of all cores that drawing may use during training, if no GPU draws.
     pub draw_share: f32,
-    /// What earlier moments of a scene in training may take to be walked back to, MB.
+    /// Memory for earlier states of a scene in training, MB.
     pub past_mb: u32,
-    /// What colours mean. Not kept: the next scene may not tell it.
+    /// Colour mode. Not stored, because the next scene may not support it.
     #[serde(skip)]
     pub color_mode: ColorMode,
 }
@@ -134,14 +133,13 @@ impl Default for ViewSettings {
 }
 
 impl ViewSettings {
-    /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
-    /// the defaults, with a text that says so.
+    /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         let (read, notice) = stored_text::from_text::<Self>("the viewport", text);
         (read.in_range(), notice)
     }
 
-    /// For the next session.
+    /// Serializes the settings for the next session.
     pub fn to_text(&self) -> Result<String, ron::Error> {
         ron::to_string(self)
     }
@@ -153,7 +151,7 @@ impl ViewSettings {
             if value.is_finite() { value.clamp(*range.start(), *range.end()) } else { otherwise }
         };
         let pinhole = self.pinhole_fov_deg.filter(|fov| fov.is_finite());
-        // The text may be written by hand: only in the window does `set_lens` see to this.
+        // Enforced here too: the text may be edited by hand, without `set_lens`.
         let renderer = if self.lens == Lens::Fisheye { Renderer::Exact } else { self.renderer };
         Self {
             renderer,
@@ -173,12 +171,13 @@ impl ViewSettings {
         }
     }
 
-    /// What earlier moments of a scene in training may take, bytes.
+    /// Memory for earlier states of a scene in training, bytes.
     pub fn past_bytes(&self) -> usize {
         self.past_mb as usize * 1_000_000
     }
 
-    /// Chooses the lens; the projected renderer cannot follow to a fisheye.
+    /// Sets the lens; a fisheye also selects the exact renderer, as the projected one does not support
+    /// it.
     pub fn set_lens(&mut self, lens: Lens) {
         self.lens = lens;
         if lens == Lens::Fisheye {
@@ -186,7 +185,7 @@ impl ViewSettings {
         }
     }
 
-    /// A renderer as it is set here, through a lens.
+    /// Render method of a renderer through a lens, with these settings.
     pub fn method(&self, renderer: Renderer, lens: Lens) -> RenderMethod {
         match renderer {
             Renderer::Projected => RenderMethod::PROJECTED,
@@ -198,8 +197,8 @@ impl ViewSettings {
         }
     }
 
-    /// Everything else a picture depends on. `radius` is the scene's, in world units, `distance` the
-    /// camera's from its middle.
+    /// Render options with a method. `radius` is the scene's and `distance` the camera's from the
+    /// scene's centre, world units.
     pub fn options(&self, method: RenderMethod, radius: f64, distance: f64) -> RenderOptions {
         let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);
         let look = SplatStyle {
@@ -207,7 +206,7 @@ impl ViewSettings {
             opacity_cut: self.opacity_cut,
             paint: self.color_mode.paint(range),
         };
-        // Colours that stand for something else must not change with the place.
+        // Colours that encode a value must not vary with the exposure.
         let exposing = match self.color_mode {
             ColorMode::Color => self.exposing,
             _ => Exposing::Neutral,
@@ -216,7 +215,7 @@ impl ViewSettings {
         RenderOptions { look, exposing, ..plain }
     }
 
-    /// The settings by which `eval` would measure the renderer chosen here at a dataset's camera.
+    /// Options with which `eval` measures the chosen renderer at a dataset camera.
     pub fn measured(&self) -> RenderOptions {
         let method = self.method(self.renderer, Lens::Pinhole);
         RenderOptions::evaluation(method, self.background.rgb())

@@ -1,27 +1,27 @@
-//! Where the camera stands: where a hand steered it, at a dataset's camera, on a path, or where training is.
+//! Position of the view: steered freely, at a dataset camera, on a path, or guided by training.
 
 use super::frame_refs::FrameRef;
 use crate::math::camera_path::Keyframe;
 
-/// Where the camera stands.
+/// Position of the view.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Place {
-    /// Where it was steered to.
+    /// Steered freely.
     Free,
-    /// Exactly where a dataset's camera stood.
+    /// Exactly at a dataset camera.
     At(FrameRef),
-    /// At a moment of a camera path.
+    /// At a keyframe of a camera path.
     Along(Keyframe),
 }
 
-/// What a guided camera shows.
+/// Stage of the guided camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GuideStage {
-    /// Nothing yet of what was opened.
+    /// Nothing of the subject is shown yet.
     Start,
-    /// Every camera of the dataset.
+    /// All cameras of the dataset.
     Overview,
-    /// What the frame at this position of the order of training shows.
+    /// Camera of the frame at this position in training order.
     Frame(usize),
     /// The finished scene.
     End,

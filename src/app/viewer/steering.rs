@@ -1,4 +1,4 @@
-//! The pointer and the flying keys on the viewport: orbit, pan, dolly, fly.
+//! Camera control by pointer and keys: orbit, pan, dolly, fly.
 
 use super::SceneView;
 use super::stand::Place;
@@ -6,7 +6,7 @@ use crate::app::state::Opened;
 use eframe::egui::{Key, PointerButton, Response, Ui};
 use std::time::Instant;
 
-/// What the hand asks for in one frame; drags in points, flights in scene radii.
+/// User input of one pass; drags in points, flights in scene radii.
 struct Gesture {
     turn: [f64; 2],
     pan: [f64; 2],
@@ -14,7 +14,7 @@ struct Gesture {
     fly: [f64; 3],
 }
 
-/// Keys that fly and where to: right, down, ahead.
+/// Flying keys and their directions: right, down, ahead.
 const FLYING: [(Key, [f64; 3]); 6] = [
     (Key::W, [0.0, 0.0, 1.0]),
     (Key::S, [0.0, 0.0, -1.0]),
@@ -23,11 +23,11 @@ const FLYING: [(Key, [f64; 3]); 6] = [
     (Key::Q, [0.0, 1.0, 0.0]),
     (Key::E, [0.0, -1.0, 0.0]),
 ];
-/// Speed, scene radii a second, and what Shift and Ctrl make of it.
+/// Flight speed, scene radii per second, and the factors of Shift and Ctrl.
 const SPEED: f64 = 0.5;
 const FAST: f64 = 10.0;
 const SLOW: f64 = 0.1;
-/// Longest time that a flight goes on blindly between two frames, seconds.
+/// Longest time step of a flight, seconds, so that a slow pass causes no large jump.
 const MAX_STEP_S: f32 = 0.1;
 
 impl Gesture {
@@ -40,8 +40,7 @@ impl Gesture {
         // Over a panel the wheel scrolls the panel.
         let dolly = if response.hovered() {
             let (wheel, zoom) = ui.input(|i| (i.smooth_scroll_delta.y, i.zoom_delta()));
-            // A pinch by a factor moves closer by that factor: the camera halves its distance every
-            // 240 points of the wheel.
+            // A pinch divides the distance by its factor; the wheel halves it every 240 points.
             f64::from(wheel) + 240.0 * f64::from(zoom).log2()
         } else {
             0.0
@@ -59,8 +58,8 @@ impl Gesture {
     }
 }
 
-/// How far the keys that are held fly in this frame. Ctrl slows a flight that is under way and begins
-/// none: with it these keys save and export.
+/// Flight by the held keys in this pass. Ctrl slows a flight in progress but starts none, because Ctrl
+/// with these keys saves and exports.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     if ui.ctx().text_edit_focused() {
         *is_flying = false;
@@ -72,12 +71,12 @@ fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     });
     let add = |sum: [f64; 3], way: &[f64; 3]| std::array::from_fn(|k| sum[k] + way[k]);
     let way = held.iter().fold([0.0; 3], add);
-    // Of two opposite keys neither moves the camera; letting one go must not end the flight.
+    // Opposite keys cancel out, but releasing one of them must not end the flight.
     *is_flying = !held.is_empty() && (*is_flying || !modifiers.command);
     if !*is_flying {
         return [0.0; 3];
     }
-    // egui sleeps without input, and held keys are none.
+    // egui does not repaint without input events, and held keys cause none.
     ui.ctx().request_repaint();
     let factor = match (modifiers.shift, modifiers.command) {
         (true, _) => FAST,
@@ -88,7 +87,7 @@ fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
 }
 
 impl SceneView {
-    /// Moves the camera as the hand asks; from a dataset's camera it starts where that stood.
+    /// Moves the camera by user input; at a dataset camera it starts from that pose.
     pub(super) fn steer(
         &mut self,
         ui: &Ui,
@@ -112,12 +111,12 @@ impl SceneView {
         self.moved_at = Instant::now();
     }
 
-    /// Whether keys fly: those that are held then mean nothing else.
+    /// True while keys fly the camera; held keys then trigger no commands.
     pub fn is_flying(&self) -> bool {
         self.is_flying
     }
 
-    /// A hand takes the camera over where it stands.
+    /// Hands the camera over to the user at its current pose.
     pub(super) fn leave_frame(&mut self, opened: &Opened, size_px: [u32; 2]) {
         self.guide = None;
         if let Some((stood, _)) = self.camera_now(opened, size_px)

@@ -1,9 +1,8 @@
-//! Small copies of photographs and depth, decoded lazily on a thread of their own and kept as textures.
+//! Thumbnails of photographs and depth, decoded lazily on a separate thread and stored as textures.
 //!
-//! How many are kept is bounded, so that a dataset of any length costs the same: what was looked at
-//! longest ago is forgotten, and nothing that is on screen ever is. While frames are trained the thread
-//! rests many times as long as it decodes and wakes nobody: the trainer keeps its cores, and the
-//! window takes what has come when it draws itself anyway.
+//! Their number is bounded, so that memory does not grow with the dataset: the least recently used is
+//! dropped, but never one on screen. During training the thread rests for a multiple of the decoding
+//! time and does not wake the window, which takes finished thumbnails when it repaints anyway.
 
 use super::frame_refs::FrameRef;
 use crate::app::panic_report::PanicReport;
@@ -19,29 +18,29 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
-/// Longest side, pixels.
+/// Longest side of a thumbnail, pixels.
 const MAX_SIDE: usize = 192;
-/// Frames that wait to be decoded.
+/// Maximum number of queued frames.
 const MAX_WAITING: usize = 4;
-/// Frames kept: some 220 kB each, the cameras in the viewport, a strip across a wide screen and a table
-/// of views together.
+/// Maximum number of stored frames, about 220 kB each: enough for the cameras in the viewport, a strip
+/// across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;
-/// Rest after a frame while others are trained, in times of the decoding: on two cores training slows
-/// down by half of one part in so many.
+/// Rest after a frame during training, as a multiple of the decoding time: on two cores training slows
+/// down by half of 1/`REST`.
 const REST: u32 = 15;
-/// How often a resting thread looks whether training still goes on.
+/// Interval at which a resting thread checks whether training still runs.
 const LOOK: Duration = Duration::from_millis(50);
-/// What is dark of the depth where nothing was measured.
+/// Colour of depth pixels without a measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
-/// What of a frame is asked for.
+/// Requested part of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Photo,
     PhotoAndDepth,
 }
 
-/// What came of a frame that was decoded.
+/// Result of decoding a frame.
 struct Decoded {
     position: (usize, usize),
     photo: Option<ColorImage>,
@@ -49,25 +48,25 @@ struct Decoded {
     problem: Option<String>,
 }
 
-/// What is kept of a frame.
+/// Thumbnails of a frame.
 struct Kept {
-    /// The most that was asked for.
+    /// Largest part requested so far.
     part: Part,
-    /// In which pass of the window it was looked at last.
+    /// Pass of the window that used it last.
     used_in: u64,
     photo: Option<TextureHandle>,
     depth: Option<TextureHandle>,
     problem: Option<String>,
 }
 
-/// The pictures of a frame, as far as they are known.
+/// Thumbnails of a frame, as far as decoded.
 #[derive(Clone, Copy, Default)]
 pub struct FramePictures<'a> {
-    /// Its photograph.
+    /// Photograph.
     pub photo: Option<&'a TextureHandle>,
-    /// Its depth: violet is near, yellow is far, by its own range.
+    /// Depth over its own range, from violet (near) to yellow (far).
     pub depth: Option<&'a TextureHandle>,
-    /// Why it cannot be decoded.
+    /// Reason why the frame cannot be decoded.
     pub problem: Option<&'a str>,
 }
 
@@ -76,19 +75,19 @@ pub struct Thumbnails {
     requests: SyncSender<(FrameRef, Part)>,
     decoded: Receiver<Decoded>,
     kept: HashMap<(usize, usize), Kept>,
-    /// Waiting or being decoded.
+    /// Number of frames queued or being decoded.
     n_waiting: usize,
     stands_back: Arc<AtomicBool>,
 }
 
 impl Thumbnails {
-    /// Starts the thread, which ends with this value.
+    /// Starts the thread, which ends when this value is dropped.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
         let (requests, inbox) = sync_channel(MAX_WAITING);
         let (answers, decoded) = sync_channel(MAX_WAITING);
         let stands_back = Arc::new(AtomicBool::new(false));
         let flag = stands_back.clone();
-        // Decoders that would spread over the cores stay on one.
+        // One thread, so that parallel decoders do not use all cores.
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let alone = alone.map_err(std::io::Error::other)?;
         let work = move || {
@@ -100,18 +99,18 @@ impl Thumbnails {
         Ok(Self { requests, decoded, kept: HashMap::new(), n_waiting: 0, stands_back })
     }
 
-    /// Whether the thread leaves the cores to somebody who needs them more.
+    /// Sets whether the thread leaves the cores to training.
     pub fn stand_back(&self, stands_back: bool) {
-        // Relaxed: the flag stands for itself.
+        // Relaxed: no other memory depends on the flag.
         self.stands_back.store(stands_back, Ordering::Relaxed);
     }
 
-    /// Frames that are kept.
+    /// Number of stored frames.
     pub fn n_kept(&self) -> usize {
         self.kept.len()
     }
 
-    /// A frame's photograph if it is known; asks for it if it is not and `may_decode`.
+    /// Returns the thumbnail of a photograph if it is decoded; else requests it if `may_decode`.
     pub fn get(
         &mut self,
         context: &Context,
@@ -121,7 +120,7 @@ impl Thumbnails {
         self.look_up(context, frame, may_decode.then_some(Part::Photo)).photo
     }
 
-    /// What is known of a frame's photograph and depth; asks for what is not.
+    /// Returns the decoded thumbnails of photograph and depth; requests missing ones.
     pub fn pictures(&mut self, context: &Context, frame: &FrameRef) -> FramePictures<'_> {
         self.look_up(context, frame, Some(Part::PhotoAndDepth))
     }
@@ -165,13 +164,13 @@ impl Thumbnails {
         }
     }
 
-    /// Forgets what was looked at longest ago where one more would be too many; whether there is room.
+    /// Drops the least recently used frame if the store is full; true if there is room.
     fn make_room(&mut self, pass: u64) -> bool {
         if self.kept.len() < MAX_KEPT {
             return true;
         }
         let oldest = self.kept.iter().min_by_key(|(_, kept)| kept.used_in);
-        // What was on screen in the pass before is there in this one too.
+        // Frames used in the previous pass are still on screen.
         let oldest = oldest.filter(|(_, kept)| kept.used_in + 1 < pass);
         match oldest.map(|(&position, _)| position) {
             Some(position) => self.kept.remove(&position).is_some(),
@@ -186,7 +185,7 @@ impl Thumbnails {
                 let name = format!("{what} {position:?}");
                 context.load_texture(name, image, TextureOptions::LINEAR)
             };
-            // What was forgotten meanwhile is on screen no more.
+            // A frame that was dropped meanwhile is no longer on screen.
             if let Some(kept) = self.kept.get_mut(&position) {
                 kept.photo = photo.map(|image| load("photograph", image));
                 kept.depth = depth.map(|image| load("depth", image));
@@ -196,7 +195,7 @@ impl Thumbnails {
     }
 }
 
-/// Decodes what is asked for until nobody asks any more.
+/// Decodes requests until the channel closes.
 fn serve(
     inbox: &Receiver<(FrameRef, Part)>,
     answers: &SyncSender<Decoded>,
@@ -206,7 +205,7 @@ fn serve(
 ) {
     while let Ok((frame, part)) = inbox.recv() {
         let started = Instant::now();
-        // Were the thread to end here, nothing that is scrolled to would ever be shown any more.
+        // Caught, because without this thread no further thumbnail would ever appear.
         let decoded = catch_unwind(AssertUnwindSafe(|| decode(&frame, part)));
         let decoded = decoded.unwrap_or_else(|panic| Decoded {
             position: frame.position(),
@@ -233,7 +232,7 @@ fn decode(frame: &FrameRef, part: Part) -> Decoded {
         let color = frame.entry().load_color().map_err(|error| error.to_string());
         color.map(|color| (color, None))
     };
-    // Together: a frame is whole or of no use, and the reason is that of a skipped frame.
+    // Together, because training also rejects an incomplete frame, for the same reason.
     let whole = || {
         let loaded = frame.dataset().load(position.0, position.1);
         loaded.map(|frame| (frame.color, frame.depth)).map_err(|error| error.to_string())
@@ -241,7 +240,7 @@ fn decode(frame: &FrameRef, part: Part) -> Decoded {
     let (loaded, problem) = match part {
         Part::Photo => (photo_alone(), None),
         Part::PhotoAndDepth => match whole() {
-            // Of a frame without depth the photograph still tells which one it is.
+            // Without depth the photograph still identifies the frame.
             Err(problem) => (photo_alone(), Some(problem)),
             loaded => (loaded, None),
         },
@@ -259,13 +258,13 @@ fn decode(frame: &FrameRef, part: Part) -> Decoded {
     }
 }
 
-/// Side of the blocks of pixels that become one, and the size of what they become.
+/// Returns the block size and the resulting image size of a reduction.
 fn reduced(size: [usize; 2]) -> (usize, [usize; 2]) {
     let factor = size[0].max(size[1]).div_ceil(MAX_SIDE).max(1);
     (factor, size.map(|side| (side / factor).max(1)))
 }
 
-/// Means over blocks of pixels; what is transparent becomes dark.
+/// Averages blocks of pixels; transparent pixels count as black.
 fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) -> ColorImage {
     let (factor, size) = reduced([width, height]);
     let mut pixels = Vec::with_capacity(size[0] * size[1]);
@@ -287,8 +286,8 @@ fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) 
     ColorImage::new(size, pixels)
 }
 
-/// Depth as colours of its own range, but for the few nearest and farthest values. One pixel stands for a
-/// block: a mean over an edge would be a surface that is not there.
+/// Maps depth to colours, over its range without the nearest and farthest 2 %. Samples one pixel per
+/// block: a mean across an edge would be a surface that does not exist.
 fn depth_picture(depth: &Depth) -> ColorImage {
     let (width, height) = depth.size();
     let (factor, size) = reduced([width, height]);
@@ -363,7 +362,7 @@ mod tests {
         assert!(decoded.recv().unwrap().photo.is_some());
     }
 
-    /// As if every frame of a long recording had been scrolled past.
+    /// Simulates scrolling past every frame of a long recording.
     #[test]
     fn what_is_on_screen_stays_and_the_rest_is_bounded() {
         let dataset = demo::dataset().unwrap();
@@ -381,7 +380,7 @@ mod tests {
         assert!(!thumbnails.kept.contains_key(&frame.position()), "all of them are on screen");
         thumbnails.ask(&frame, Part::PhotoAndDepth, 12);
         assert!(thumbnails.kept.contains_key(&frame.position()));
-        assert!(!thumbnails.kept.contains_key(&(7, 0)), "the one looked at longest ago");
+        assert!(!thumbnails.kept.contains_key(&(7, 0)), "the least recently used one");
         assert_eq!(thumbnails.n_kept(), MAX_KEPT);
         let decoded = thumbnails.decoded.recv_timeout(Duration::from_secs(60)).unwrap();
         assert!(decoded.photo.is_some() && decoded.depth.is_some() && decoded.problem.is_none());

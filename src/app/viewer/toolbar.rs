@@ -1,4 +1,4 @@
-//! The strip above the viewport: renderer, comparison, colours, dataset cameras.
+//! Toolbar above the viewport: renderer, comparison, colours, lens, overlays, dataset cameras.
 
 use super::SceneView;
 use super::mode::ViewMode;
@@ -11,10 +11,10 @@ use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
 use eframe::egui::{Button, ComboBox, DragValue, Label, RichText, Ui};
 
-/// Most height of the menu of comparisons, points: all of it, without scrolling.
+/// Maximum height of the comparison menu, points; it fits without scrolling.
 const MENU: f32 = 400.0;
 
-/// Draws the strip; what the user asked for beyond it.
+/// Draws the toolbar; returns a command that the view does not execute itself.
 pub fn ui(
     view: &mut SceneView,
     snapshot: &Snapshot,
@@ -33,7 +33,7 @@ pub fn ui(
                 .max_decimals(0)
                 .prefix("× ");
             named(ui.add(gain), "Difference gain")
-                .on_hover_text("How much differences are amplified: drag or click");
+                .on_hover_text("Amplification of differences: drag, or click to type");
         }
         ui.separator();
         colors(view, opened, ui);
@@ -65,7 +65,7 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
         let response = ui.add_enabled(enabled, Button::selectable(is_chosen, label));
         if response
             .on_hover_text(tooltip)
-            .on_disabled_hover_text("Only the exact renderer draws a fisheye")
+            .on_disabled_hover_text("Only the exact renderer supports a fisheye")
             .clicked()
         {
             view.settings.renderer = renderer;
@@ -73,7 +73,7 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
     }
 }
 
-/// What is compared; what was asked for of the second model.
+/// Draws the comparison menu; returns a command about the second model.
 fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     ComboBox::from_id_salt("view mode")
@@ -109,7 +109,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
             }
         })
         .response
-        .on_hover_text("What is compared");
+        .on_hover_text("Comparison mode");
     asked
 }
 
@@ -133,7 +133,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
             }
         })
         .response
-        .on_hover_text("What colours mean");
+        .on_hover_text("Colour mode");
 }
 
 fn lens_label(lens: Lens) -> &'static str {
@@ -143,7 +143,6 @@ fn lens_label(lens: Lens) -> &'static str {
     }
 }
 
-/// What is drawn over the picture.
 fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     for (command, is_on) in [
@@ -179,7 +178,7 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
             label.on_hover_text(format!("Frame {name} of the split {split}"));
         }
         None => {
-            // Whole on one line or the next.
+            // Extended, so that the label wraps to the next line as a whole.
             ui.add(Label::new(RichText::new("Free camera").weak()).extend());
         }
     }

@@ -1,23 +1,23 @@
-//! Lines and pictures of the world, drawn by the window over the picture of the scene.
+//! Lines and pictures in world coordinates, drawn over the picture of the scene.
 //!
-//! By egui and not by the renderers: they are few, they must be crisp, and both renderers stay what
-//! `eval` measures. They are not hidden by splats.
+//! egui draws them, not the renderers: they are few, they must be crisp, and the renderers must remain
+//! what `eval` measures. Splats do not occlude them.
 
 use crate::math::camera::Camera;
 use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, TextureId, Ui, Vec2};
 use glam::{DMat3, DVec3};
 
-/// Nearest depth that is drawn, as a share of the scene's radius.
+/// Near plane, as a share of the scene's radius.
 const NEAR: f64 = 1e-3;
-/// Side of the square that is a point, points of the window.
+/// Side of the square that marks a point, window points.
 const POINT: f32 = 2.0;
-/// Pieces along each side of a picture: egui's triangles know no perspective.
+/// Subdivisions of a picture along each side, because egui's triangles lack perspective correction.
 const PIECES: usize = 4;
 
-/// Draws what is given in world coordinates into the viewport.
+/// Draws shapes given in world coordinates into the viewport.
 pub struct WorldPainter {
     painter: Painter,
-    /// Camera from world.
+    /// Rotation from world to camera.
     rotation: DMat3,
     translation: DVec3,
     focal: [f64; 2],
@@ -28,8 +28,8 @@ pub struct WorldPainter {
 }
 
 impl WorldPainter {
-    /// Draws over `rect`, which a pinhole camera of as many pixels looks through; `radius` is the
-    /// scene's, world units.
+    /// Creates a painter over `rect` for a pinhole camera with the size of `rect` in pixels; `radius`
+    /// is the scene's, world units.
     pub fn new(ui: &Ui, rect: Rect, camera: &Camera, radius: f64) -> Self {
         let (rotation, translation) = camera.pose.inverse();
         let k = &camera.intrinsics;
@@ -45,18 +45,18 @@ impl WorldPainter {
         }
     }
 
-    /// egui's painter, cut to the viewport.
+    /// egui's painter, clipped to the viewport.
     pub fn painter(&self) -> &Painter {
         &self.painter
     }
 
-    /// Where a world point is seen, points of the window; `None` behind the camera.
+    /// Projects a world point to window points; `None` behind the near plane.
     pub fn position(&self, world: DVec3) -> Option<Pos2> {
         let p = self.in_camera(world);
         (p.z > self.near).then(|| self.on_screen(p))
     }
 
-    /// A straight line between two world points, as far as it lies before the camera.
+    /// Draws a line between two world points, clipped at the near plane.
     pub fn line(&self, ends: [DVec3; 2], stroke: Stroke) {
         let [a, b] = ends.map(|end| self.in_camera(end));
         let cut = |behind: DVec3, ahead: DVec3| {
@@ -72,7 +72,7 @@ impl WorldPainter {
         self.painter.line_segment([self.on_screen(a), self.on_screen(b)], stroke);
     }
 
-    /// Small squares at points, each in its colour.
+    /// Draws small squares at points, each in its colour.
     pub fn points(&self, points: &[(DVec3, Color32)]) {
         let mut mesh = Mesh::default();
         for &(point, color) in points {
@@ -85,8 +85,8 @@ impl WorldPainter {
         self.painter.add(Shape::mesh(mesh));
     }
 
-    /// A picture on a parallelogram: its upper left, upper right and lower left corner. Left out
-    /// where a part of it lies behind the camera.
+    /// Draws a picture on a parallelogram given by its upper left, upper right and lower left corners.
+    /// Draws nothing if a part of it is behind the camera.
     pub fn picture(&self, [corner, right, down]: [DVec3; 3], texture: TextureId, tint: Color32) {
         let mut mesh = Mesh::with_texture(texture);
         for row in 0..=PIECES {

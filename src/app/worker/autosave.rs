@@ -1,8 +1,7 @@
-//! Saving what is trained on its way, and going on with what an earlier window left behind.
+//! Autosave of the training run, and resuming a run that an earlier window left behind.
 //!
-//! Nothing is written before training is older than the interval, nor of the demo, which can be made
-//! again at any time. What was saved on the way is removed once the user has the run in a file, or
-//! has said that it is not wanted.
+//! Nothing is written before training has lasted the interval, and nothing of the demo, which can be
+//! recomputed. The autosave is removed once the user has saved the run to a file or discarded it.
 
 use super::run_autosave::RunAutosave;
 use super::thread::WorkerThread;
@@ -15,11 +14,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Subfolder of the first folder for rescued scenes.
+/// Subfolder of the first rescue folder.
 const FOLDER: &str = "autosave";
 
 impl WorkerThread {
-    /// Between two turns: begins a save if one is due, and tells of one that failed.
+    /// Between two turns: starts an autosave if one is due, and reports a failed one.
     pub(super) fn autosave(&mut self) {
         let Some(seconds) = self.training.autosave_s else { return };
         let time = Duration::from_secs(seconds.into());
@@ -42,7 +41,7 @@ impl WorkerThread {
         self.tell_of_autosave(outcome);
     }
 
-    /// Whether a save may begin or end before anything is ordered or trained.
+    /// True if an autosave may start or end without an order or a trained frame.
     pub(super) fn saves_by_itself(&self) -> bool {
         let Some(Content::Session(session)) = &self.content else { return false };
         match &self.saver {
@@ -53,7 +52,7 @@ impl WorkerThread {
         }
     }
 
-    /// Claims a slot and begins the first save.
+    /// Claims a slot and starts the first autosave.
     fn start_autosave(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
         let (Some(folder), Some(dataset)) = (self.autosave_folder(), &session.dataset().path)
@@ -72,7 +71,7 @@ impl WorkerThread {
             Err(error) => {
                 self.saver = RunAutosave::Off;
                 let text = format!(
-                    "{}: this run is not saved on its way: {error}; Save writes it where you say",
+                    "{}: autosave is off for this run: {error}; use Save to write it to a folder of your choice",
                     folder.display()
                 );
                 self.notify(NoticeKind::Warning, text);
@@ -87,26 +86,25 @@ impl WorkerThread {
         }
     }
 
-    /// What is trained is in a file of the user's choice or is given up: what was saved on the way is
-    /// not needed.
+    /// Discards the autosave, because the run is in a file of the user's or is not wanted.
     pub(super) fn forget_autosave(&mut self) {
         let saver = std::mem::replace(&mut self.saver, RunAutosave::Waiting(None));
         if let RunAutosave::On(autosave, slot) = saver {
-            // First, for it may write to the slot until then.
+            // Dropped first, because it may still write to the slot.
             drop(autosave);
             slot.discard();
         }
     }
 
-    /// The program is ended from outside: training stops, and what no checkpoint holds is kept in a slot, else
-    /// where scenes are rescued to. The demo can be made again at any time.
+    /// Stops training because the program is terminated, and stores training that no checkpoint holds
+    /// in a slot, else in a rescue folder. The demo is not stored, as it can be recomputed.
     pub(super) fn leave_behind(&mut self) -> Rescue {
         self.set_state(RunState::Paused);
         let kept = self.keep();
         match &kept {
             Rescue::Nothing => {}
-            Rescue::Saved { .. } => self.notify(NoticeKind::Info, format!("ended: {kept}")),
-            Rescue::Lost { .. } => self.notify(NoticeKind::Error, format!("ended: {kept}")),
+            Rescue::Saved { .. } => self.notify(NoticeKind::Info, format!("terminated: {kept}")),
+            Rescue::Lost { .. } => self.notify(NoticeKind::Error, format!("terminated: {kept}")),
         }
         self.snapshot.is_left_behind = true;
         kept
@@ -123,10 +121,10 @@ impl WorkerThread {
                 let begun = autosave.begin(session).err().map(Err);
                 self.tell_of_autosave(begun);
             }
-            // Whatever the user said of saving now and then: this is the end.
+            // Even if autosave is off, because this is the last chance.
             RunAutosave::Waiting(_) | RunAutosave::Off => self.start_autosave(),
         }
-        // The slot is let go and not discarded.
+        // The slot is released, not discarded, so that the next window finds it.
         if let RunAutosave::On(mut autosave, slot) =
             std::mem::replace(&mut self.saver, RunAutosave::Off)
             && let Some(Ok(_)) = autosave.wait()
@@ -136,8 +134,8 @@ impl WorkerThread {
         self.rescue()
     }
 
-    /// The thread ends. Whoever ended it has asked the user about what is not saved, unless a crash
-    /// came before; then this file is all there is.
+    /// Discards the autosave when the thread ends, because the user was prompted about unsaved training
+    /// before. After a crash whose rescue failed it is retained: then this file is the only copy.
     pub(super) fn end_autosave(&mut self) {
         if !matches!(self.rescued, Some(Rescue::Lost { .. })) {
             self.forget_autosave();
@@ -152,19 +150,19 @@ impl WorkerThread {
         }
     }
 
-    /// Opens the run that is offered where it stopped.
+    /// Resumes the offered run.
     pub(super) fn go_on(&mut self) {
         let Some(run) = self.snapshot.abandoned.take() else { return };
         let before = self.snapshot.state;
         let slot = match AutosaveSlot::take(&run.slot) {
             Ok(Some(slot)) => slot,
-            Ok(None) => return self.keep_offer(&run, "another window has gone on with it"),
+            Ok(None) => return self.keep_offer(&run, "another window has resumed it"),
             Err(error) => return self.keep_offer(&run, &error.to_string()),
         };
         self.snapshot.state = RunState::Loading;
         self.publish(true);
         let (file, serial) = (run.file.clone(), self.next_serial);
-        // Its dataset may be on a drive that is gone meanwhile.
+        // The drive of the dataset may have been disconnected.
         let read = self.read(Some(&run.dataset), move || {
             opening::open_run(&file, serial).map_err(|error| error.to_string())
         });
@@ -182,7 +180,8 @@ impl WorkerThread {
         }
     }
 
-    /// What was opened goes on saving where it came from: no frame of it is in a file of the user's.
+    /// Continues the autosave in the slot of the resumed run, none of whose frames are in a file of the
+    /// user's.
     fn take_over(&mut self, slot: AutosaveSlot) {
         let Some(Content::Session(session)) = &self.content else { return };
         let method = &session.config().method;
@@ -200,11 +199,11 @@ impl WorkerThread {
 
     fn keep_offer(&mut self, run: &Arc<AbandonedRun>, problem: &str) {
         self.snapshot.abandoned = Some(run.clone());
-        let text = format!("{}: training cannot go on: {problem}", run.file.display());
+        let text = format!("{}: training cannot be resumed: {problem}", run.file.display());
         self.notify(NoticeKind::Error, text);
     }
 
-    /// Removes the run that is offered.
+    /// Discards the offered run.
     pub(super) fn give_up(&mut self) {
         let Some(run) = self.snapshot.abandoned.take() else { return };
         if let Ok(Some(slot)) = AutosaveSlot::take(&run.slot) {

@@ -1,8 +1,7 @@
-//! A recording of which nothing is open yet: whether its first frames are there, and the session that begins
-//! on them.
+//! Recording without a session: waits for the first frames and starts a session on them.
 //!
-//! A session looks at some of its frames before it begins. A drive that falls silent there would hold the
-//! training thread, so that a thread of its own begins it, waited for in small patience.
+//! A session reads some of its frames before it starts. A drive that does not respond would block the
+//! training thread, so a separate thread starts the session and is polled.
 
 use super::opening_work::{opened, start_opening};
 use crate::app::opening::{self, Content, OpenError, OpenedSubject};
@@ -12,44 +11,41 @@ use crate::pipeline::follow::{Follow, silence};
 use crate::pipeline::session::Session;
 use std::time::Duration;
 
-/// For how long a session that begins is waited for before orders are looked for again.
+/// Timeout of a poll of the starting session, after which orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// A recording that no session was begun on yet.
 pub(super) struct AwaitedRecording {
     follow: Follow,
-    /// The session that begins on the frames so far.
+    /// Session being started on the frames so far.
     beginning: Option<DriveWork<Result<OpenedSubject, OpenError>>>,
 }
 
 impl AwaitedRecording {
-    /// Looked at from now on.
     pub fn new(follow: Follow) -> Self {
         Self { follow, beginning: None }
     }
 
-    /// What is followed.
     pub fn follow(&self) -> &Follow {
         &self.follow
     }
 
-    /// Time until the next look.
+    /// Time until the next poll.
     pub fn rest(&self) -> Duration {
         if self.beginning.is_some() { Duration::ZERO } else { self.follow.rest() }
     }
 
-    /// Why nothing comes, where that is not for lack of new files.
+    /// Reason why no frames arrive, other than a lack of new files.
     pub fn problem(&self) -> Option<String> {
         let beginning = self.beginning.as_ref();
         let silence = beginning.and_then(|work| silence(self.follow.path(), work.elapsed()));
         silence.or_else(|| self.follow.problem().map(str::to_owned))
     }
 
-    /// What begins on the first frames, trained as is said, once they are there and it has begun; to be
-    /// followed from there on. `serial` numbers it.
+    /// Returns the session once the first frames exist and it has started, trained with `training` and
+    /// numbered `serial`.
     ///
     /// # Errors
-    /// What keeps it from ever beginning.
+    /// If no session can ever start.
     pub fn look(
         &mut self,
         training: &TrainSettings,
@@ -73,7 +69,7 @@ impl AwaitedRecording {
         }
     }
 
-    /// Begins a session, if there are more frames than when one was tried before.
+    /// Starts a session, if there are more frames than at the last attempt.
     fn begin(
         &mut self,
         training: &TrainSettings,
@@ -91,7 +87,7 @@ impl AwaitedRecording {
         start_opening(&self.follow.path().display().to_string(), begins).map(Some)
     }
 
-    /// Hands what has begun the frames to come.
+    /// Lets the session follow the recording.
     pub fn hand_over(self, begun: &mut OpenedSubject) {
         if let Content::Session(session) = &mut begun.content {
             session.follow(Some(self.follow));

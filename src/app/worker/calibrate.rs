@@ -1,4 +1,4 @@
-//! Starting over with corrected cameras.
+//! Restarts training with a calibration.
 
 use super::thread::WorkerThread;
 use crate::app::state::{GivenCalibration, Subject};
@@ -27,15 +27,15 @@ impl WorkerThread {
         }
     }
 
-    /// What a calibration would be of, or why of nothing.
+    /// Subject to which a calibration applies, or the reason why there is none.
     fn calibratable(&self) -> Result<Subject, &'static str> {
         match &self.subject {
-            None => Err("a calibration belongs to a dataset: open that first"),
+            None => Err("a calibration applies to a dataset: open the dataset first"),
             Some(Subject::Path(open)) if open.is_file() => {
-                Err("a calibration belongs to a dataset and a file is open: open its dataset first")
+                Err("a calibration applies to a dataset but a file is open: open its dataset first")
             }
             Some(_) if self.training.preset != Preset::Scene => Err(
-                "the paper's preset knows no calibration: choose the scene preset in Settings first",
+                "the paper preset does not support a calibration: choose the scene preset in Settings first",
             ),
             Some(subject) => Ok(subject.clone()),
         }

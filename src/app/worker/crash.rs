@@ -1,4 +1,4 @@
-//! What the training thread does about panics, the window's and its own.
+//! Handling of panics of the window and of the training thread.
 
 use super::thread::WorkerThread;
 use crate::app::file_proposal::FileProposal;
@@ -7,18 +7,19 @@ use crate::app::panic_report::PanicReport;
 use crate::app::rescue::{self, Crash, CrashedThread, Rescue};
 
 impl WorkerThread {
-    /// After a panic of this thread: saves the scene and tells the window, which stays to show it.
+    /// After a panic of this thread: rescues the scene and reports the crash to the window, which stays
+    /// open.
     pub(super) fn crashed(&mut self, panic: PanicReport) {
-        // It may have been writing one.
+        // The panic may have occurred while a file was written.
         self.shared.file.end();
         let crash = Crash { thread: CrashedThread::Training, panic, rescue: self.rescue() };
-        // Noted first: whatever fails from here on, the program ends by telling of it.
+        // Recorded first, so that the program reports the crash at its end even if the next steps fail.
         self.shared.crashed(crash.clone());
         self.fail(crash.to_string());
         self.publish(true);
     }
 
-    /// Saves what no checkpoint holds, once for one state of the scene.
+    /// Rescues training that no checkpoint holds, once per state of the scene.
     pub(super) fn rescue(&mut self) -> Rescue {
         if let Some(known) = &self.rescued {
             return known.clone();
@@ -30,8 +31,8 @@ impl WorkerThread {
         };
         let dataset = session.dataset().path.as_deref();
         let FileProposal { folder, stem } = FileProposal::beside(dataset);
-        // Not for the demo: its proposal is the current folder, into which
-        // nothing is written unasked.
+        // Not for the demo: its proposed folder is the current one, where nothing is written without a
+        // request.
         let beside = dataset.map(|_| folder.as_path());
         let saved = rescue::save(beside, &self.rescue_folders, &stem, |path| {
             session.save_after_panic(path)
@@ -61,7 +62,7 @@ mod tests {
     use std::sync::{Arc, OnceLock, Weak};
     use std::time::{Duration, Instant};
 
-    /// Longest any condition may take on a loaded machine.
+    /// Timeout of a condition, for a loaded machine.
     const PATIENCE: Duration = Duration::from_secs(60);
 
     fn wait(what: &str, condition: impl Fn() -> bool) {
@@ -89,7 +90,7 @@ mod tests {
         room
     }
 
-    /// A worker that has trained one frame of a room; `armed` makes it panic until it is let go.
+    /// Starts a worker that has trained one frame of a room; it panics while `armed` is set.
     fn worker(room: PathBuf, rescue_folder: &Path, armed: &Arc<AtomicBool>) -> Arc<Worker> {
         let trigger = armed.clone();
         let waker: Waker = Arc::new(move || {
@@ -157,7 +158,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let worker: Arc<OnceLock<Weak<Worker>>> = Arc::default();
         let (writer, told) = (worker.clone(), AtomicBool::new(false));
-        // By the trainer in the middle of a file, once the older one is there.
+        // Panics in the trainer while it writes a file, after the older one exists.
         let waker: Waker = Arc::new(move || {
             let writer = writer.get().and_then(Weak::upgrade);
             let writes = writer.is_some_and(|writer| writer.file_progress().is_some());

@@ -1,21 +1,21 @@
-//! Which components the viewport has yet to be told of.
+//! Components whose changes the viewport has not received.
 
-/// Components that changed since the viewport was last told.
+/// Set of components that changed since the last update of the viewport.
 #[derive(Default)]
 pub struct Dirty {
-    // The list, since most frames change few components; the flags, since a frame may list one that
-    // still waits from the frame before.
+    // The list, because most frames change few components; the flags, because a frame may list a
+    // component that is already in the list.
     ids: Vec<u32>,
     is_dirty: Vec<bool>,
 }
 
 impl Dirty {
-    /// Whether the viewport knows of every change.
+    /// True if the viewport has received every change.
     pub fn is_empty(&self) -> bool {
         self.ids.is_empty()
     }
 
-    /// Adds components; new ones may be among them.
+    /// Adds components, which may be new.
     pub fn mark(&mut self, ids: &[u32]) {
         for &id in ids {
             let n = self.is_dirty.len().max(id as usize + 1);
@@ -26,15 +26,15 @@ impl Dirty {
         }
     }
 
-    /// Adds all of so many components.
+    /// Adds all components.
     pub fn mark_all(&mut self, components: usize) {
         self.ids = (0..components as u32).collect();
         self.is_dirty = vec![true; components];
     }
 
-    /// The components, each once; none are left.
+    /// Returns each component once, and empties the set.
     pub fn take(&mut self) -> Vec<u32> {
-        // One by one: to clear all flags would cost as much as the scene is large, at every update.
+        // One by one: clearing all flags would cost time in proportion to the scene at every update.
         for &id in &self.ids {
             self.is_dirty[id as usize] = false;
         }

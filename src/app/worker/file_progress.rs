@@ -1,16 +1,16 @@
-//! How far the file is that the training thread is writing, and whether the user still wants it. Not
-//! in snapshots: the thread that publishes them is the one that writes.
+//! Progress and cancellation of the file that the training thread writes. Not in snapshots, because the
+//! thread that publishes them is the one that writes.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// No file is being written.
+/// Value of `done` while no file is being written.
 const NONE: u32 = u32::MAX;
-/// Parts of a whole file.
+/// Number of steps of a whole file.
 const WHOLE: f64 = 1000.0;
 
-/// Shared by the thread that writes and the window.
+/// Progress of a file, shared by the writing thread and the window.
 pub struct FileProgress {
-    /// Thousandths that are written, or [`NONE`].
+    /// Thousandths written, or [`NONE`].
     done: AtomicU32,
     is_cancelled: AtomicBool,
 }
@@ -21,37 +21,37 @@ impl Default for FileProgress {
     }
 }
 
-// Relaxed throughout: each number stands for itself.
+// Relaxed throughout: no other memory depends on these values.
 impl FileProgress {
-    /// A file is begun; what was cancelled before was another.
+    /// Starts a file; clears the cancellation of an earlier one.
     pub fn begin(&self) {
         self.is_cancelled.store(false, Ordering::Relaxed);
         self.done.store(0, Ordering::Relaxed);
     }
 
-    /// So much of it is written, 0 to 1; whether that is news worth drawing.
+    /// Sets the written share, from 0 to 1; true if it changed enough to redraw.
     pub fn tell(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
         self.done.swap(done, Ordering::Relaxed) / 10 != done / 10
     }
 
-    /// Whether the user still wants it.
+    /// True unless the user has cancelled the file.
     pub fn is_wanted(&self) -> bool {
         !self.is_cancelled.load(Ordering::Relaxed)
     }
 
-    /// The file is there, or was given up.
+    /// Ends the file, whether it was written or not.
     pub fn end(&self) {
         self.done.store(NONE, Ordering::Relaxed);
     }
 
-    /// The share that is written; `None` while no file is.
+    /// Written share; `None` while no file is being written.
     pub fn share(&self) -> Option<f32> {
         let done = self.done.load(Ordering::Relaxed);
         (done != NONE).then(|| (f64::from(done) / WHOLE) as f32)
     }
 
-    /// The user wants the file no more.
+    /// Cancels the file.
     pub fn cancel(&self) {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }

@@ -1,4 +1,4 @@
-//! Files that the trainer writes.
+//! Files written by the training thread.
 
 use super::thread::WorkerThread;
 use crate::app::edit::left_out::LeftOut;
@@ -22,8 +22,8 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &self.content else { return };
         match session.save(path) {
             Ok(bytes) => {
-                // Not after an export: training cannot go on from one, so a
-                // crash still saves these.
+                // Not after an export: training cannot be resumed from one, so a crash still rescues
+                // these frames.
                 self.frames_since_checkpoint = 0;
                 self.forget_autosave();
                 let text = format!(
@@ -55,7 +55,7 @@ impl WorkerThread {
                 let megabytes = summary.bytes as f64 * 1e-6;
                 let left_out = match summary.n_left_out {
                     0 => String::new(),
-                    n => format!("; {n} of the scene's were left out, as edited"),
+                    n => format!("; {n} splats were left out by edits"),
                 };
                 let text = format!(
                     "Wrote {} splats ({megabytes:.1} MB) to {}{left_out}",
@@ -70,7 +70,7 @@ impl WorkerThread {
                     self.notify(NoticeKind::Warning, text);
                 }
             }
-            // The user's own wish is no error.
+            // A cancellation by the user is no error.
             Err(ExportError { fault: Fault::Cancelled, .. }) => {
                 let text = format!("{}: {}", path.display(), Fault::Cancelled);
                 self.notify(NoticeKind::Info, text);
@@ -79,10 +79,10 @@ impl WorkerThread {
         }
     }
 
-    /// Writes a text beside files that have its name already.
+    /// Writes a text, under an unused name if the file exists.
     pub(super) fn write_text(&mut self, path: &Path, text: &str) {
         let path = unused(path);
-        // Whole or not at all: half a path or half a table would be read as one.
+        // Atomically: half a path or half a table could be read as a whole one.
         match write_atomic(&path, |out| out.write_all(text.as_bytes())) {
             Ok(_) => self.notify(NoticeKind::Info, format!("Wrote {}", path.display())),
             Err(error) => self.notify(NoticeKind::Error, error.to_string()),
@@ -108,7 +108,7 @@ impl WorkerThread {
                 }
                 _ => Vec::new(),
             };
-            // Edits go by the numbers that splats have in the window, not by those in files.
+            // Edits refer to indices of splats in the window, not in files.
             let (splats, flags) = match left_out.is_nothing() {
                 true => (self.stored_splats(), None),
                 false => {
@@ -132,7 +132,7 @@ impl WorkerThread {
         })
     }
 
-    /// Until it is known better, and for ever after a panic on the way, the file is not written.
+    /// Records the file as not written until it is; after a panic this remains.
     fn begin_write(&mut self, number: u64) {
         self.snapshot.latest_write = Some(WriteOutcome { number, is_written: false });
     }
@@ -143,12 +143,10 @@ impl WorkerThread {
         self.notify(NoticeKind::Info, text);
     }
 
-    /// Up in the world of what is open.
     fn up(&self) -> DVec3 {
         self.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up)
     }
 
-    /// What positions of what is open are relative to.
     fn local_origin(&self) -> DVec3 {
         self.snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin)
     }
@@ -158,7 +156,6 @@ impl WorkerThread {
     }
 }
 
-/// Whether the dataset's world is in metres.
 fn is_metric(session: &Session) -> bool {
     session.dataset().is_metric()
 }

@@ -1,6 +1,5 @@
-//! A look at frames of what was opened: whether their poses agree with their depth, how wide their
-//! pixels are, and what noise hides. On a thread of its own, since it decodes some twenty frames while
-//! the first ones are trained.
+//! Sampling of frames after opening: agreement of poses with depth, pixel width and noise. On a
+//! separate thread, because it decodes about twenty frames while the first ones are trained.
 
 use super::thread::{FirstLook, WorkerThread};
 use crate::app::opening::Content;
@@ -14,7 +13,7 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 impl WorkerThread {
-    /// Begins to look at what was just opened. The look at what was open before ends unheard.
+    /// Starts sampling the opened dataset; drops a sampling of the previous one.
     pub(super) fn look_at_frames(&mut self) {
         self.first_look = None;
         let Some(Content::Session(session)) = &self.content else { return };
@@ -24,16 +23,16 @@ impl WorkerThread {
         let look = move || FirstLook {
             sample: surface
                 .and_then(|surface| FrameSample::of(&dataset, split, &frames, &surface).ok()),
-            // The built-in scene is right by construction.
+            // The poses of the built-in scene are exact.
             poses: dataset.path.as_ref().and_then(|_| pose_check::check(&dataset, split)),
         };
         match thread::Builder::new().name("first look".into()).spawn(look) {
             Ok(thread) => self.first_look = Some(thread),
-            Err(error) => tracing::warn!("frames are not looked at: {error}"),
+            Err(error) => tracing::warn!("starting the thread that samples frames failed: {error}"),
         }
     }
 
-    /// Tells what was found, once.
+    /// Publishes the result, once.
     pub(super) fn take_first_look(&mut self) {
         let Some(thread) = self.first_look.take_if(|thread| thread.is_finished()) else { return };
         self.changed = true;
@@ -50,10 +49,10 @@ impl WorkerThread {
     }
 }
 
-/// What the thread found, or what the user is told of its panic.
+/// Result of the thread, or the notice about its panic.
 fn looked(thread: JoinHandle<FirstLook>) -> Result<FirstLook, String> {
     let told = |panic: Box<dyn Any + Send>| {
-        PanicReport::of(&*panic).ended("looking at the frames for doubtful poses")
+        PanicReport::of(&*panic).ended("checking the frames for doubtful poses")
     };
     thread.join().map_err(told)
 }
@@ -64,8 +63,8 @@ mod tests {
 
     #[test]
     fn a_look_that_panics_is_told() {
-        let told = looked(thread::spawn(|| panic!("injected into a look"))).err().unwrap();
-        for part in ["injected into a look", "doubtful poses", "report it"] {
+        let told = looked(thread::spawn(|| panic!("injected into sampling"))).err().unwrap();
+        for part in ["injected into sampling", "doubtful poses", "report it"] {
             assert!(told.contains(part), "{part:?} is missing in: {told}");
         }
     }

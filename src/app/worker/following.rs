@@ -1,4 +1,4 @@
-//! Frames that are taken while they are recorded.
+//! Training on a recording while it is written.
 
 use super::awaited::AwaitedRecording;
 use super::dirty::Dirty;
@@ -18,13 +18,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// After so long without a frame the trainer is at rest, and the window is shown what waited for that.
+/// Time without a frame after which training is at rest, and deferred changes are published.
 const AT_REST: Duration = Duration::from_millis(500);
-/// How often the window is told of the cameras of a recording that grows, whose list is copied.
+/// Interval at which the window receives the cameras of a growing recording, whose list is copied.
 const CAMERAS: Duration = Duration::from_secs(2);
 
 impl WorkerThread {
-    /// Time until the next look for frames, while there is none to train.
+    /// Time until the next poll for frames, if there is none to train.
     pub(super) fn rest_between_looks(&self) -> Option<Duration> {
         let rest = match (self.snapshot.state, &self.content) {
             (RunState::Waiting, _) => self.awaited.as_ref()?.rest(),
@@ -33,7 +33,7 @@ impl WorkerThread {
             }
             _ => return None,
         };
-        // Never without a rest, however late it is.
+        // At least 1 ms, even if the poll is overdue.
         Some(rest.max(Duration::from_millis(1)))
     }
 
@@ -44,7 +44,7 @@ impl WorkerThread {
         }
         let is_untrained = self.snapshot.state == RunState::Ready;
         match (&mut self.content, self.subject.clone()) {
-            // From the first frame on: the last ones may have been opened half written.
+            // From the first frame on: the last ones may have been half-written when they were read.
             (Some(Content::Session(session)), Some(subject))
                 if is_untrained && is_read_from(session.dataset(), &subject) =>
             {
@@ -71,7 +71,7 @@ impl WorkerThread {
         }
     }
 
-    /// Opens a folder when it holds a frame, which may be much later; nothing else is open until then.
+    /// Waits for a folder to hold a frame, which may take long; nothing else is open meanwhile.
     pub(super) fn await_recording(
         &mut self,
         follow: Follow,
@@ -95,7 +95,7 @@ impl WorkerThread {
         self.tell_of_recording();
     }
 
-    /// Begins a session on the first frames of what is awaited, if they are there.
+    /// Starts a session on the first frames of the awaited recording, if they exist.
     pub(super) fn look_for_the_first(&mut self) {
         let Some(mut awaited) = self.awaited.take() else { return };
         let mut training = self.training.clone();
@@ -106,7 +106,7 @@ impl WorkerThread {
                 awaited.hand_over(&mut begun);
                 self.next_serial += 1;
                 self.begin(begun);
-                // A recording does not wait for anybody.
+                // Training starts without an order, because the recording continues.
                 self.snapshot.state = RunState::Training;
                 self.changed = true;
             }
@@ -119,7 +119,7 @@ impl WorkerThread {
         self.tell_of_recording();
     }
 
-    /// Tells the window how far the recording is, where that has changed.
+    /// Updates the state of the recording in the snapshot.
     pub(super) fn tell_of_recording(&mut self) {
         let session = match &self.content {
             Some(Content::Session(session)) => Some(&**session),
@@ -145,7 +145,7 @@ impl WorkerThread {
             let n = self.snapshot.n_frames;
             self.notify(
                 NoticeKind::Info,
-                format!("The recording has ended, with {n} frames to train"),
+                format!("The recording has ended; it has {n} frames to train"),
             );
         }
         if has_ended || self.cameras_told.elapsed() > CAMERAS {
@@ -154,7 +154,7 @@ impl WorkerThread {
         self.come_to_rest(is_waiting && self.snapshot.followed.is_some());
     }
 
-    /// The list that photographs are chosen from.
+    /// Publishes the grown list of frames and cameras.
     fn tell_of_cameras(&mut self) {
         let (Some(Content::Session(session)), Some(opened)) =
             (&self.content, &self.snapshot.opened)
@@ -173,7 +173,7 @@ impl WorkerThread {
         self.cameras_told = Instant::now();
     }
 
-    /// What the window is told when training rests (see `mark_visibility`), once for every rest.
+    /// Publishes changes deferred until training rests (see `mark_visibility`), once per rest.
     fn come_to_rest(&mut self, is_waiting: bool) {
         match self.waiting_since {
             _ if !is_waiting => self.waiting_since = Some(Instant::now()),
@@ -188,19 +188,19 @@ impl WorkerThread {
     }
 }
 
-/// What a folder is followed by.
+/// Returns the follower of a folder, which selects all its frames.
 pub(super) fn follow_of(path: &Path) -> Result<Follow, String> {
     let selection = Selection { follow: true, ..Selection::everything() };
     Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
 }
 
-/// Whether a dataset was read from the folder that a subject is: as it was when opened, since the drive may
-/// have fallen silent, and who asks it now would wait for it.
+/// True if a dataset was read from the folder of a subject. Uses the state at opening: a query now
+/// would block if the drive does not respond.
 fn is_read_from(dataset: &Dataset, subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if dataset.is_folder && dataset.path.as_ref() == Some(path))
 }
 
-/// Whether a subject is a folder, there already or not, and no file that is opened as it is.
+/// True if a subject is a folder, existing or not, and no file that is opened as a whole.
 pub(super) fn is_folder(subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if !path.is_file() && !is_checkpoint(path))
 }

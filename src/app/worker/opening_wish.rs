@@ -1,32 +1,31 @@
-//! Whether what is being opened is still wanted, which only the window knows.
+//! Cancellation of an opening, set by the window.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether the user still wants what is being opened. Shared by window and training thread.
+/// Cancellation of openings, shared by window and training thread.
 #[derive(Default)]
 pub struct OpeningWish {
     is_cancelled: AtomicBool,
     is_over: AtomicBool,
 }
 
-// Relaxed throughout: each flag stands for itself.
+// Relaxed throughout: no other memory depends on the flags.
 impl OpeningWish {
-    /// The user wants no more what is being opened now.
     pub fn cancel(&self) {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// Nothing is wanted any more: the program ends.
+    /// Cancels this opening and all later ones, because the program ends.
     pub fn end(&self) {
         self.is_over.store(true, Ordering::Relaxed);
     }
 
-    /// Something else is opened; what was cancelled before was another.
+    /// Starts another opening; clears an earlier cancellation.
     pub fn begin(&self) {
         self.is_cancelled.store(false, Ordering::Relaxed);
     }
 
-    /// Whether nobody waits for it any more.
+    /// True if the opening was cancelled.
     pub fn is_given_up(&self) -> bool {
         self.is_cancelled.load(Ordering::Relaxed) || self.is_over.load(Ordering::Relaxed)
     }

@@ -1,31 +1,31 @@
-//! Work that opens something, on a thread of its own.
+//! Work that opens a subject, on a separate thread.
 
 use crate::app::panic_report::PanicReport;
 use crate::pipeline::drive_work::DriveWork;
 use std::thread;
 
-/// Begins work that opens something.
+/// Starts work that opens a subject.
 ///
 /// # Errors
-/// There is no thread for it.
+/// If no thread can be started.
 pub(super) fn start_opening<T: Send + 'static>(
     name: &str,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<DriveWork<T>, String> {
     let n_threads = rayon::current_num_threads();
     let reads = move || {
-        // A pool of its own: one thread of the common one that never came back would be missing for
-        // training and drawing ever after.
+        // In its own pool: a thread of the global pool that never returns would be missing for training
+        // and drawing.
         match rayon::ThreadPoolBuilder::new().num_threads(n_threads).build() {
             Ok(pool) => pool.install(work),
             Err(_) => work(),
         }
     };
     DriveWork::start("opening", reads)
-        .map_err(|error| format!("{name}: no thread to open it on could be started: {error}"))
+        .map_err(|error| format!("{name}: starting the thread that opens it failed: {error}"))
 }
 
-/// What opening something found, or what the user is told of its panic.
+/// Result of the work, or the notice about its panic.
 pub(super) fn opened<T>(name: &str, ended: thread::Result<T>) -> Result<T, String> {
     ended.map_err(|panic| format!("{name}: {}", PanicReport::of(&*panic).ended("opening it")))
 }

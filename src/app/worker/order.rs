@@ -1,4 +1,4 @@
-//! What the window asks of the training thread.
+//! Orders from the window to the training thread.
 
 use crate::app::edit::left_out::LeftOut;
 use crate::app::rescue::Rescue;
@@ -9,16 +9,16 @@ use crate::render::attributes::Attribute;
 use std::path::PathBuf;
 use std::sync::mpsc::SyncSender;
 
-/// An order to the trainer.
+/// Order to the training thread.
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
-    /// Train so what is opened or reset from now on.
+    /// Use these settings for what is opened or reset from now on.
     TrainBy(Box<TrainSettings>),
-    /// Open something and, for the demo, train it at once.
+    /// Open a subject; the demo is also trained at once.
     Open(Subject),
-    /// Open the first of these that can be opened, and say which are left out.
+    /// Open the first path that can be opened, and list the others in a notice.
     OpenFirst(Vec<PathBuf>),
-    /// Start over with what is open, its cameras corrected by a file.
+    /// Restart with the open subject, its cameras corrected by a calibration file.
     Calibrate(PathBuf),
     /// Train until paused or done.
     Train,
@@ -26,35 +26,36 @@ pub enum WorkerOrder {
     Pause,
     /// Train one frame.
     Step,
-    /// Take frames while they are recorded, of what is open and of what is opened next; or no longer.
+    /// Follow recordings, the open one and those opened next; or stop following.
     Follow(bool),
-    /// Start over with the same subject.
+    /// Restart with the same subject.
     Reset,
-    /// Start over with the same subject by other settings, and train at once.
+    /// Restart with the same subject and other settings, and train at once.
     Retrain(Box<TrainSettings>),
-    /// Write a checkpoint of the newest state; the snapshot tells the outcome by this number.
+    /// Write a checkpoint of the newest state; the snapshot reports the outcome by this number.
     Save(u64, PathBuf),
-    /// Write the newest scene to a file, its outcome told by this number; how it becomes plain splats,
-    /// where it is more, and what the user took out of it.
+    /// Export the newest scene, with the mapping from native to plain splats and the splats left out by
+    /// edits; the snapshot reports the outcome by this number.
     Export(u64, PathBuf, Mapping, LeftOut),
-    /// Write a text to a file, beside older ones of its name.
+    /// Write a text to a file, under an unused name if it exists.
     WriteText(PathBuf, String),
-    /// Save what no checkpoint holds yet and tell where: the window has crashed.
+    /// Rescue training that no checkpoint holds and send the outcome, because the window has crashed.
     Rescue(SyncSender<Rescue>),
-    /// Stop, and keep what no checkpoint holds where the next window offers it: the program is ended.
+    /// Stop, and store training that no checkpoint holds for the next window, because the program is
+    /// terminated.
     LeaveBehind(SyncSender<Rescue>),
-    /// Go on with the run that an earlier window left behind, as the snapshot offers.
+    /// Resume the run that the snapshot offers.
     GoOn,
-    /// Remove that run.
+    /// Discard the offered run.
     GiveUp,
-    /// Show something that happened elsewhere in the window.
+    /// Publish a notice of the window.
     Report(NoticeKind, String),
-    /// What was shown so is no longer true: another adapter draws.
+    /// Remove the notices of the window, because another adapter draws.
     ForgetReports,
-    /// Deliver what is known of components with their splats, from now on; `None` ends that.
+    /// Deliver attributes of components with their splats from now on; `None` stops that.
     Watch(Option<Attribute>),
-    /// Keep what is known of a component in the snapshots; `None` ends that.
+    /// Include the inspection of a component in snapshots; `None` stops that.
     Inspect(Option<u32>),
-    /// Deliver all splats again, to a window that has none yet.
+    /// Deliver all splats again, for a new window.
     Deliver,
 }

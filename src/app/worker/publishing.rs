@@ -1,4 +1,4 @@
-//! What the window sees of the run: snapshots, changed splats, what is known of components.
+//! Publishes the run to the window: snapshots, changed splats, attributes of components.
 
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl WorkerThread {
-    /// The newest state of the scene, whatever the viewport shows.
+    /// Splats of the newest state, whatever the viewport shows.
     pub(super) fn splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.splats(),
@@ -21,7 +21,7 @@ impl WorkerThread {
         }
     }
 
-    /// The same as files hold it.
+    /// Splats as files store them.
     pub(super) fn stored_splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.stored_splats(),
@@ -29,16 +29,16 @@ impl WorkerThread {
         }
     }
 
-    /// Tells the window, at most once per interval unless `at_once`. Changed splats are converted
-    /// only when the viewport took the last ones.
+    /// Publishes to the window, at most once per interval unless `at_once`. Changed splats are
+    /// converted only after the viewport has taken the last ones.
     pub(super) fn publish(&mut self, at_once: bool) {
         let due = self.published.elapsed() >= self.shared.interval();
-        // A hidden window takes no splats: it is not woken for those that wait for it.
+        // A hidden window takes no splats, so pending ones must not wake it.
         let news = self.changed || !self.dirty.is_empty() && self.shared.updates.is_empty();
         if !(at_once || due && news) {
             return;
         }
-        // Before the snapshot: a window that sees it finds its splats too.
+        // Before the snapshot, so that a window that reads it finds its splats too.
         self.deliver_splats();
         self.snapshot.inspected = self.inspect();
         self.snapshot.settled = self.is_settled();
@@ -49,7 +49,7 @@ impl WorkerThread {
         (self.waker)();
     }
 
-    /// Reports of the latest frames. Those of frames whose photographs wait change when these are learnt.
+    /// Reports of the latest frames. Those with pending photographs change once these are trained on.
     fn recent_frames(&self) -> &[FrameReport] {
         match &self.content {
             Some(Content::Session(session)) => {
@@ -60,20 +60,20 @@ impl WorkerThread {
         }
     }
 
-    /// Adds older frames than [`Self::recent_frames`] whose photographs were just compared. Which of those
-    /// that wait is learnt next is drawn at random, so that a few wait for longer than any number of frames.
+    /// Adds reports older than [`Self::recent_frames`] whose photographs were just compared. Pending
+    /// photographs are drawn at random, so that some wait for longer than any number of frames.
     pub(super) fn note_late_photographs(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
-        // Half of them: the others are still among the latest frames when these are published.
+        // Only half of them: the others are still among the latest frames when these are published.
         let Some(newer) = self.recent_frames().iter().nth_back(HISTORY / 2) else { return };
         let late = session.compared_frames().filter(|report| report.index <= newer.index);
         let late: Vec<FrameReport> = late.cloned().collect();
         if late.is_empty() {
             return;
         }
-        // At a rest all that wait are compared at once, and none of these may be left out.
+        // At rest all pending photographs are compared at once, and none of these may be dropped.
         let most = HISTORY.max(late.len());
-        // A new list, since snapshots that were published share the old one.
+        // A new list, because published snapshots share the old one.
         let mut all = [&self.snapshot.late[..], &late].concat();
         all.drain(..all.len().saturating_sub(most));
         self.snapshot.late = Arc::new(all);
@@ -85,8 +85,8 @@ impl WorkerThread {
 
     fn deliver_splats(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
-        // While the window is slow or hidden, changes are kept as a set, which ends at the size of
-        // the scene; a queue of updates would not.
+        // While the window is slow or hidden, changes accumulate as a set, which is bounded by the
+        // scene's size; a queue of updates would grow without bound.
         if !self.dirty.is_empty() && self.shared.updates.is_empty() {
             let ids = self.dirty.take();
             let splats = session.splats_of(&ids);
@@ -106,7 +106,7 @@ impl WorkerThread {
         self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
     }
 
-    /// What is known of components, if the viewport asks for it.
+    /// Attributes of components, if the viewport needs them.
     fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         match &self.content {
             Some(Content::Session(session)) if self.watched.is_some() => session.attributes_of(ids),
@@ -114,7 +114,8 @@ impl WorkerThread {
         }
     }
 
-    /// Everything is delivered again: what is known of components at rest has not been told.
+    /// Sets the watched attribute. Everything is delivered again, because attributes of unchanged
+    /// components have not been sent.
     pub(super) fn watch(&mut self, attribute: Option<Attribute>) {
         self.watched = attribute;
         let Some(Content::Session(session)) = &mut self.content else { return };
@@ -152,7 +153,7 @@ mod tests {
     use crate::dataset::synthetic::write::{SyntheticLayout, write};
     use std::time::Duration;
 
-    /// Longest wait for all frames.
+    /// Timeout of training all frames.
     const PATIENCE: Duration = Duration::from_secs(120);
 
     #[test]

@@ -1,8 +1,7 @@
-//! Reading what somebody wants opened, from disks that may not answer.
+//! Reads a subject from drives that may not respond.
 //!
-//! A network drive that is gone blocks whoever asks it for a file, for minutes or for ever, and nothing can
-//! end that. So a thread of its own asks, and the training thread waits for it only as long as the user
-//! does.
+//! A disconnected network drive blocks a read for minutes or forever, and nothing can end that. A
+//! separate thread reads, and the training thread waits for it only until the user cancels.
 
 use super::opening_work::{opened, start_opening};
 use super::thread::WorkerThread;
@@ -10,17 +9,16 @@ use crate::app::state::{NoticeKind, NoticeTopic};
 use std::path::Path;
 use std::time::Duration;
 
-/// How often it is looked whether the user still waits.
+/// Interval at which cancellation is polled.
 const LOOK: Duration = Duration::from_millis(50);
-/// After so long without an answer the user is told.
+/// Time without a result after which the user is warned.
 const SLOW: Duration = Duration::from_secs(4);
 
-/// Why something was not opened.
+/// Reason why a subject was not opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// How bad it is: the user's own wish is no error.
+    /// Severity; a cancellation by the user is no error.
     pub kind: NoticeKind,
-    /// The text.
     pub text: String,
 }
 
@@ -31,7 +29,7 @@ impl From<String> for Refusal {
 }
 
 impl WorkerThread {
-    /// What `work` finds at a path, or [`Refusal`] where the user gives it up.
+    /// Returns the result of `work` on a path, or a [`Refusal`] if the user cancels.
     pub(super) fn read<T: Send + 'static>(
         &mut self,
         path: Option<&Path>,
@@ -46,7 +44,7 @@ impl WorkerThread {
                 return Ok(opened(&name, ended)?);
             }
             if self.shared.opening.is_given_up() {
-                let text = format!("{name}: given up before it was open, as asked");
+                let text = format!("{name}: opening was cancelled");
                 return Err(Refusal { kind: NoticeKind::Info, text });
             }
             if !is_told && work.elapsed() > SLOW {
@@ -58,10 +56,10 @@ impl WorkerThread {
 
     fn tell_of_silence(&mut self, name: &str, elapsed: Duration) {
         let text = format!(
-            "{name}: expected to have it open, found no end of reading after {} s; a drive may be slow or gone: wait, or press Cancel opening below and check the drive",
+            "{name}: expected it to be open, found it still being read after {} s; a drive may be slow or disconnected: wait, or press Cancel opening below and check the drive",
             elapsed.as_secs()
         );
-        // Of the subject: once it is open after all, this goes.
+        // Of the subject, so that it disappears once that is open.
         self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
         self.publish(true);
     }

@@ -1,15 +1,14 @@
-//! How the open run is saved on its way.
+//! State of the autosave of the open run.
 
 use crate::app::abandoned::AutosaveSlot;
 use crate::pipeline::autosave::Autosave;
 use std::time::Instant;
 
-/// How the open run is saved on its way.
 pub enum RunAutosave {
-    /// Nothing had to be saved yet; from this moment on there is something, if there is.
+    /// Nothing was saved yet; since this moment there is something to save, if there is.
     Waiting(Option<Instant>),
-    /// Into a slot of its own.
+    /// Saves to a claimed slot.
     On(Autosave, AutosaveSlot),
-    /// Not any more, which the user was told, or not at all.
+    /// Off: it failed, of which the user was warned, or does not apply.
     Off,
 }

@@ -1,20 +1,20 @@
-//! How long the trainer is at one frame, or waits for it: reading hangs with its drive, which nothing can end,
-//! and the window says so.
+//! Clock of the current frame. Reading blocks while a drive does not respond, which nothing can end;
+//! the window shows the elapsed time.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// At no frame.
+/// No frame is in progress.
 const NONE: u64 = u64::MAX;
 
-/// Shared by the training thread and the window.
+/// Clock shared by the training thread and the window.
 pub struct StepClock {
     origin: Instant,
-    /// When the frame was begun, milliseconds after the origin, or [`NONE`].
+    /// Start of the frame, milliseconds after `origin`, or [`NONE`].
     begun_ms: AtomicU64,
 }
 
-/// The trainer is at a frame until this is dropped, by a panic as well.
+/// Guard of a running clock; stops it when dropped, also by a panic.
 pub struct AtFrame<'a>(&'a StepClock);
 
 impl Default for StepClock {
@@ -23,27 +23,27 @@ impl Default for StepClock {
     }
 }
 
-// Relaxed throughout: the number stands for itself.
+// Relaxed throughout: no other memory depends on the number.
 impl StepClock {
-    /// A frame is begun.
+    /// Restarts the clock for a frame.
     pub fn begin(&self) -> AtFrame<'_> {
         self.end();
         self.wait();
         AtFrame(self)
     }
 
-    /// The trainer waits, since now unless it did before.
+    /// Starts the clock, unless it runs already.
     pub fn wait(&self) {
         let now = self.origin.elapsed().as_millis() as u64;
         let _ = self.begun_ms.compare_exchange(NONE, now, Ordering::Relaxed, Ordering::Relaxed);
     }
 
-    /// Its waiting is over.
+    /// Stops the clock.
     pub fn end(&self) {
         self.begun_ms.store(NONE, Ordering::Relaxed);
     }
 
-    /// For how long the trainer has been at one frame; `None` while it is at none.
+    /// Elapsed time; `None` while the clock is stopped.
     pub fn at_frame(&self) -> Option<Duration> {
         let begun = self.begun_ms.load(Ordering::Relaxed);
         let begun = (begun != NONE).then(|| Duration::from_millis(begun))?;

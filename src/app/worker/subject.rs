@@ -1,4 +1,4 @@
-//! Opening what is trained or looked at.
+//! Opens subjects for training or viewing.
 
 use super::dirty::Dirty;
 use super::following::{follow_of, is_folder};
@@ -14,11 +14,9 @@ use crate::pipeline::follow::Follow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What a subject turned out to be.
 enum Found {
-    /// Something whole.
     Whole(Box<OpenedSubject>),
-    /// A folder that is still being written, or will be.
+    /// A folder that is still being recorded, or will be.
     Recording(Box<Follow>),
 }
 
@@ -33,14 +31,14 @@ impl WorkerThread {
         }
     }
 
-    /// Opens the first that can be opened, since only one thing is open at a time, and says what became
-    /// of the others.
+    /// Opens the first path that can be opened, because only one subject can be open, and lists the
+    /// others in a notice.
     pub(super) fn open_first(&mut self, paths: &[PathBuf]) {
-        // One notice for all: somebody may drop all photographs of a capture instead of its folder.
+        // One notice for all: a user may drop all photographs of a capture instead of its folder.
         let mut problem = None;
         for (i, path) in paths.iter().enumerate() {
             match self.try_open(None, Subject::Path(path.clone())) {
-                // Given up, and the others with it.
+                // Cancelled, together with the remaining paths.
                 Err(refusal) if refusal.kind == NoticeKind::Info => {
                     return self.notify(refusal.kind, refusal.text);
                 }
@@ -51,7 +49,7 @@ impl WorkerThread {
                     let others: Vec<&PathBuf> = others.map(|(_, path)| path).collect();
                     let reason = problem.map(|p| format!(" ({p})")).unwrap_or_default();
                     let text = format!(
-                        "{} is open, one thing at a time; left out: {}{reason}",
+                        "{} is open; only one subject can be open, left out: {}{reason}",
                         path.display(),
                         named(&others)
                     );
@@ -62,7 +60,7 @@ impl WorkerThread {
         if let Some(problem) = problem {
             let text = match paths.len() {
                 1 => problem,
-                n => format!("none of {n} things can be opened; the first: {problem}"),
+                n => format!("none of the {n} paths can be opened; the first: {problem}"),
             };
             self.notify(NoticeKind::Error, text);
         }
@@ -75,7 +73,7 @@ impl WorkerThread {
     ) -> Result<(), Refusal> {
         let before = self.snapshot.state;
         self.snapshot.state = RunState::Loading;
-        // Told at once: while something is opened this thread tells nothing more.
+        // Published at once, because this thread publishes nothing during the opening.
         self.publish(true);
         match self.find(calibration.as_ref(), &subject) {
             Ok(Found::Recording(follow)) => {
@@ -102,14 +100,14 @@ impl WorkerThread {
         }
     }
 
-    /// Reads a subject, as long as the user waits for it.
+    /// Reads a subject, until the user cancels.
     fn find(
         &mut self,
         calibration: Option<&Arc<GivenCalibration>>,
         subject: &Subject,
     ) -> Result<Found, Refusal> {
         let mut training = self.training.clone();
-        // Into the copy: settings outlive the dataset that the calibration belongs to.
+        // Into the copy, because settings outlive the dataset of the calibration.
         training.scene.calibration = calibration.map(|c| c.calibration.clone());
         let (follows, serial, read) = (self.snapshot.follows, self.next_serial, subject.clone());
         let path = match subject {
@@ -127,7 +125,7 @@ impl WorkerThread {
         Ok(found??)
     }
 
-    /// After something could not be opened: what was open stays open, at rest.
+    /// Restores the state after a failed opening: the subject opened before stays open, paused.
     pub(super) fn restore_state(&mut self, before: RunState) {
         self.snapshot.state = match before {
             RunState::Training => RunState::Paused,
@@ -144,7 +142,7 @@ impl WorkerThread {
         self.snapshot = Snapshot {
             opened: Some(Arc::new(opened.opened)),
             notices,
-            // The window may still have to read that its file was written just before.
+            // The window may not have read yet that its file was written.
             latest_write: self.snapshot.latest_write,
             abandoned: self.snapshot.abandoned.take(),
             follows: self.snapshot.follows,
@@ -154,9 +152,9 @@ impl WorkerThread {
         (self.frames_since_checkpoint, self.rescued) = (0, None);
         (self.awaited, self.waiting_since) = (None, None);
         self.forget_autosave();
-        // The number would name another component.
+        // The index would refer to another component.
         self.inspecting = None;
-        // Also drops what still waits there, which is of the scene before.
+        // Also drops pending updates of the previous scene.
         self.shared.updates.push(SplatChange::all(opened.splats).into());
         match &opened.content {
             Content::Session(session) => {
@@ -184,8 +182,7 @@ impl WorkerThread {
         self.owes_step = false;
         self.content = Some(opened.content);
         self.look_at_frames();
-        // The splats above went without what is known of them; it follows if
-        // the viewport asks for it.
+        // The splats above were sent without attributes; these follow if the viewport needs them.
         self.watch(self.watched);
         for (kind, text) in opened.notices {
             self.notify_of(NoticeTopic::Subject, kind, text);
@@ -194,7 +191,7 @@ impl WorkerThread {
     }
 }
 
-/// The first few paths and how many more there are.
+/// Lists the first few paths, and the number of the others.
 fn named(paths: &[&PathBuf]) -> String {
     const NAMED: usize = 3;
     let names: Vec<String> =

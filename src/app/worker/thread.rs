@@ -1,6 +1,6 @@
-//! The training thread itself: its state, its loop, and what each order does.
+//! Training thread: its state, its loop, and the execution of orders.
 //!
-//! The loop outlives panics: what is open stays open and can be saved, whatever went wrong with it.
+//! The loop survives panics: the open subject stays open and can be saved.
 
 use super::awaited::AwaitedRecording;
 use super::dirty::Dirty;
@@ -25,66 +25,63 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What a look at the frames of what was opened has found.
+/// Result of sampling the frames of the opened dataset.
 pub struct FirstLook {
-    /// Whether poses agree with depth.
+    /// Agreement of poses with depth.
     pub(super) poses: Option<PoseCheck>,
-    /// How wide pixels are and what noise hides.
+    /// Pixel width and depth noise.
     pub(super) sample: Option<FrameSample>,
 }
 
-/// The thread's own state.
 pub struct WorkerThread {
     pub(super) inbox: Receiver<WorkerOrder>,
     pub(super) shared: Arc<Shared>,
     pub(super) waker: Waker,
     pub(super) published: Instant,
     pub(super) training: TrainSettings,
-    /// Of what is open.
+    /// Calibration of the open subject.
     pub(super) calibration: Option<Arc<GivenCalibration>>,
     pub(super) subject: Option<Subject>,
     pub(super) content: Option<Content>,
     pub(super) snapshot: Snapshot,
-    /// When recent frames ended, for the frame rate.
+    /// End times of recent frames, for the frame rate.
     pub(super) ends: VecDeque<Instant>,
     pub(super) dirty: Dirty,
-    /// What the viewport colours components by.
+    /// Attribute by which the viewport colours components.
     pub(super) watched: Option<Attribute>,
-    /// The component whose posterior snapshots show.
+    /// Component that snapshots inspect.
     pub(super) inspecting: Option<u32>,
-    /// Whether the snapshot differs from the published one.
+    /// True if the snapshot differs from the published one.
     pub(super) changed: bool,
     pub(super) next_serial: u64,
-    /// Frames trained that no checkpoint holds.
+    /// Number of trained frames that no checkpoint holds.
     pub(super) frames_since_checkpoint: usize,
-    /// Where a scene is saved after a panic if not beside its dataset.
+    /// Folders for a rescued scene that cannot be saved beside its dataset.
     pub(super) rescue_folders: Vec<PathBuf>,
-    /// What became of the newest state after a panic.
+    /// Outcome of the rescue of the newest state after a panic.
     pub(super) rescued: Option<Rescue>,
-    /// Looks at the frames of what is open, until that is done.
+    /// Thread that samples the frames of the open dataset, until it is done.
     pub(super) first_look: Option<JoinHandle<FirstLook>>,
-    /// How what is open is saved on its way.
     pub(super) saver: RunAutosave,
-    /// A recording that no session was begun on yet.
+    /// Recording on which no session has started.
     pub(super) awaited: Option<AwaitedRecording>,
-    /// When the trainer ran out of frames of a recording, until it is at rest.
+    /// Time at which the frames of a recording ran out; `None` once training is at rest.
     pub(super) waiting_since: Option<Instant>,
-    /// Whether one frame is wanted that is not read yet.
+    /// True if a single step waits for a frame that has not been read.
     pub(super) owes_step: bool,
-    /// When the window was told last of the cameras of a recording that grows.
+    /// Time of the last update of the cameras of a growing recording.
     pub(super) cameras_told: Instant,
 }
 
-/// How often it is looked whether a save is due, or has ended, while no frames are trained.
+/// Interval at which autosaves are polled while no frames are trained.
 const SAVES: Duration = Duration::from_secs(1);
-/// Most notices kept.
+/// Maximum number of stored notices.
 const MAX_NOTICES: usize = 50;
 
-/// The handle was dropped.
+/// Error if the handle was dropped.
 struct Dismissed;
 
 impl WorkerThread {
-    /// Nothing is open.
     pub fn new(
         inbox: Receiver<WorkerOrder>,
         shared: Arc<Shared>,
@@ -119,16 +116,16 @@ impl WorkerThread {
         }
     }
 
-    /// Takes orders and trains until the handle is dropped.
+    /// Executes orders and trains until the handle is dropped.
     pub fn run(mut self) {
         self.look_for_abandoned(None);
         while let Ok(order) = self.next_order() {
-            // Around each turn and not around the loop, so that a panic costs
-            // one order or one frame.
+            // Catches panics of each turn, not of the loop, so that a panic costs one order or one
+            // frame.
             let work = catch_unwind(AssertUnwindSafe(|| self.turn(order)));
             let Err(payload) = work else { continue };
             let panic = PanicReport::of(&*payload);
-            // A second panic on the way out would only repeat itself.
+            // A second panic during the handling would only recur.
             if catch_unwind(AssertUnwindSafe(|| self.crashed(panic))).is_err() {
                 return;
             }
@@ -136,7 +133,7 @@ impl WorkerThread {
         self.end_autosave();
     }
 
-    /// The next order; waits for it unless there is something to train.
+    /// Returns the next order; blocks for it unless there is a frame to train.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
         let rest = self.rest_between_looks();
         if self.owes_step || self.snapshot.state == RunState::Training && rest.is_none() {
@@ -147,7 +144,7 @@ impl WorkerThread {
             };
         }
         let Some(rest) = rest.or(self.rest_at_idle()) else {
-            // Nothing can be due before somebody wants something: a window at rest takes no core.
+            // Nothing can be due without an order: an idle window takes no CPU time.
             return self.inbox.recv().map(Some).map_err(|_| Dismissed);
         };
         match self.inbox.recv_timeout(rest) {
@@ -157,16 +154,16 @@ impl WorkerThread {
         }
     }
 
-    /// Time until something may be due though nobody orders anything; `None` while nothing can be.
+    /// Time until something may be due without an order; `None` if nothing can be.
     fn rest_at_idle(&self) -> Option<Duration> {
-        // Splats that could not be delivered yet are tried again.
+        // Retries the delivery of pending splats.
         if self.changed || !self.dirty.is_empty() || self.first_look.is_some() {
             return Some(self.shared.interval());
         }
         self.saves_by_itself().then_some(SAVES)
     }
 
-    /// Follows an order, or trains a frame where there is none, and tells the window.
+    /// Executes an order, or trains a frame if there is none, and publishes the result.
     fn turn(&mut self, order: Option<WorkerOrder>) {
         let acted = order.is_some();
         self.changed |= acted;
@@ -182,7 +179,7 @@ impl WorkerThread {
         }
         self.autosave();
         self.take_first_look();
-        // The first frame is shown as soon as it is there.
+        // The first frame is shown at once.
         let is_first = self.snapshot.frames_done == 1 && self.changed;
         self.publish(acted || is_first);
     }
@@ -198,9 +195,9 @@ impl WorkerThread {
                 self.set_state(RunState::Paused);
                 self.mark_visibility();
             }
-            // A click that crossed with the end of training must not revive it.
+            // A click that arrives after the end of training must not restart it.
             WorkerOrder::Step if self.may_train() => {
-                // Before the frame, which may finish or fail the run: that state has to stay.
+                // Before the frame, which may finish or fail the run: that state must remain.
                 self.set_state(RunState::Paused);
                 self.step_once();
             }
@@ -218,18 +215,18 @@ impl WorkerThread {
             }
             WorkerOrder::WriteText(path, text) => self.write_text(&path, &text),
             WorkerOrder::Rescue(answer) => {
-                // Nobody listens any more if the window has given up waiting.
+                // Fails if the window no longer waits for it.
                 let _ = answer.send(self.rescue());
             }
             WorkerOrder::LeaveBehind(answer) => {
                 let kept = self.leave_behind();
-                // Before the answer: who waits for it counts on what the snapshot says.
+                // Before the answer, because its receiver relies on the snapshot.
                 self.publish(true);
                 let _ = answer.send(kept);
             }
             WorkerOrder::GoOn => self.go_on(),
             WorkerOrder::GiveUp => self.give_up(),
-            // The window's own notices are kept here too, so that they outlive it.
+            // Notices of the window are stored here, so that they outlive it.
             WorkerOrder::Report(kind, message) => {
                 self.notify_of(NoticeTopic::Window, kind, message);
             }
@@ -240,7 +237,7 @@ impl WorkerThread {
         }
     }
 
-    /// One frame, as soon as it is read.
+    /// Trains one frame, once it has been read.
     fn step_once(&mut self) {
         self.owes_step = !self.step();
         if !self.owes_step {
@@ -248,7 +245,7 @@ impl WorkerThread {
         }
     }
 
-    /// With its own calibration, but with the settings of now: this is how they come to hold.
+    /// Reopens the subject with its calibration and the current settings, which thus take effect.
     fn reset(&mut self) {
         if let Some(subject) = self.subject.clone() {
             self.open_with(self.calibration.clone(), subject);
@@ -257,7 +254,7 @@ impl WorkerThread {
 
     pub(super) fn set_state(&mut self, state: RunState) {
         self.owes_step = false;
-        // An order that crossed with the end of training must not revive it.
+        // An order that arrives after the end of training must not restart it.
         if self.may_train() {
             self.snapshot.state = state;
             self.rest();
@@ -268,7 +265,7 @@ impl WorkerThread {
         matches!(self.snapshot.state, RunState::Ready | RunState::Training | RunState::Paused)
     }
 
-    /// Frames are counted anew from here on.
+    /// Restarts the measurement of the frame rate.
     pub(super) fn rest(&mut self) {
         self.ends.clear();
         self.snapshot.frames_per_s = 0.0;
@@ -284,7 +281,7 @@ impl WorkerThread {
         self.notify_of(NoticeTopic::Event, kind, text);
     }
 
-    /// What there was to say of something that is no more.
+    /// Removes the notices of a topic that no longer applies.
     pub(super) fn forget_notices(&mut self, topic: NoticeTopic) {
         let kept = self.snapshot.notices.iter().filter(|notice| notice.topic != topic);
         self.snapshot.notices = Arc::new(kept.cloned().collect());
@@ -296,12 +293,12 @@ impl WorkerThread {
             NoticeKind::Warning => tracing::warn!("{text}"),
             NoticeKind::Info => tracing::info!("{text}"),
         }
-        // A new list, since snapshots that were published share the old one.
+        // A new list, because published snapshots share the old one.
         let mut notices = self.snapshot.notices.to_vec();
         if notices.len() == MAX_NOTICES {
             notices.remove(0);
         }
-        // What is opened counts with the same numbers: both only have to increase.
+        // Opened subjects use the same counter: both numbers only have to increase.
         notices.push(Notice { serial: self.next_serial, topic, kind, text });
         self.next_serial += 1;
         self.snapshot.notices = Arc::new(notices);

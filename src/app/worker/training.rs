@@ -1,4 +1,4 @@
-//! Training frame by frame, and what the window is told of it.
+//! Trains frame by frame, and updates the snapshot.
 
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
@@ -12,13 +12,13 @@ use crate::train::learner::Changed;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Frames over which the frame rate is taken.
+/// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
-/// For how long a frame that is not read yet is waited for before orders are looked for again.
+/// Timeout of waiting for an unread frame, after which orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 impl WorkerThread {
-    /// Trains on the next frame; `false` if it is not read yet.
+    /// Trains on the next frame; false if it has not been read yet.
     pub(super) fn step(&mut self) -> bool {
         let Some(Content::Session(session)) = &mut self.content else { return true };
         let started = Instant::now();
@@ -31,7 +31,8 @@ impl WorkerThread {
             return false;
         };
         self.shared.unread.end();
-        // What the frame before told of them is over, whether or not this one touches them.
+        // The component ELBO of the frame before no longer holds, whether or not this frame changes its
+        // components.
         self.dirty.mark(session.learner().component_elbo().components());
         self.changed |= !matches!(step, Ok(Step::Waiting));
         match step {
@@ -47,11 +48,12 @@ impl WorkerThread {
             }
             Ok(Step::Skipped(skipped)) => {
                 if was_settled && !session.is_settled() {
-                    // A frame that could not be placed: what waits to be learnt is drawn no more.
+                    // After a frame that could not be placed, pending photographs are no longer part of
+                    // the drawn scene.
                     self.dirty.mark_all(session.learner().components());
                 }
-                // No notice: a dataset may lack many frames. The status line counts them, the panel
-                // of the scene lists them.
+                // No notice, because a dataset may lack many frames. The status line counts them, the
+                // scene panel lists them.
                 tracing::warn!("{}", skipped.message);
                 self.refresh_session_info();
             }
@@ -59,19 +61,19 @@ impl WorkerThread {
             Ok(Step::Finished) => self.finish(),
             // Nothing was trained that could be exported.
             Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
-            Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
+            Err(error) => self.fail(format!("{error}; the scene trained so far can be exported")),
         }
         self.tell_of_doubts();
         self.tell_of_recording();
         true
     }
 
-    /// Adds what is new of frames that contradict the scene.
+    /// Adds new reports of outlier frames to the snapshot.
     fn tell_of_doubts(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
         let doubts = session.take_doubts();
         if !doubts.is_empty() {
-            // A new list, since snapshots that were published share the old one.
+            // A new list, because published snapshots share the old one.
             self.snapshot.doubts = Arc::new([&self.snapshot.doubts[..], &doubts].concat());
         }
     }
@@ -83,7 +85,7 @@ impl WorkerThread {
         }
         self.snapshot.unsaved_frames += 1;
         self.frames_since_checkpoint += 1;
-        // What was saved after an earlier crash lacks this frame.
+        // The rescue after an earlier crash lacks this frame.
         self.rescued = None;
         if self.ends.len() == RATE_FRAMES {
             self.ends.pop_front();
@@ -104,8 +106,7 @@ impl WorkerThread {
         self.note_late_photographs();
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
-            // The tests of what the window costs the trainer read this line
-            // (`tests/app/window.rs`).
+            // The performance tests parse this line (`tests/app/window.rs`).
             let (median, all) = (summary.train_ms_median, self.snapshot.trained_s);
             tracing::info!("finished: train_ms_median {median:.3} trained_s {all:.3}");
             for warning in session.learner().warnings() {
@@ -115,7 +116,7 @@ impl WorkerThread {
         }
     }
 
-    /// Shows the scene as files hold it: with what waits to be learnt from photographs.
+    /// Includes pending photographs in the drawn scene, as files do.
     pub(super) fn settle(&mut self) {
         if let Some(Content::Session(session)) = &mut self.content
             && session.settle()
@@ -126,8 +127,8 @@ impl WorkerThread {
         }
     }
 
-    /// Components that a frame looked through differ without having received a point. The viewport
-    /// is told of them when training rests: all of them after every frame would take its time.
+    /// Marks the components that changed because rays of a frame passed through them, without receiving
+    /// points. Done when training rests: delivering all of them after every frame would slow it down.
     pub(super) fn mark_visibility(&mut self) {
         if let Some(Content::Session(session)) = &self.content
             && session.learner().changes_unseen()
@@ -142,7 +143,7 @@ impl WorkerThread {
         self.snapshot.components = session.learner().components();
         self.snapshot.used = session.learner().used();
         self.snapshot.model_bytes = session.learner().model_bytes();
-        // Frames are only ever added to the list; snapshots share it until then.
+        // Frames are only added to the list; snapshots share it until then.
         if self.snapshot.skipped.len() != session.skipped().len() {
             self.snapshot.skipped = Arc::new(session.skipped().to_vec());
         }

@@ -18,43 +18,43 @@ pub struct BenchArgs {
 
 #[derive(Subcommand)]
 pub enum BenchName {
-    /// What each step from the dense E-step to forwarded reassignment costs and brings
+    /// Cost and benefit of each step from the dense E-step to forwarded reassignment
     Ablation(DatasetBenchArgs),
-    /// What every part of the scene preset brings, and components against quality
+    /// Benefit of each part of the scene preset, and quality by number of components
     Accuracy(DatasetBenchArgs),
-    /// The paper's protocol on every scene of a folder: both presets, both renderers
+    /// The paper's protocol on all scenes of a folder, with both presets and renderers
     Paper(FolderBenchArgs),
-    /// Speed against error: one setting at a time
+    /// Speed against error, varying one setting at a time
     Pareto(DatasetBenchArgs),
-    /// Other programs beside this one on the same frames, in turns: the published implementation,
-    /// Open3D, or any that speaks as its help says
+    /// Comparison with other programs on the same frames: the published implementation, Open3D or any with
+    /// the interface described at --peer
     Peers(PeersBenchArgs),
-    /// Every recording of a folder learnt by default: plain figures, corrected and aligned poses, sharpness
+    /// All recordings of a folder with default settings: quality, pose correction and alignment, sharpness
     Real(RealBenchArgs),
-    /// What a scene keeps of its frames: each one's own view right after it and at the end
+    /// Retention: quality of each training view right after its frame and at the end
     Retention(DatasetBenchArgs),
-    /// Cost against points, components and threads, on the synthetic room
+    /// Cost by points, components and threads, on the synthetic room
     Scaling(CommonArgs),
-    /// Hard cases against exact arithmetic
+    /// Hard cases compared with exact arithmetic
     Stability(CommonArgs),
-    /// Time per frame by stage against splats and resolution, by both renderers
+    /// Time per frame by stage, splats and resolution, with both renderers
     Render(RenderBenchArgs),
 }
 
 #[derive(Args)]
 pub struct RenderBenchArgs {
-    /// Model to draw, thinned or repeated to every number of splats [default: a synthetic scene]
+    /// Model to draw, subsampled or repeated to each number of splats [default: a synthetic scene]
     pub model: Option<PathBuf>,
     /// Numbers of splats [default: 10000 to 4000000, and the model's own]
     #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = parse_splats)]
     pub splats: Option<Vec<usize>>,
-    /// Widths and heights of the images, four at most [default: 400x400,800x600,1280x720]
+    /// Image sizes, at most four [default: 400x400,800x600,1280x720]
     #[arg(long, value_name = "WxH,…", value_delimiter = ',', value_parser = parse_size)]
     pub size: Option<Vec<[u32; 2]>>,
-    /// Who draws; `all` takes a GPU only if it is not software
+    /// Device to draw with; `all` includes a GPU only if it is hardware
     #[arg(long, value_parser = choice::<BenchDevice>(), default_value = "all")]
     pub device: BenchDevice,
-    /// Graphics adapter by its number or a part of its name, which may be software
+    /// Graphics adapter, by number or part of its name; may be a software adapter
     #[cfg(feature = "gui")]
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
@@ -64,12 +64,12 @@ pub struct RenderBenchArgs {
 
 #[derive(Args)]
 pub struct FolderBenchArgs {
-    /// Folder whose folders are scenes; those without depth are left out. `paper` takes 200 training
-    /// frames of a scene at most by default; of a recording without a split to be measured on, `real`
-    /// holds out every 8th frame, and its --repeats counts orders of the frames [default: 3]
+    /// Folder of scenes; those without depth are skipped. `paper` uses at most 200 training frames per scene
+    /// by default. `real` holds out every 8th frame of recordings without an evaluation split; its --repeats
+    /// varies the order of frames [default: 3]
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Training frames of a scene at most
+    /// Maximum number of training frames per scene
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     #[command(flatten)]
@@ -80,13 +80,13 @@ pub struct FolderBenchArgs {
 pub struct RealBenchArgs {
     #[command(flatten)]
     pub on: FolderBenchArgs,
-    /// Frames held out of training: every eighth where a recording has no split for evaluation, or a
-    /// sector of the camera's way, which adds a row of views from the side
+    /// Frames to hold out: every 8th if there is no evaluation split, or a sector of the camera path, which
+    /// adds a row for side views
     #[arg(long, value_name = "RULE", value_parser = choice::<HoldOut>(), default_value = "every-8th")]
     pub hold_out: HoldOut,
 }
 
-/// As many splats as a model may have components.
+// Equals the maximum number of components of a model.
 const MAX_SPLATS: usize = 20_000_000;
 
 fn parse_splats(text: &str) -> Result<usize, String> {
@@ -98,7 +98,7 @@ fn parse_splats(text: &str) -> Result<usize, String> {
 pub struct DatasetBenchArgs {
     /// Dataset folder [default: the built-in synthetic room]
     pub dataset: Option<PathBuf>,
-    /// Training frames at most, evenly spaced
+    /// Maximum number of training frames, evenly spaced
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     #[command(flatten)]
@@ -111,22 +111,21 @@ pub struct DatasetBenchArgs {
 pub struct PeersBenchArgs {
     #[command(flatten)]
     pub on: DatasetBenchArgs,
-    /// Compare with Open3D's fusion on the processor; --python must have `open3d`
+    /// Compare with Open3D's fusion on the CPU; --python must have `open3d`
     #[arg(long)]
     pub open3d: bool,
-    /// Compare with the published implementation in this checkout of its repository; --python must have
-    /// what that needs
+    /// Compare with the published implementation in this repository checkout; --python must have its
+    /// dependencies
     #[arg(long, value_name = "DIR")]
     pub published: Option<PathBuf>,
-    /// Compare with a program of one's own: it gets the folder of frames (`frames.json` and NumPy arrays)
-    /// as its last argument, prints "ready" in quotes, then for every number of a frame on its input
-    /// {"ms": 12.5}
+    /// Compare with another program. Its last argument is the folder of frames (`frames.json` and NumPy
+    /// arrays). It prints "ready" in quotes, then {"ms": 12.5} for each frame number on its input
     #[arg(long, value_name = "NAME=COMMAND", value_parser = parse_peer)]
     pub peer: Vec<PeerCommand>,
-    /// Python that runs the first two
+    /// Python interpreter for --open3d and --published
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     pub python: PathBuf,
-    /// Components of every mixture
+    /// Number of components of each mixture
     #[arg(long, value_name = "N", value_parser = parse_count, default_value = "10000", allow_negative_numbers = true)]
     pub components: usize,
 }
@@ -140,7 +139,7 @@ impl PeersBenchArgs {
     }
 }
 
-/// A name and the words of a command.
+/// Parses a name and a command line.
 fn parse_peer(text: &str) -> Result<PeerCommand, String> {
     let parts = text.split_once('=').and_then(|(name, command)| {
         let mut words = command.split_whitespace().map(OsString::from);
@@ -152,16 +151,16 @@ fn parse_peer(text: &str) -> Result<PeerCommand, String> {
 
 #[derive(Args)]
 pub struct CommonArgs {
-    /// Folder for NAME.json, NAME.csv and NAME.png
+    /// Output folder for NAME.json, NAME.csv and NAME.png
     #[arg(long, value_name = "DIR", default_value = "vbgs-bench")]
     pub out: PathBuf,
-    /// Less of everything: done within a minute on two cores
+    /// Run a reduced benchmark, within a minute on two cores
     #[arg(long)]
     pub quick: bool,
-    /// Runs of every configuration
+    /// Number of runs per configuration
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub repeats: Option<usize>,
-    /// Seed of every random stream
+    /// Seed of all random streams
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// Print the result as JSON on stdout

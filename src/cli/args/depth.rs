@@ -1,64 +1,64 @@
-//! How depth files are read: shared by everything that opens a dataset.
+//! Options for reading depth and poses, shared by all commands that open a dataset.
 
 use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use vbgs_studio::dataset::{LoadOptions, PoseConvention};
 
-/// What a recording's pose matrices mean.
+/// Convention of pose matrices.
 #[derive(Clone, Copy, ValueEnum)]
 pub enum PoseAxesName {
     /// Camera to world; x right, y down, z forward
     Opencv,
-    /// Camera to world; x right, y up, looking along -z
+    /// Camera to world; x right, y up, -z forward
     Opengl,
-    /// World to camera, axes as opencv
+    /// World to camera, with the axes of opencv
     OpencvWorldToCamera,
-    /// World to camera, axes as opengl
+    /// World to camera, with the axes of opengl
     OpenglWorldToCamera,
     /// Camera to world; x forward, y left, z up
     Robot,
 }
 
-/// Where poses are from.
+/// Source of the poses.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PosesName {
-    /// The recording
+    /// Poses of the recording
     Recorded,
-    /// Tracking: frames are placed by the scene itself, the first is the origin
+    /// Track the camera against the scene; the first frame is the origin
     Track,
 }
 
-/// How depth files are read.
+/// Options for reading depth and poses.
 #[derive(Args)]
 pub struct DepthArgs {
-    /// World units per step of 16-bit depth, instead of what the dataset says
+    /// World units per step of 16-bit depth, overriding the dataset
     #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
     pub depth_scale: Option<f64>,
-    /// Nearest and farthest depth to trust, world units
+    /// Nearest and farthest valid depth, world units
     #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
     pub depth_range: Option<Vec<f64>>,
-    /// What the pose matrices mean, instead of the layout's convention; `info` tells which fits
+    /// Convention of pose matrices, overriding the layout; `info` shows which one fits
     #[arg(long, value_enum)]
     pub pose_axes: Option<PoseAxesName>,
-    /// Where the frames' poses are from; tracking needs none and ignores those recorded
+    /// Source of the poses; tracking ignores recorded ones
     #[arg(long, value_enum, default_value_t = PosesName::Recorded)]
     pub poses: PosesName,
-    /// Intrinsics of the depth image in pixels, instead of the dataset's
+    /// Intrinsics of the depth image in pixels, overriding the dataset
     #[arg(long, num_args = 4, value_names = ["FX", "FY", "CX", "CY"], allow_negative_numbers = true)]
     pub intrinsics: Option<Vec<f64>>,
-    /// Least confidence of depth to use, where the sensor tells it [default: 1]
+    /// Minimum depth confidence, for sensors that record it [default: 1]
     #[arg(long, value_name = "0-2", allow_negative_numbers = true)]
     pub confidence: Option<u8>,
-    /// Open recordings whose video cannot be read all the same, in grey
+    /// Open recordings whose video cannot be decoded, in grey
     #[arg(long)]
     pub geometry_only: bool,
 }
 
 impl DepthArgs {
-    /// [`Self::load_options`] for what cannot do without the recorded poses.
+    /// Returns [`Self::load_options`] for commands that require recorded poses.
     ///
     /// # Errors
-    /// Tracked ones are asked for.
+    /// Tracking was requested.
     pub fn recorded_load_options(&self) -> Result<LoadOptions, Failure> {
         match self.poses {
             PosesName::Recorded => Ok(self.load_options()),
@@ -79,7 +79,7 @@ impl DepthArgs {
             confidence: self.confidence,
             geometry_only: self.geometry_only,
             track: self.poses == PosesName::Track,
-            // Found in the dataset, or taken from the model beside it.
+            // Determined by the dataset, or by the model used with it.
             local_origin: None,
         }
     }

@@ -10,11 +10,11 @@ use std::path::PathBuf;
 pub enum FormatName {
     /// Splats in the 3DGS layout
     Ply,
-    /// Centres as coloured points, a PLY
+    /// Centres as a coloured point cloud, PLY
     PointCloud,
-    /// Splats by KHR_gaussian_splatting, y up
+    /// Splats with KHR_gaussian_splatting, y up
     Glb,
-    /// Splats as SPZ 4, y up: small and rounded
+    /// Splats as SPZ 4, y up; small, quantised
     Spz,
 }
 
@@ -28,13 +28,13 @@ pub enum KindName {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum AxesName {
-    /// The model's world
+    /// Axes of the model's world
     AsIs,
-    /// Up turned to -y, as splat viewers have it
+    /// Up becomes -y, as in most splat viewers
     Viewer,
-    /// Up turned to y
+    /// Up becomes y
     YUp,
-    /// Up turned to z
+    /// Up becomes z
     ZUp,
 }
 
@@ -52,7 +52,6 @@ pub enum UpName {
 }
 
 impl UpName {
-    /// The direction in the model's world.
     pub fn direction(self) -> DVec3 {
         match self {
             Self::X => DVec3::X,
@@ -72,35 +71,35 @@ pub struct ExportArgs {
     /// File to write
     #[arg(short, long)]
     pub output: PathBuf,
-    /// What to write. A mesh needs a checkpoint of the `scene` preset, and ends where nothing was seen
+    /// Content. A mesh requires a checkpoint of the `scene` preset and covers only observed surfaces
     #[arg(long = "as", value_enum, default_value = "splats")]
     pub kind: KindName,
-    /// Width of a cell of the mesh, units of the model's world [default: half the structural scale]
+    /// Cell size of the mesh, units of the model's world [default: half the structural scale]
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
     pub cell: Option<f64>,
     /// Format of splats [default: by extension]
     #[arg(long, value_enum)]
     pub format: Option<FormatName>,
-    /// Axes of a PLY or OBJ; GLB and SPZ are y-up
+    /// Axes of PLY or OBJ; GLB and SPZ are always y-up
     #[arg(long, value_enum, default_value = "as-is")]
     pub axes: AxesName,
-    /// What is up in the model's world [default: what the model says, else z]
+    /// Up direction in the model's world [default: that of the model, else z]
     #[arg(long, value_enum, allow_hyphen_values = true)]
     pub up: Option<UpName>,
-    /// Units of the file for each unit of the model's world
+    /// File units per unit of the model's world
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_unit_scale)]
     pub unit_scale: f64,
-    /// Write only splats whose centre is in this box, units and axes of the model's world
+    /// Write only splats with centres in this box, in units and axes of the model's world
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = parse_box)]
     pub crop: Option<[DVec3; 2]>,
-    /// Write only splats with so many points behind them; MODEL must be a checkpoint
+    /// Write only splats with at least this many points; MODEL must be a checkpoint
     #[arg(long, value_name = "POINTS", value_parser = parse_positive)]
     pub min_evidence: Option<f64>,
-    /// Write only splats whose position is known this well, as a standard deviation in units of the
-    /// model's world; MODEL must be a checkpoint
+    /// Write only splats with at most this standard deviation of position, units of the model's world;
+    /// MODEL must be a checkpoint
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
     pub max_uncertainty: Option<f64>,
-    /// Pad the harmonics of a splat PLY to 45 coefficients for readers that insist on them
+    /// Pad the harmonics of a splat PLY to 45 coefficients, for readers that require them
     #[arg(long)]
     pub sh3_padding: bool,
     #[command(flatten)]

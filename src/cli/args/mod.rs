@@ -1,4 +1,4 @@
-//! Arguments of every command.
+//! Arguments of all commands.
 
 #[cfg(feature = "bench")]
 mod bench;
@@ -37,21 +37,21 @@ use std::path::PathBuf;
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
 ///
-/// Without a command, opens the window on PATH, or on a built-in demo that starts training at once.
-/// Without a display the demo is trained headless into `vbgs-demo/`.
+/// Without a command, opens PATH in the window, or a built-in demo that starts training at once.
+/// Without a display, trains the demo headless into `vbgs-demo/`.
 #[derive(Parser)]
 #[command(version)]
 pub struct Arguments {
-    /// Dataset folder, checkpoint or file of splats (.ply, .glb, .gltf, .spz, .splat) to open in the window
+    /// Dataset folder, checkpoint or splat file (.ply, .glb, .gltf, .spz, .splat) to open in the window
     pub path: Option<PathBuf>,
-    /// Threads that train and render [default: one per core, less one of eight that decode frames]
+    /// Threads for training and rendering [default: cores minus decoding threads (one per eight cores)]
     #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
     pub threads: Option<usize>,
-    /// Graphics adapter of the window: part of its name, its number, `auto` or `software` [default:
-    /// the one chosen in Settings, else auto]
+    /// Graphics adapter of the window: part of its name, its number, `auto` or `software` [default: that in
+    /// Settings, else auto]
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
-    /// Corrections of the cameras of the dataset at PATH, a RON file
+    /// Calibration file (RON) of the dataset at PATH
     #[arg(long, value_name = "FILE.ron", requires = "path")]
     pub calibration: Option<PathBuf>,
     #[command(subcommand)]
@@ -59,22 +59,23 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// The arguments of this process; ends it with a message where they make no sense.
+    /// Parses the command line; exits with a message if it is invalid.
     pub fn from_command_line() -> Self {
         let arguments = Self::try_parse().unwrap_or_else(|error| end(&error));
-        // clap takes a word before the command for PATH, which every command would ignore.
+        // clap accepts a word before the command as PATH, which every command would ignore.
         if let (Some(path), Some(_)) = (&arguments.path, &arguments.command) {
-            let message = format!("`{}` stands before a command; put it after", path.display());
+            let message =
+                format!("`{}` precedes the command; put it after the command", path.display());
             Self::command().error(ErrorKind::ArgumentConflict, message).exit();
         }
         arguments
     }
 }
 
-/// Prints what is wrong, or the help or version that was asked for, and ends the process.
+/// Prints the error, help or version and exits.
 fn end(error: &clap::Error) -> ! {
     let is_lost = match error.print() {
-        // A closed pipe is the reader's choice.
+        // A closed pipe is not an error: the reader stopped early.
         Err(e) => !error.use_stderr() && e.kind() != std::io::ErrorKind::BrokenPipe,
         Ok(()) => false,
     };
@@ -84,7 +85,7 @@ fn end(error: &clap::Error) -> ! {
 #[derive(Subcommand)]
 pub enum Command {
     /// Train headless; writes scene.ply, checkpoint.vbgs and report.json
-    // On the heap: with its options it is far larger than the other commands.
+    // Boxed, because its options are far larger than those of other commands.
     Train(Box<TrainArgs>),
     /// Measure a model against the photographs of a dataset
     Eval(EvalArgs),
@@ -94,11 +95,11 @@ pub enum Command {
     Export(ExportArgs),
     /// Write a synthetic posed RGB-D dataset with ground truth
     Synth(SynthArgs),
-    /// Add the statistics of models trained on different frames from the same start
+    /// Merge models trained on different frames from the same start
     Merge(MergeArgs),
-    /// Say what a dataset or a model holds, and every defect found
+    /// Describe a dataset or model and list all defects found
     Info(InfoArgs),
-    /// Find colour camera, depth bias and exposures from the data itself; writes a RON file
+    /// Estimate colour camera, depth bias and exposures from the data; writes a RON file
     Calibrate(CalibrateArgs),
     #[cfg(feature = "bench")]
     /// Measure speed against error; writes a table, JSON, CSV and a plot
@@ -110,11 +111,11 @@ pub enum Command {
 
 #[derive(Args)]
 pub struct MergeArgs {
-    /// Checkpoints of two runs or more
+    /// Checkpoints of at least two runs
     #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
     pub checkpoints: Vec<PathBuf>,
-    /// Checkpoint that all of them went on from, each with its own --resume and --shard: needed for as
-    /// good a scene as one run's unless components are on a lattice
+    /// Checkpoint that all of them were resumed from, each with its own --shard. Required for full quality
+    /// unless components are on a lattice
     #[arg(long, value_name = "CHECKPOINT")]
     pub start: Option<PathBuf>,
     /// Checkpoint to write
@@ -124,7 +125,7 @@ pub struct MergeArgs {
 
 #[derive(Args)]
 pub struct InfoArgs {
-    /// Dataset folder or .r3d, checkpoint or file of splats
+    /// Dataset folder, .r3d, checkpoint or splat file
     pub path: PathBuf,
     /// Print JSON on stdout
     #[arg(long)]

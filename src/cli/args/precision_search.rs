@@ -10,14 +10,13 @@ use std::path::PathBuf;
 pub struct PrecisionSearchArgs {
     /// Dataset folder
     pub dataset: PathBuf,
-    /// Largest relative error of posterior means and covariances against f64 that 99 % of the
-    /// evidence may have
+    /// Maximum relative error of posterior means and covariances against f64, for 99 % of the evidence
     #[arg(long, value_name = "X", default_value_t = 1e-4, allow_negative_numbers = true)]
     pub bound: f64,
     /// Number of components [default: 100000, or 20000 with --quick]
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub components: Option<usize>,
-    /// Sampled frames at most, evenly spaced
+    /// Maximum number of sampled frames, evenly spaced
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     #[command(flatten)]

@@ -11,52 +11,51 @@ use vbgs_studio::render::Lens;
 pub struct RenderArgs {
     /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
-    /// PNG file to write; a folder with --turntable; a folder or a video (.mp4, .webm, .webp, by the ffmpeg
-    /// on the path) with --path. With --renderer both the two pictures of a view
-    /// are called NAME-projected.png and NAME-exact.png
+    /// PNG file; with --turntable a folder; with --path a folder or a video (.mp4, .webm, .webp; requires
+    /// ffmpeg). --renderer both writes NAME-projected.png and NAME-exact.png
     #[arg(short, long, value_name = "IMG.png")]
     pub output: PathBuf,
-    /// Take the camera from this dataset, that of its photographs
+    /// Use a photograph's camera from this dataset
     #[arg(long, value_name = "DIR", conflicts_with_all = ["orbit", "turntable", "path", "size", "lens", "fov", "up"])]
     pub dataset: Option<PathBuf>,
-    /// Position of the view in its split
+    /// Index of the view in its split
     #[arg(long, requires = "dataset", default_value_t = 0)]
     pub view: usize,
     /// Split of the view [default: val or eval, or the training split]
     #[arg(long, requires = "dataset")]
     pub split: Option<String>,
-    /// Azimuth and elevation in degrees, distance in world units, about the scene's centre
-    // Hyphens, not negative numbers: `-30,20,4` is no number to clap.
+    /// Azimuth and elevation in degrees and distance in world units, around the scene's centre
+    // Hyphens instead of negative numbers: clap does not accept `-30,20,4` as a number.
     #[arg(long, value_name = "AZ,EL,DIST", value_parser = parse_orbit, allow_hyphen_values = true)]
     pub orbit: Option<[f64; 3]>,
-    /// N views once around the scene, written as 000.png, 001.png, …
+    /// Render N views around the scene to 000.png, 001.png, …
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub turntable: Option<usize>,
-    /// Pictures along a camera path, written as 00000.png, 00001.png, … or as a video
+    /// Render along a camera path to 00000.png, 00001.png, … or to a video
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["orbit", "turntable", "lens", "fov"])]
     pub path: Option<PathBuf>,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
     pub size: [u32; 2],
-    /// How pixels map to rays; a fisheye keeps angles and needs --renderer exact
+    /// Lens model; `fisheye` is equidistant and needs --renderer exact
     #[arg(long, value_parser = choice::<Lens>(), default_value = "pinhole")]
     pub lens: Lens,
-    /// Horizontal field of view in degrees: less than 170, with --lens fisheye up to 360
+    /// Horizontal field of view in degrees: below 170, with --lens fisheye up to 360
     #[arg(long, value_name = "DEG", default_value_t = 60.0, allow_negative_numbers = true)]
     pub fov: f64,
-    /// World axis that points up [default: what the model says, else z]
+    /// Up axis of the world [default: that of the model, else z]
     #[arg(long, value_enum, allow_hyphen_values = true)]
     pub up: Option<AxisName>,
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
-    /// How bright a scene is drawn whose cameras exposed by themselves: as the first frames were, or
-    /// as those recorded around the view [default: recorded for a view of --dataset, else neutral]
+    /// Brightness of scenes with auto-exposure: that of the first frames, or that recorded around the view
+    /// [default: recorded for a view of --dataset, else neutral]
     #[arg(long, value_parser = choice::<Exposing>())]
     pub exposure: Option<Exposing>,
     #[command(flatten)]
     pub renderer: RendererArgs,
-    /// What the splats' colours show
+    /// Quantity shown as colour
     #[arg(long, value_enum, default_value = "colour")]
     pub paint: PaintName,
 }
@@ -65,9 +64,9 @@ pub struct RenderArgs {
 pub enum PaintName {
     /// Their own colours
     Colour,
-    /// Their distance from the camera, over the depth of the scene
+    /// Distance from the camera, relative to the depth of the scene
     Depth,
-    /// The direction of their shortest axis
+    /// Direction of the shortest axis
     Normal,
 }
 

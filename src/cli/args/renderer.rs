@@ -1,4 +1,4 @@
-//! Which renderers draw, and how: shared by everything that makes or measures pictures.
+//! Renderer options, shared by all commands that draw or measure images.
 
 use super::parse::choice;
 use crate::cli::failure::Failure;
@@ -7,11 +7,11 @@ use vbgs_studio::render::{Antialias, ExactOptions, Lens, RenderMethod, Response}
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum RendererName {
-    /// The covariance projected to the image, as every viewer of splats does
+    /// Gaussians projected to the image plane, as in common splat viewers
     Projected,
-    /// The response along each pixel's true ray
+    /// Gaussian response along each pixel's ray
     Exact,
-    /// One after the other
+    /// Both in turn
     Both,
 }
 
@@ -20,18 +20,18 @@ pub struct RendererArgs {
     /// Renderer
     #[arg(long, value_enum, default_value = "projected")]
     pub renderer: RendererName,
-    /// What the exact renderer does about splats thinner than a pixel [default: footprint]
+    /// Antialiasing of splats thinner than a pixel in the exact renderer [default: footprint]
     #[arg(long, value_parser = choice::<Antialias>())]
-    // No default here: a setting given beside the projected renderer is refused, one left out not.
+    // No default: an option given with the projected renderer is an error, an omitted one is not.
     pub antialias: Option<Antialias>,
-    /// Where the exact renderer looks for a splat: from the camera on, or behind it too as the
-    /// published one does [default: ray]
+    /// Range of the exact renderer along a ray: in front of the camera, or also behind it as in the published
+    /// renderer [default: ray]
     #[arg(long, value_parser = choice::<Response>())]
     pub response: Option<Response>,
 }
 
 impl RendererArgs {
-    /// The renderers asked for, at least one, none twice.
+    /// Returns the requested renderers: at least one, without duplicates.
     pub fn methods(&self, lens: Lens) -> Result<Vec<RenderMethod>, Failure> {
         let Self { renderer, antialias, response } = *self;
         let of_exact = [("--antialias", antialias.is_some()), ("--response", response.is_some())];
@@ -39,7 +39,7 @@ impl RendererArgs {
             && renderer == RendererName::Projected
         {
             return Err(Failure::Usage(format!(
-                "{option}: a setting of the exact renderer, found beside the projected one; add --renderer exact or both"
+                "{option}: applies only to the exact renderer, found the projected one; add --renderer exact or both"
             )));
         }
         if lens == Lens::Fisheye && renderer != RendererName::Exact {

@@ -1,8 +1,7 @@
-//! The options of both presets' settings, as the tables of the library declare them.
+//! Options for the settings of both presets, from the library's tables.
 //!
-//! `clap` is told of every row of the tables, and what the user said is kept as text: which preset
-//! is meant, and so what a text becomes, is known only when all options (and a checkpoint to go on
-//! with) are. Texts are checked at once all the same.
+//! Given values are stored as text, because the preset, and thus their type, is known only after all
+//! options (and a checkpoint to resume) have been read. The texts are nevertheless checked at once.
 
 use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
@@ -13,7 +12,7 @@ use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::table::{About, SettingLayer, Spelling};
 use vbgs_studio::train::setting::value::ValueError;
 
-/// What the command line says of settings.
+/// Settings given on the command line.
 pub struct SettingsArgs {
     given: Vec<(&'static str, OsString)>,
     with: Vec<String>,
@@ -21,10 +20,10 @@ pub struct SettingsArgs {
 }
 
 impl SettingsArgs {
-    /// What is said of the settings of one preset.
+    /// Returns the given settings of one preset.
     ///
     /// # Errors
-    /// [`ValueError::File`] if a file that an option names cannot be used.
+    /// [`ValueError::File`] if a file named by an option cannot be used.
     pub fn layer<L: SettingLayer>(&self) -> Result<L, ValueError> {
         let mut layer = L::default();
         for setting in L::TABLE {
@@ -35,7 +34,7 @@ impl SettingsArgs {
         Ok(layer)
     }
 
-    /// What the command line says of an option, by its name with dashes.
+    /// Returns the text given for an option such as `--seed`.
     pub fn given(&self, option: &str) -> Option<&OsStr> {
         self.given.iter().find(|(given, _)| *given == option).map(|(_, text)| text.as_os_str())
     }
@@ -53,12 +52,11 @@ impl SettingsArgs {
     }
 }
 
-/// Headings of the options that only one preset has.
+/// Help headings of options specific to one preset.
 const PAPER: &str = "Paper preset";
 const SCENE: &str = "Scene preset";
 
-/// Every setting with an option of its own, and its heading in the help: none if both presets have
-/// it.
+/// All settings with an option, with their help heading (`None` if shared by both presets).
 fn options() -> Vec<(&'static About, Option<&'static str>)> {
     let (paper, scene) = (with_option::<PaperOverrides>(), with_option::<SceneOverrides>());
     let is_in = |abouts: &[&About], key| abouts.iter().any(|about| about.key() == key);
@@ -75,7 +73,7 @@ fn with_option<L: SettingLayer>() -> Vec<&'static About> {
     abouts.filter(|about| matches!(about.spelling, Spelling::Option(..))).collect()
 }
 
-/// An option without its dashes.
+/// Option name without dashes.
 fn id(about: &'static About) -> &'static str {
     about.key().trim_start_matches('-')
 }
@@ -93,7 +91,7 @@ fn option(about: &'static About, stands_for: &'static str) -> Arg {
         return arg.value_parser(PossibleValuesParser::new(values).map(OsString::from));
     }
     let arg = arg.allow_negative_numbers(true);
-    // Files are read later: a damaged one is no wrong usage and must not end with its status.
+    // Files are read later: a damaged one is not wrong usage and has another exit status.
     if about.is_in_file {
         return arg.value_parser(OsStringValueParser::new());
     }
@@ -101,7 +99,7 @@ fn option(about: &'static About, stands_for: &'static str) -> Arg {
     arg.value_parser(OsStringValueParser::new().try_map(move |text| check(&text).map(|()| text)))
 }
 
-/// `--with` and `--without`.
+/// Defines `--with` or `--without`.
 fn parts(name: &'static str, help: &'static str) -> Arg {
     let parts = SceneOverrides::TABLE.iter().filter_map(|setting| {
         let about = &setting.about;
@@ -114,11 +112,11 @@ fn parts(name: &'static str, help: &'static str) -> Arg {
     });
     let arg = Arg::new(name).long(name).value_name("PART").help(help).help_heading(SCENE);
     let arg = arg.value_delimiter(',').action(ArgAction::Append);
-    // clap hands over what was typed, be it an alias.
+    // clap passes aliases as typed.
     arg.value_parser(PossibleValuesParser::new(parts).map(|given| current_name(&given).to_owned()))
 }
 
-/// What a part that was given by its old name is called now.
+/// Returns the current name of a part given by its old name.
 fn current_name(given: &str) -> &str {
     let parts = SceneOverrides::TABLE.iter().map(|setting| &setting.about);
     let named_so = |about: &&About| about.old == Some(given);
@@ -137,8 +135,8 @@ impl Args for SettingsArgs {
                 }
                 Spelling::Part(_) | Spelling::File => command,
             });
-        let with = "Ask for parts that this dataset or birth rule leaves out";
-        command.arg(parts("without", "Leave parts out")).arg(parts("with", with))
+        let with = "Enable parts that are off by default for this dataset or birth rule";
+        command.arg(parts("without", "Disable parts")).arg(parts("with", with))
     }
 
     fn augment_args_for_update(command: Command) -> Command {

@@ -13,20 +13,20 @@ pub enum LayoutName {
     Tum,
     /// Open3D or Redwood
     Open3d,
-    /// Replica as NICE-SLAM rendered it
+    /// Replica as rendered by NICE-SLAM
     Replica,
-    /// ScanNet's export
+    /// ScanNet's export format
     Scannet,
     Nerfstudio,
-    /// Record3D's exported folder
+    /// Record3D's export folder
     Record3d,
     /// Record3D's .r3d
     Record3dArchive,
     /// Stray Scanner, its video unpacked
     StrayScanner,
-    /// ARKit package of JSON lines
+    /// ARKit package with JSON lines
     Arkit,
-    /// RTAB-Map's export
+    /// RTAB-Map's export format
     RtabMap,
 }
 
@@ -50,7 +50,7 @@ pub enum CameraName {
 pub enum SceneName {
     /// The furnished room with fine detail and cables
     Room,
-    /// A flat door from nearby
+    /// A flat door at close range
     Door,
 }
 
@@ -61,35 +61,35 @@ pub struct SynthArgs {
     /// Layout to write [default: blender; record3d for the phone]
     #[arg(long, value_enum)]
     pub layout: Option<LayoutName>,
-    /// What records the scene
+    /// Camera to simulate
     #[arg(long, value_enum, default_value = "room")]
     pub camera: CameraName,
-    /// What the phone records; needs `--camera phone` [default: room]
+    /// Scene recorded by the phone; needs `--camera phone` [default: room]
     #[arg(long, value_enum)]
     pub scene: Option<SceneName>,
-    /// Bits of the depth, 16 if not said; only the Blender layout has 8
+    /// Bits per depth value [default: 16]; 8 only with the Blender layout
     #[arg(long, value_enum)]
     pub depth_bits: Option<DepthBitsName>,
-    /// Width and height of photographs in pixels [default: 320x240; 1440x1920 for the phone]
+    /// Photograph size in pixels [default: 320x240; 1440x1920 for the phone]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
-    /// Training frames
+    /// Number of training frames
     #[arg(long, value_name = "N", default_value_t = 96)]
     pub frames: usize,
-    /// Evaluation frames
+    /// Number of evaluation frames
     #[arg(long, value_name = "N", default_value_t = 12)]
     pub eval_frames: usize,
-    /// True pictures from anywhere in free space, as the split `free`; beside a recording without
-    /// splits they are a dataset in its sub-folder `free`
+    /// Number of noise-free views from arbitrary positions, in the split `free`; for layouts without
+    /// splits, in the sub-folder `free`
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub free_frames: usize,
     /// Seed of the scene
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Depth noise in units of a depth camera's
+    /// Depth noise relative to that of a depth camera
     #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
     pub depth_noise: f64,
-    /// Write it as it is recorded, so many frames a second, for `train --follow`
+    /// Write frames in real time, at this rate, for `train --follow`
     #[arg(long, value_name = "FPS", value_parser = parse_positive, allow_negative_numbers = true)]
     pub live: Option<f64>,
 }

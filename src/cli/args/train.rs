@@ -13,14 +13,14 @@ use vbgs_studio::dataset::splits::HoldOut;
 use vbgs_studio::pipeline::plan::{Order, Shard};
 use vbgs_studio::train::setting::Preset;
 
-/// What does a part of the training.
+/// Device for a part of the training.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DeviceName {
-    /// The faster one; never a software adapter
+    /// The faster one, as measured; never a software adapter
     Auto,
-    /// The processor, whose results have the same bits on every run
+    /// The CPU; results are reproducible to the bit
     Cpu,
-    /// The most capable GPU; a software adapter if there is no other
+    /// The most capable GPU, or a software adapter if there is none
     Gpu,
 }
 
@@ -28,73 +28,71 @@ pub enum DeviceName {
 pub struct TrainArgs {
     /// Dataset folder, or a Record3D .r3d
     pub dataset: PathBuf,
-    /// Folder for scene.ply, checkpoint.vbgs and report.json
+    /// Output folder for scene.ply, checkpoint.vbgs and report.json
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Take the frames while they are recorded, until the file recording.done is in the folder, which
-    /// may come later too, or until Ctrl-C
+    /// Train while frames are being recorded, until the folder contains recording.done or Ctrl-C
     #[arg(long)]
     pub follow: bool,
     /// Split to train on [default: the one with depth]
     #[arg(long)]
     pub split: Option<String>,
-    /// Frames held out of training: every eighth where the dataset has no split for evaluation, or a
-    /// sector of the camera's way, which measures quality afterwards on new views and from the side
-    /// [default: every-8th]
+    /// Frames to hold out: every 8th if there is no evaluation split, or a sector of the camera path, which
+    /// measures quality for new and side views after training [default: every-8th]
     #[arg(long, value_name = "RULE", value_parser = choice::<HoldOut>())]
     pub hold_out: Option<HoldOut>,
-    /// Measure quality on this split afterwards
+    /// Measure quality on this split after training
     #[arg(long, value_name = "SPLIT")]
     pub eval: Option<String>,
     #[command(flatten)]
     pub comparison: ComparisonArgs,
     #[command(flatten)]
     pub renderer: RendererArgs,
-    /// Go on with the run that wrote this checkpoint; its settings hold
+    /// Resume the run of this checkpoint with its settings
     #[arg(long, value_name = "CHECKPOINT")]
     pub resume: Option<PathBuf>,
-    /// Go on even if the dataset is not the one the checkpoint was trained on
+    /// Resume even if the dataset differs from the checkpoint's
     #[arg(long, requires = "resume")]
     pub force: bool,
-    /// Save the checkpoint every N frames too, beside training, keeping the one before as
+    /// Also save the checkpoint every N frames in the background; the previous one becomes
     /// checkpoint.vbgs.bak
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub autosave_frames: Option<usize>,
-    /// Save the checkpoint every S seconds too, beside training and likewise keeping the one before
+    /// Also save the checkpoint every S seconds in the background, as --autosave-frames does
     #[arg(long, value_name = "S", value_parser = parse_seconds, allow_negative_numbers = true)]
     pub autosave_seconds: Option<Duration>,
     /// Set of defaults [default: scene]
     #[arg(long, value_parser = choice::<Preset>())]
     pub preset: Option<Preset>,
-    /// Frames at most; with --resume those already trained count
+    /// Maximum number of frames, including those before --resume
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
-    /// Go through the frames N times, for those who have them all: from the second time on only
-    /// their photographs teach. With --resume those before count [default: 1]
+    /// Number of passes over the frames, including those before --resume. Later passes train only on
+    /// photographs [default: 1]
     #[arg(long, value_name = "N", value_parser = parse_passes, allow_negative_numbers = true)]
     pub passes: Option<usize>,
-    /// Every N-th frame [default: 1]
+    /// Use every N-th frame [default: 1]
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub stride: Option<usize>,
     /// Order of the frames [default: sequential]
     #[arg(long, value_parser = choice::<Order>())]
     pub order: Option<Order>,
-    /// Every N-th of these frames from the K-th on, for a model to be merged with the other shards'
+    /// Train on every N-th of these frames, starting at the K-th, for merging with other shards
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
-    /// What fits points: the processor, a GPU, or whichever is faster by measurement, to the same
-    /// bits; a GPU that fails is given up for the processor
+    /// Device for fitting points: CPU, GPU, or the faster one as measured; results are the same. If the GPU
+    /// fails, the CPU is used
     #[arg(long, value_enum, default_value = "auto", value_name = "DEVICE")]
     pub device: DeviceName,
-    /// What compares photographs with the scene: the processor, a GPU, or whichever is faster by
-    /// measurement; a GPU that fails is given up for the processor
+    /// Device for comparing photographs with the scene: CPU, GPU, or the faster one as measured. If the GPU
+    /// fails, the CPU is used
     #[arg(long, value_enum, default_value = "auto", value_name = "DEVICE")]
     pub photometric_device: DeviceName,
     /// Print the report as JSON on stdout
     #[arg(long)]
     pub json: bool,
-    /// Settings from a RON file, or `scene` or `paper` for the preset's own; options on the command
-    /// line win
+    /// Settings from a RON file, or `scene` or `paper` for a preset's defaults; command-line options take
+    /// precedence
     #[arg(long, value_name = "FILE.ron")]
     pub config: Option<PathBuf>,
     #[command(flatten)]

@@ -1,10 +1,10 @@
-//! ARKit packages: a file of one JSON object a line, each a frame with `camera_to_world` (OpenGL axes,
-//! as ARKit has them), `intrinsics` for the photograph's size, and files of the photograph, of depth
-//! (bare 32-bit floats in metres) and of confidence (bare bytes, 0 to 2).
+//! ARKit packages: a file with one JSON object per line, each a frame with `camera_to_world` (OpenGL axes,
+//! as in ARKit), `intrinsics` for the photograph's size, and the names of its files. Those are the
+//! photograph, depth (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
 //!
-//! There is no one app behind it: keys and the order of matrices differ, and both are told by content.
-//! A matrix whose last row is `0 0 0 1` is by rows, one whose last column is that by columns, as
-//! Apple's own arrays are.
+//! Several apps write such files: keys and the order of matrices differ and are recognised by content. A
+//! matrix with the last row `0 0 0 1` is stored by rows, one with that last column by columns, as in
+//! Apple's own arrays.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{RecordedFrame, Recording, same_size};
@@ -44,12 +44,12 @@ const CONFIDENCE_KEYS: [&str; 5] =
 const TIME_KEYS: [&str; 3] = ["timestamp", "time", "t"];
 const WIDTH_KEYS: [&str; 3] = ["width", "image_width", "w"];
 const HEIGHT_KEYS: [&str; 3] = ["height", "image_height", "h"];
-/// Metres; beyond, the lidar's depth is made up from the photograph.
+/// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let name = frame_lines(folder)?;
-    Some(format!("{name} with a frame a line"))
+    Some(format!("{name} with one frame per line"))
 }
 
 fn frame_lines(folder: &Folder) -> Option<&str> {
@@ -76,7 +76,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         let json: Value = match serde_json::from_str(line) {
             Ok(json) => json,
             Err(error) => {
-                let expected = "a JSON object (JSON knows neither NaN nor infinity)";
+                let expected = "a JSON object (JSON has neither NaN nor infinity)";
                 let problem =
                     FrameProblem::Line { expected, found: error.to_string(), line: i + 1 };
                 recording.skip(&format!("line {}", i + 1), file.clone(), problem);
@@ -103,12 +103,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     }
     let unordered = times.array_windows().filter(|[before, here]| here < before).count();
     if unordered > 0 {
-        recording.note(format!("{unordered} frames come before an earlier one; kept as listed"));
+        recording.note(format!(
+            "{unordered} frames are older than the frame before; the listed order is used"
+        ));
     }
     Ok(recording.finish())
 }
 
-/// One frame's object.
 struct FrameLine<'a> {
     json: &'a Value,
     file: &'a Path,
@@ -124,7 +125,7 @@ impl<'a> FrameLine<'a> {
         u32::try_from(side).ok()
     }
 
-    /// The outer error is one of the whole package, the inner one of this frame.
+    /// The outer error concerns the whole package, the inner one this frame.
     fn recorded(
         &self,
         name: &str,
@@ -148,7 +149,7 @@ impl<'a> FrameLine<'a> {
             Some(Err(problem)) => return Ok(Err(problem)),
         };
         let cameras = recording.one_lens(&k, size, depth_size, self.file)?;
-        // Some packages convert depth to images: their content says so.
+        // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(0.001));
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
@@ -198,7 +199,7 @@ impl<'a> FrameLine<'a> {
         if let Some(k) = value.and_then(|value| stated::from_json(value, size)) {
             return Some(k);
         }
-        // Numbers by name, in an object of their own or beside the rest.
+        // Numbers by name, in an object of their own or in the frame's object.
         let object = value.filter(|value| value.is_object()).unwrap_or(self.json);
         let number = |keys: [&str; 2]| first_of(object, &keys).and_then(Value::as_f64);
         let (fx, fy) = (number(["fx", "fl_x"])?, number(["fy", "fl_y"])?);
@@ -206,8 +207,8 @@ impl<'a> FrameLine<'a> {
         Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy })
     }
 
-    /// What the line says, or what the file's length allows: as many floats as pixels of the
-    /// photograph's shape.
+    /// Size of a depth file: as stated, or derived from the number of floats and the photograph's aspect
+    /// ratio.
     fn depth_size(&self, file: &ByteSource, color: (u32, u32)) -> Result<(u32, u32), FrameProblem> {
         let pair = |key: &str| {
             let value = self.json.get(key).and_then(flat_numbers);
@@ -229,14 +230,14 @@ impl<'a> FrameLine<'a> {
         match (width * height) as u64 == n && n > 0 && width <= f64::from(u32::MAX) {
             true => Ok((width as u32, height as u32)),
             false => Err(FrameProblem::DepthFile {
-                expected: "`depth_width` and `depth_height`, or depth of the photograph's shape",
+                expected: "`depth_width` and `depth_height`, or depth of the photograph's aspect ratio",
                 found: format!("{n} floats for a photograph of {}x{}", color.0, color.1),
             }),
         }
     }
 }
 
-/// A matrix of 16 numbers, by rows or by columns, nested or flat.
+/// Parses a matrix of 16 numbers, by rows or by columns, nested or flat.
 fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let shape = |found: String| FrameProblem::PoseShape(found);
     let value = value.ok_or_else(|| shape("no `camera_to_world`".to_owned()))?;
@@ -246,6 +247,6 @@ fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let is_by_columns = [m[3], m[7], m[11]] == [0.0; 3] && m[15] == 1.0;
     let is_by_rows = m[12..] == [0.0, 0.0, 0.0, 1.0];
     let by_columns = DMat4::from_cols_array(&m);
-    // Both without a translation: the rows are what JSON writers nest.
+    // Without a translation both hold: rows, as JSON writers nest them.
     Ok(if is_by_columns && !is_by_rows { by_columns } else { by_columns.transpose() })
 }

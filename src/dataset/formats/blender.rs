@@ -1,15 +1,15 @@
-//! NeRF-synthetic: `transforms_SPLIT.json` with one field of view, RGBA images, depth beside them
-//! as `STEM_depth_NNNN.png`.
+//! NeRF-synthetic: `transforms_SPLIT.json` with one field of view, RGBA images, and depth next to them as
+//! `STEM_depth_NNNN.png`.
 //!
-//! 8-bit depth holds `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings); 16-bit depth is along
-//! the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. Training
-//! range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it,
-//! else the `[−1, 1]³` that NeRF-synthetic scenes are made for.
+//! 8-bit depth is `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings). 16-bit depth is
+//! along the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. The range of
+//! positions is
+//! `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it, else the `[−1, 1]³` of
+//! NeRF-synthetic scenes.
 //!
-//! The layout has no version, and what is in use differs: `file_path` with or without extension,
-//! matrices of three or four rows, focal lengths in place of the angle. What can be meant in one
-//! way only is accepted; what could be meant in two (an angle in degrees, 16-bit depth without
-//! its scale) is refused, with the value to write.
+//! The layout has no version, and files in use differ: `file_path` with or without extension, matrices of
+//! three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous ones
+//! (an angle in degrees, 16-bit depth without its scale) are refused, with the value to write.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::listed::{ListedFrame, ListedSplit, photograph_size};
@@ -42,23 +42,23 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 };
 
 const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
-/// Files of this name are meant to be frame lists, so a broken one is reported, not passed over.
+/// Files with this prefix should be frame lists, so a broken one is reported, not skipped.
 const LIST_PREFIX: &str = "transforms";
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists = frame_lists(folder);
-    // Named only where it was found, so that another layout may be tried without a message.
+    // `None` without lists, so that other layouts are tried without a message.
     (!lists.is_empty()).then(|| format!("{} with `frames` and their poses", lists.join(", ")))
 }
 
-/// JSON files in the root that are frame lists, or should be by their name.
+/// JSON files in the root that are frame lists by content or by name.
 fn frame_lists(folder: &Folder) -> Vec<&str> {
     let is_list = |name: &&str| name.ends_with(".json") && is_list(folder, name);
     folder.listing.files().filter(is_list).collect()
 }
 
 fn is_list(folder: &Folder, name: &str) -> bool {
-    // Read to the end: a list under another name is told by its content alone.
+    // Read completely: a list under another name is recognised by its content alone.
     let Ok(json) = serde_json::from_str::<Value>(&folder.peek_whole(name)) else {
         return name.starts_with(LIST_PREFIX);
     };
@@ -82,7 +82,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(parsed)
 }
 
-/// One `transforms_SPLIT.json`.
 struct FrameList {
     file: PathBuf,
     split: String,
@@ -105,7 +104,7 @@ impl FrameList {
         let json = serde_json::from_str(&text)
             .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
         let stem = name.trim_end_matches(".json");
-        // `transforms_train.json`, `transforms-train.json`: one split; `transforms.json`: all.
+        // `transforms_train.json` or `transforms-train.json` is one split, `transforms.json` contains all.
         let split = stem.strip_prefix(LIST_PREFIX).unwrap_or(stem).trim_matches(['_', '-', '.']);
         let split = if split.is_empty() { "all" } else { split }.to_owned();
         Ok(Self { file, split, json })
@@ -142,8 +141,8 @@ impl FrameList {
         }
     }
 
-    /// The whole split: frames with files, one camera, one depth encoding. Empty if no image can
-    /// be read.
+    /// Reads the whole split: frames with files, one camera, one depth encoding. `None` if no image can be
+    /// read.
     fn split(
         &self,
         folder: &Folder,
@@ -187,8 +186,8 @@ impl FrameList {
         Ok(ListedSplit { name: self.split.clone(), frames })
     }
 
-    /// Intrinsics (`dataset.md`, Frames of reference): focal length from the field of view, centred
-    /// principal point, unless the file gives them in pixels.
+    /// Intrinsics (`dataset.md`, Frames of reference): focal length from the field of view and a centred
+    /// principal point, unless the file states them in pixels.
     fn intrinsics(&self, width: u32, height: u32) -> Result<Intrinsics, DatasetError> {
         let mut k = match (self.number("camera_angle_x")?, self.number("fl_x")?) {
             (_, Some(fx)) => {
@@ -219,7 +218,7 @@ impl FrameList {
         Ok(k)
     }
 
-    /// Refuses what the file says of the camera and no pinhole of images of this size has.
+    /// Refuses a stated image size or lens that does not match a pinhole camera of this size.
     fn check_camera(&self, size: (u32, u32)) -> Result<(), DatasetError> {
         let side = |key| Ok::<_, DatasetError>(self.number(key)?.map(|n| n as u32));
         let stated = (side("w")?.unwrap_or(size.0), side("h")?.unwrap_or(size.1));
@@ -232,7 +231,7 @@ impl FrameList {
         if is_sane_field_of_view(degrees) {
             return Ok(());
         }
-        // Up to 180 it may well be an angle in degrees.
+        // Up to 180, the value is probably an angle in degrees.
         let hint = if radians > 3.0 && radians < 180.0 {
             format!("is this in degrees? then write {:.6}", radians.to_radians())
         } else {
@@ -253,20 +252,20 @@ impl FrameList {
                 None => self.number("depth_scale")?,
             };
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
-                // Scenes of this layout are rendered: codes this fine are computed depth.
+                // Scenes of this layout are rendered: 16-bit codes are computed depth.
                 Some(unit) => (CodeKind::Linear16(unit), Sensor::Exact { noise: 0.0 }),
                 None => {
                     return Err(self.wrong(
                         "a positive `integer_depth_scale` (world units per step) for 16-bit depth",
                         stated.map_or("no such key".to_owned(), |s| s.to_string()),
-                        "add the key to the file or give the depth scale when opening",
+                        "add the key to the file or set the depth scale",
                     ));
                 }
             }
         } else {
             (CodeKind::Inverse8, Sensor::Inverse8Ray)
         };
-        // Rendered depth is right at any length; only a sensor has a range to be trusted in.
+        // Rendered depth is exact at any length; only sensors have a trusted range.
         let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
         Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, metre: 1.0, sensor })
     }
@@ -298,14 +297,13 @@ fn listed_frame(
     Ok(ListedFrame { name: name.to_owned(), pose, color, depth })
 }
 
-/// Image folders, each listed once however many frames lie in it.
 struct ImageFolders<'a> {
     folder: &'a Folder,
     listed: BTreeMap<PathBuf, (Rc<FolderListing>, HashMap<String, String>)>,
 }
 
 impl ImageFolders<'_> {
-    /// Colour file of a `file_path`, which may lack the extension, and its depth file.
+    /// Finds the colour file of a `file_path`, which may lack the extension, and its depth file.
     fn find(
         &mut self,
         file_path: &str,
@@ -317,7 +315,7 @@ impl ImageFolders<'_> {
             return Err(FrameProblem::MissingColor(format!("`{file_path}`")));
         };
         let missing = || FrameProblem::MissingColor(format!("{file_path}.png (or .jpg)"));
-        // A folder of thousands of frames is listed once, not once for every frame.
+        // Each folder is listed once, not once per frame.
         if !self.listed.contains_key(parent) {
             let listing = self.folder.list(parent).map_err(|problem| match problem {
                 FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
@@ -343,7 +341,7 @@ impl ImageFolders<'_> {
     }
 }
 
-/// `STEM_depth_DIGITS.png` by stem; the lowest number wins.
+/// Maps the stem of `STEM_depth_DIGITS.png` to the file; the lowest number wins.
 fn depth_files(listing: &FolderListing) -> HashMap<String, String> {
     let mut by_stem = HashMap::new();
     for name in listing.files() {
@@ -352,7 +350,7 @@ fn depth_files(listing: &FolderListing) -> HashMap<String, String> {
             && !number.is_empty()
             && number.bytes().all(|b| b.is_ascii_digit())
         {
-            // Names come in ascending order: the lowest number is there first.
+            // Names are in ascending order: the lowest number comes first.
             by_stem.entry(stem.to_owned()).or_insert_with(|| name.to_owned());
         }
     }

@@ -1,5 +1,5 @@
-//! Photographs and depth without any poses: `color/` (`image/`, `rgb/`) and `depth/`, numbered alike;
-//! the camera stated as Open3D states it. Only tracking can place such frames.
+//! Photographs and depth without poses: `color/` (`image/`, `rgb/`) and `depth/`, with the same numbers;
+//! the camera as in the Open3D layout. Such frames need tracking.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::paired;
@@ -22,8 +22,8 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     if !options.track {
-        let found = "images alone".to_owned();
-        let hint = "let the scene place its frames with --poses track, or add the poses";
+        let found = "images only".to_owned();
+        let hint = "estimate the poses with --poses track, or add the poses";
         return Err(wrong(&folder.path, "poses of the frames", found, hint));
     }
     let mut recording = Recording::new(folder, options);
@@ -47,7 +47,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 depth: Some(DepthSource { file: depth, encoding, confidence: None }),
                 lens: Distortion::default(),
             }),
-            // The other of the two may still be written.
+            // The other file of the pair may still be written.
             Err(_) if folder.is_growing() => {}
             Err(problem) => recording.skip(&pair.name, folder.path.clone(), problem),
         }

@@ -1,4 +1,4 @@
-//! What a layout's file tells the registry.
+//! Interface between a layout's module and the registry.
 
 use crate::dataset::calibration::Calibration;
 use crate::dataset::entry::DatasetSplit;
@@ -11,24 +11,24 @@ use crate::math::camera::Intrinsics;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How one layout is recognised and read, and what is known of the cameras that record in it.
+/// Recognition and parsing of one layout, and known properties of its cameras.
 pub(in crate::dataset) struct DatasetFormat {
-    /// What it is recognised by, for messages.
+    /// Identifying content, for messages.
     pub looks_for: &'static str,
-    /// What its pose matrices mean.
+    /// Convention of its pose matrices.
     pub poses: PoseConvention,
-    /// What was found, if this is the layout. Must not fail on anything it does not know.
+    /// Describes the identifying content found, if this is the layout. Must not fail on unknown content.
     pub recognise: fn(&Folder) -> Option<String>,
     /// Reads metadata and poses.
     pub parse: fn(&Folder, &LoadOptions) -> Result<ParsedFolder, DatasetError>,
-    /// What is known, without a calibration, of cameras whose depth has these intrinsics.
+    /// Calibration known for depth cameras with these intrinsics.
     pub known_calibration: fn(&Intrinsics) -> Option<Calibration>,
 }
 
-/// What a layout's files say.
+/// Content of a layout's files.
 #[derive(Default)]
 pub(in crate::dataset) struct ParsedFolder {
-    /// May be empty; the caller drops such splits.
+    /// Splits, possibly empty ones, which the caller drops.
     pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,
@@ -36,7 +36,7 @@ pub(in crate::dataset) struct ParsedFolder {
 }
 
 impl ParsedFolder {
-    /// Notes a frame that cannot be used.
+    /// Adds a warning about a frame that cannot be used.
     pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
         let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
         self.warnings.push(Warning { split: split.to_owned(), error });

@@ -1,11 +1,11 @@
-//! Lenses that frame lists state and that are no pinhole behind Brown and Conrady's terms.
+//! Refuses lens models in frame lists other than a pinhole with Brown–Conrady distortion.
 
 use super::recording::wrong;
 use crate::dataset::error::DatasetError;
 use serde_json::Value;
 use std::path::Path;
 
-/// Models whose terms are `k1`, `k2`, `k3`, `p1` and `p2`, or none.
+/// Models with the terms `k1`, `k2`, `k3`, `p1` and `p2`, or none.
 const KNOWN_MODELS: [&str; 7] = [
     "OPENCV",
     "PINHOLE",
@@ -15,18 +15,18 @@ const KNOWN_MODELS: [&str; 7] = [
     "PERSPECTIVE",
     "FULL_OPENCV",
 ];
-/// Terms of other models; 0 is none.
+/// Terms of other models, unless zero.
 const OTHER_TERMS: [&str; 6] = ["k4", "k5", "k6", "skew", "sk_x", "sk_y"];
 /// Flags of other models.
 const OTHER_FLAGS: [&str; 2] = ["is_fisheye", "fisheye"];
 
-/// Refuses a camera that is not perspective, whether a frame says so or the list that it stands in.
+/// Refuses a camera that is not perspective, according to a frame or the list that contains it.
 pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<(), DatasetError> {
     let said = |key: &str| frame.get(key).or_else(|| list.get(key));
     let model = said("camera_model").and_then(Value::as_str);
     let other_model = model.filter(|model| !KNOWN_MODELS.contains(model));
     let other_term = OTHER_TERMS.iter().find(|key| {
-        // What is no number is none of zero either.
+        // A value that is not a number does not count as zero.
         said(key).is_some_and(|value| value.as_f64() != Some(0.0))
     });
     let other_flag =

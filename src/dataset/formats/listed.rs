@@ -1,8 +1,8 @@
-//! Frames on their way into a split: files found, pose sound, camera and depth format still open.
+//! Frames listed for a split: files found and pose valid, camera and depth encoding still undetermined.
 //!
-//! A layout names one camera and one depth encoding for a whole split, and both depend on the size
-//! and the pixel format of its images. So frames are first listed, then the headers of some images
-//! decide by majority, then the split is made.
+//! A layout has one camera and one depth encoding for a whole split, which depend on the size and pixel
+//! format of its images. So frames are listed first, then the headers of some images decide by majority,
+//! then the split is created.
 
 use super::format::ParsedFolder;
 use super::majority::of_most;
@@ -16,45 +16,43 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
-/// What is said of a file that can be read now.
-const REFUSED: &str = "one that could not be read a moment ago";
+/// Description of an error that did not occur again.
+const REFUSED: &str = "a temporary read error";
 
 fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
     decode::header(&ByteSource::File(path.to_owned()))
 }
 
-/// Columns and rows of most photographs, which set the size of the camera; `None` if none can be read.
+/// Size (columns, rows) of most photographs, which is the camera's size; `None` if none can be read.
 pub(super) fn photograph_size(photographs: &[&Path]) -> Option<(u32, u32)> {
     of_most(photographs, |path| header(path).map(|header| (header.width, header.height))).ok()?
 }
 
-/// A frame whose colour image exists and whose pose is sound.
+/// A frame with an existing colour image and a valid pose.
 pub(super) struct ListedFrame {
     pub name: String,
     pub pose: Pose,
     pub color: PathBuf,
-    // An error until all frames are listed: in a split without any depth a missing file is none.
+    // An error is reported only after all frames are listed: without any depth in the split it is none.
     pub depth: Result<PathBuf, FrameProblem>,
 }
 
-/// The frames of one split.
 pub(super) struct ListedSplit {
     pub name: String,
     pub frames: Vec<ListedFrame>,
 }
 
 impl ListedSplit {
-    /// Whether the split is meant to have depth: a single depth image says so.
+    /// True if at least one frame has a depth image.
     pub fn has_depth(&self) -> bool {
         self.frames.iter().any(|c| c.depth.is_ok())
     }
 
-    /// Files of the photographs.
     pub fn colors(&self) -> impl Iterator<Item = &Path> {
         self.frames.iter().map(|frame| frame.color.as_path())
     }
 
-    /// Bits of the depth of most frames, any where there is no depth; `None` if none can be read.
+    /// Bits per channel of most depth images, 8 without depth; `None` if none can be read.
     pub fn depth_bits(&self) -> Option<u16> {
         let depths: Vec<&PathBuf> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
@@ -62,7 +60,7 @@ impl ListedSplit {
         bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 
-    /// Makes the split; in one with depth, frames without are skipped.
+    /// Makes the split. If the split has depth, frames without depth are skipped.
     pub fn into_split(
         self,
         intrinsics: Intrinsics,
@@ -89,14 +87,15 @@ impl ListedSplit {
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Without a readable header there is no camera or no encoding: each frame gets its own message.
+    /// Skips all frames because no header can be read and camera or encoding is unknown; each gets a
+    /// warning.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
             let (file, problem) = match (header(&color), depth) {
                 (Err(problem), _) | (_, Err(problem)) => (color, problem),
                 (Ok(_), Ok(depth)) => match header(&depth) {
                     Err(problem) => (depth, problem),
-                    // What a disk gives only at a later attempt must not vanish without a word.
+                    // The error did not occur again, but must not be hidden.
                     Ok(_) => (color, FrameProblem::Read(std::io::Error::other(REFUSED))),
                 },
             };

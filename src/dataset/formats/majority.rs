@@ -1,17 +1,16 @@
-//! What most of a recording's files say: a camera of one size, depth of one kind.
+//! Majority vote over a recording's files, such as the size of the camera or the format of depth.
 //!
-//! One camera took all frames, so what a frame says otherwise is wrong with that frame. Which frame it
-//! is cannot be told by the first one, which is as likely odd as any other. Not all files are asked:
-//! opening a recording of thousands must stay quick, and an odd frame among some is not a majority.
+//! One camera took all frames, so a deviating frame is faulty. The first frame may be the faulty one, hence
+//! a vote. Only a sample of files is read, which is fast for thousands of frames and enough for a majority.
 
-/// Files asked, evenly spaced.
+/// Number of evenly spaced files that are read.
 const ASKED: usize = 9;
 
-/// What most files say, of those asked; of answers equally frequent that of the first file. `None` if
-/// there are no files.
+/// Most frequent value among the sampled files; of equally frequent values the first file's. `None` without
+/// files.
 ///
 /// # Errors
-/// The first error if no file says anything.
+/// The first error if no file can be read.
 pub(super) fn of_most<S, T: Copy + PartialEq, E>(
     files: &[S],
     ask: impl Fn(&S) -> Result<T, E>,
@@ -19,14 +18,14 @@ pub(super) fn of_most<S, T: Copy + PartialEq, E>(
     let n = files.len().min(ASKED);
     let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
     let (mut answers, mut error) = (Vec::new(), None);
-    // Twice: by what a disk refuses once all frames would be read otherwise, and nobody would be told.
+    // Retried once: a passing disk error would change the result for all frames silently.
     let ask = |file: &S| ask(file).or_else(|_| ask(file));
     let mut note = |answer: Result<T, E>| match answer {
         Ok(answer) => answers.push(answer),
         Err(e) => drop(error.get_or_insert(e)),
     };
     files.iter().enumerate().filter(is_asked).for_each(|(_, file)| note(ask(file)));
-    // Others stand in where none of these can be read: damaged images must not cost the recording.
+    // If no sampled file is readable, any other one decides: damaged images must not cost the recording.
     let mut others = files.iter().enumerate().filter(|file| !is_asked(file));
     let n_votes = |answer: &T| answers.iter().filter(|other| *other == answer).count();
     let mut most: Option<T> = None;

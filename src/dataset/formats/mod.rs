@@ -1,6 +1,6 @@
-//! The registry of layouts. A new layout is one file in this folder, its `mod` line and one row of
-//! the table below: recognition, metadata, poses, depth encoding, sensor and what is known of its
-//! cameras all stand in that file, and nothing else in `dataset` asks which layout it reads.
+//! Registry of layouts. A new layout is one file in this folder, its `mod` line and one row of the table
+//! below. That file contains everything about the layout: recognition, metadata, poses, depth encoding,
+//! sensor and known cameras. No other code in `dataset` depends on the layout.
 
 mod arkit;
 mod blender;
@@ -36,8 +36,8 @@ use crate::math::camera::Intrinsics;
 use format::DatasetFormat;
 pub(super) use format::ParsedFolder;
 
-/// Makes both the variants of [`Layout`] and the table of their formats from one list of rows, so
-/// that neither can lack what the other has.
+/// Generates both the variants of [`Layout`] and the table of their formats from one list, so that they
+/// cannot disagree.
 macro_rules! layouts {
     ($($(#[$doc:meta])* $name:ident: $format:path,)*) => {
         /// Layout of a dataset's files.
@@ -46,17 +46,17 @@ macro_rules! layouts {
         #[strum(serialize_all = "kebab-case")]
         pub enum Layout {
             $($(#[$doc])* $name,)*
-            /// Frames made on demand; no files.
+            /// Procedural frames without files.
             Synthetic,
         }
 
-        /// In order of trial.
+        /// Formats in the order in which they are tried.
         const FORMATS: &[(Layout, DatasetFormat)] = &[$((Layout::$name, $format),)*];
     };
 }
 
 layouts! {
-    /// `transforms*.json` with one field of view, images beside it (NeRF-synthetic).
+    /// `transforms*.json` with one field of view, and images (NeRF-synthetic).
     Blender: blender::FORMAT,
     /// `frame-NNNNNN.{color,depth,pose}.*` (7-Scenes).
     SevenScenes: seven_scenes::FORMAT,
@@ -76,7 +76,7 @@ layouts! {
     Record3dArchive: record3d_archive::FORMAT,
     /// `odometry.csv`, `camera_matrix.csv`, `depth/` and a video (Stray Scanner).
     StrayScanner: stray::FORMAT,
-    /// A file of one JSON object a frame (ARKit packages).
+    /// A file with one JSON object per frame (ARKit packages).
     Arkit: arkit::FORMAT,
     /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
     RtabMap: rtabmap::FORMAT,
@@ -84,7 +84,7 @@ layouts! {
     ColorDepth: color_depth::FORMAT,
 }
 
-/// Recognises the layout and reads it; with the content that it was recognised by.
+/// Recognises the layout and reads the folder; also returns the content that identified the layout.
 pub(super) fn parse(
     folder: &Folder,
     options: &LoadOptions,
@@ -97,7 +97,7 @@ pub(super) fn parse(
         return Err(error);
     }
     if found.len() > 1 {
-        // Whatever knows of poses knows more.
+        // A layout with poses takes precedence over images alone.
         found.retain(|(layout, ..)| *layout != Layout::ColorDepth);
     }
     if found.len() > 1 {
@@ -109,7 +109,7 @@ pub(super) fn parse(
     }
     if let Some((layout, format, why)) = found.pop() {
         let parsed = (format.parse)(folder, options)?;
-        // They are told apart by what was asked again.
+        // Parsing peeks at the files again and may meet a new disk error.
         return folder.unread().map_or(Ok((layout, why, parsed)), Err);
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.looks_for).collect();
@@ -121,29 +121,29 @@ pub(super) fn parse(
 }
 
 impl Layout {
-    /// The name that reports and messages give it, such as `seven-scenes`.
+    /// Name in reports and messages, such as `seven-scenes`.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// The layout of that name.
+    /// Layout of a given name.
     pub(super) fn named(name: &str) -> Option<Self> {
         let all = FORMATS.iter().map(|(layout, _)| *layout).chain([Self::Synthetic]);
         all.into_iter().find(|layout| layout.name() == name)
     }
 
-    /// Whether its files state lengths in metres; the others' worlds have any unit.
+    /// True if its files state lengths in metres; other layouts have arbitrary units.
     pub fn is_metric(self) -> bool {
         !matches!(self, Self::Blender | Self::Nerfstudio)
     }
 
-    /// What its pose matrices mean; frames made on demand have none.
+    /// Convention of its pose matrices; OpenCV for procedural frames, which have none.
     pub fn pose_convention(self) -> PoseConvention {
         let format = FORMATS.iter().find(|(layout, _)| *layout == self);
         format.map_or(PoseConvention::Opencv, |(_, format)| format.poses)
     }
 
-    /// What is known, without a calibration, of cameras whose depth has these intrinsics.
+    /// Calibration known for depth cameras with these intrinsics.
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
         let (_, format) = FORMATS.iter().find(|(layout, _)| *layout == self)?;
         (format.known_calibration)(depth_camera)
@@ -154,7 +154,7 @@ impl Layout {
 mod tests {
     use super::*;
 
-    /// Checkpoints and reports hold these names.
+    /// Checkpoints and reports contain these names.
     #[test]
     fn names_are_those_of_files() {
         let named = [

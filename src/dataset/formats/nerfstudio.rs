@@ -1,9 +1,9 @@
-//! nerfstudio: `transforms.json` whose frames name their depth (`depth_file_path`, or `depth_path` of
-//! NeRFCapture) or have a camera of their own; OpenGL axes.
+//! nerfstudio: `transforms.json` whose frames name depth files (`depth_file_path`, or `depth_path` in
+//! NeRFCapture) or have cameras of their own; OpenGL axes.
 //!
-//! Every number about the camera (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `k3`, `p1`, `p2`)
-//! stands in the frame or, for all frames, beside the list. Depth is along the optical axis, stored
-//! times `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), .001 without one.
+//! Every camera parameter (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `k3`, `p1`, `p2`) is given in
+//! the frame or, for all frames, at the top level. Depth is along the optical axis, stored times
+//! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::lens;
@@ -36,7 +36,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 
 const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
 const LENS_KEYS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
-/// World units per one of a depth file that states none.
+/// World units per unit of depth files without a stated scale.
 const DEPTH_UNIT: f64 = 0.001;
 const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
@@ -45,7 +45,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     Some(format!("{name} whose frames name depth files or have cameras of their own"))
 }
 
-/// The JSON file in the root that is a frame list of this layout, and what it holds.
+/// The JSON file in the root that is a frame list of this layout, with its content.
 fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
     folder.listing.files().filter(|name| name.ends_with(".json")).find_map(|name| {
         let json = serde_json::from_str(&folder.peek_whole(name)).ok().filter(is_list)?;
@@ -53,7 +53,7 @@ fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
     })
 }
 
-/// Whether a JSON value is a frame list of this layout, and not of NeRF-synthetic.
+/// True for frame lists of this layout, false for those of NeRF-synthetic.
 pub(super) fn is_list(json: &Value) -> bool {
     let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let named = |keys: &[&str], frame: &Value| keys.iter().any(|key| frame.get(key).is_some());
@@ -95,7 +95,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// Sizes of most photographs and of most depth, as far as any can be read.
+/// Sizes of most photographs and of most depth images; `None` if none can be read.
 struct Sizes {
     color: Option<(u32, u32)>,
     depth: Option<(u32, u32)>,
@@ -105,19 +105,19 @@ fn first_of<'a>(frame: &'a Value, keys: &[&str]) -> Option<&'a Value> {
     keys.iter().find_map(|key| frame.get(key))
 }
 
-/// Whether a frame says by itself what its camera is.
+/// True if a frame states its own camera.
 fn has_own_camera(frame: &Value) -> bool {
     first_of(frame, &["fl_x", "w", "camera_angle_x"]).is_some()
 }
 
-/// The list and the numbers that stand for all frames.
+/// A frame list and the parameters that apply to all frames.
 struct FrameList<'a> {
     json: &'a Value,
     file: &'a Path,
 }
 
 impl FrameList<'_> {
-    /// A number of a frame, or of all.
+    /// A number stated by the frame, else for all frames.
     fn number(&self, frame: &Value, key: &str) -> Result<Option<f64>, DatasetError> {
         let Some(value) = frame.get(key).or_else(|| self.json.get(key)) else { return Ok(None) };
         let number = value.as_f64().filter(|number| number.is_finite());
@@ -127,10 +127,10 @@ impl FrameList<'_> {
         })
     }
 
-    /// The size of most photographs, by which list-wide intrinsics are meant, and of most depth.
+    /// Sizes of most photographs, to which list-wide intrinsics refer, and of most depth images.
     ///
     /// # Errors
-    /// Photographs that are not of the size that the list states.
+    /// Photographs of another size than the list states.
     fn sizes(&self, folder: &Folder, frames: &[Value]) -> Result<Sizes, DatasetError> {
         let named = |keys: &[&str]| -> Vec<&str> {
             frames.iter().filter_map(|frame| first_of(frame, keys)?.as_str()).collect()
@@ -140,7 +140,7 @@ impl FrameList<'_> {
         });
         let depth =
             of_most(&named(&DEPTH_KEYS), |name| decode::depth_size(&depth_file(folder, name)?));
-        // What cannot be read is told of its frame.
+        // Unreadable files are reported with their frames.
         let (color, depth) = (color.ok().flatten(), depth.ok().flatten());
         if let Some(size) = color.filter(|_| !frames.iter().any(has_own_camera)) {
             same_size(self.stated_size(&Value::Null, size)?, size, self.file)?;
@@ -148,7 +148,7 @@ impl FrameList<'_> {
         Ok(Sizes { color, depth })
     }
 
-    /// `w` and `h` of a frame or of all, as far as they are stated.
+    /// `w` and `h` of the frame or the list; `unless` replaces missing ones.
     fn stated_size(&self, frame: &Value, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
         let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
         Ok((side(self.number(frame, "w")?, unless.0), side(self.number(frame, "h")?, unless.1)))
@@ -159,7 +159,7 @@ impl FrameList<'_> {
         for key in ["depth_unit_scale_factor", "integer_depth_scale"] {
             if let Some(stated) = self.number(&Value::Null, key)? {
                 if stated <= 0.0 {
-                    let expected = format!("a positive `{key}`, world units for one");
+                    let expected = format!("a positive `{key}`, world units per unit");
                     let hint = "correct the value";
                     return Err(wrong(self.file, &expected, stated.to_string(), hint));
                 }
@@ -171,7 +171,7 @@ impl FrameList<'_> {
         Ok(recording.encoding(CodeKind::ByContent(unit), Sensor::Lidar, trusted))
     }
 
-    /// The outer error is one of the whole list, the inner one of this frame.
+    /// The outer error concerns the whole list, the inner one this frame.
     fn recorded(
         &self,
         frame: &Value,
@@ -192,7 +192,7 @@ impl FrameList<'_> {
             Ok(found) => found,
             Err(problem) => return Ok(Err(problem)),
         };
-        // Focal lengths are of images of one size, and an odd image is wrong with its frame alone.
+        // Focal lengths refer to one image size; an image of another size affects its own frame only.
         let most = if has_own_camera(frame) { size } else { sizes.color.unwrap_or(size) };
         let expected = self.stated_size(frame, most)?;
         if size != expected {
@@ -248,7 +248,7 @@ impl FrameList<'_> {
     }
 }
 
-/// The photograph, whose name may lack the extension.
+/// Finds the photograph, whose name may lack the extension.
 fn photograph(folder: &Folder, name: &str) -> Result<ByteSource, FrameProblem> {
     let with = IMAGE_EXTENSIONS.iter().map(|extension| format!("{name}.{extension}"));
     file_of(folder, std::iter::once(name.to_owned()).chain(with))?

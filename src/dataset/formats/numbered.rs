@@ -1,4 +1,4 @@
-//! Files that belong to one frame because they have one number.
+//! Files matched to frames by the number in their names.
 
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, FolderListing};
@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Photographs, by what their names end with.
+/// Extensions of photographs.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["jpg", "jpeg", "png"];
 
 /// The files of a folder by the number in their names.
@@ -15,12 +15,12 @@ pub(super) struct NumberedFiles {
     relative: PathBuf,
     listing: Rc<FolderListing>,
     by_number: BTreeMap<u64, String>,
-    /// Names of further files of a number that has one.
+    /// Numbers with more than one file, and the names of the further files.
     pub doubled: Vec<(u64, String)>,
 }
 
 impl NumberedFiles {
-    /// Files of one of the extensions whose name begins with `prefix` and goes on with a number.
+    /// Lists files with one of the extensions whose names are `prefix` followed by a number.
     pub fn list(
         folder: &Folder,
         relative: &str,
@@ -40,53 +40,52 @@ impl NumberedFiles {
         Ok(Self { relative, listing, by_number, doubled })
     }
 
-    /// Whether a folder holds any such file.
+    /// True if a folder contains such a file.
     pub fn any(folder: &Folder, relative: &str, prefix: &str, extensions: &[&str]) -> bool {
         folder
             .list(Path::new(relative))
             .is_ok_and(|listing| listing.files().any(|n| number(n, prefix, extensions).is_some()))
     }
 
-    /// Numbers of all files, ascending.
+    /// Numbers of all files in ascending order.
     pub fn numbers(&self) -> impl Iterator<Item = u64> {
         self.by_number.keys().copied()
     }
 
-    /// Numbers that any of the lists has: one that lacks a file is to be reported, not passed over.
+    /// Numbers in any of the lists, so that frames with a missing file are reported instead of skipped.
     pub fn union(lists: &[&Self]) -> BTreeSet<u64> {
         lists.iter().flat_map(|list| list.numbers()).collect()
     }
 
-    /// How many numbers there are.
     pub fn len(&self) -> usize {
         self.by_number.len()
     }
 
-    /// Name of a file without its extension.
+    /// Name of the file without its extension.
     pub fn stem(&self, number: u64) -> Option<&str> {
         let name = self.by_number.get(&number)?;
         Some(name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem))
     }
 
-    /// Whether the name of a number's file ends with an extension.
+    /// True if the file of a number has the extension.
     pub fn is(&self, number: u64, extension: &str) -> bool {
         let own = self.by_number.get(&number).and_then(|name| name.rsplit_once('.'));
         own.is_some_and(|(_, own)| own.eq_ignore_ascii_case(extension))
     }
 
-    /// Every file that can be had, by number.
+    /// All accessible files, ordered by number.
     pub fn sources(&self, folder: &Folder) -> impl Iterator<Item = ByteSource> {
         self.numbers().filter_map(|n| self.file(folder, n)?.ok()).map(Into::into)
     }
 
-    /// The file of a number; `None` if there is none.
+    /// File of a number; `None` if there is none.
     pub fn file(&self, folder: &Folder, number: u64) -> Option<Result<PathBuf, FrameProblem>> {
         let name = self.by_number.get(&number)?;
         Some(folder.file(&self.relative, &self.listing, name))
     }
 }
 
-/// The first digits behind the prefix; `00012-000033.png` is the number 12.
+/// Parses the first digits after the prefix; `00012-000033.png` has the number 12.
 fn number(name: &str, prefix: &str, extensions: &[&str]) -> Option<u64> {
     let (stem, extension) = name.rsplit_once('.')?;
     if !extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)) {

@@ -1,9 +1,10 @@
-//! Open3D and Redwood: images in `color/` (`image/`, `rgb/`) and `depth/`, poses in a log of blocks of
-//! one line of three numbers and four rows of a camera-to-world matrix (OpenCV axes); millimetres.
+//! Open3D and Redwood: images in `color/` (`image/`, `rgb/`) and `depth/`, poses in a log; depth in
+//! millimetres. Each block of the log has a line of three numbers and four rows of a camera-to-world matrix
+//! (OpenCV axes).
 //!
-//! A block's first number counts images, not names: Redwood's are named by number and time, and
-//! colour and depth differ in the times. Odometry logs look alike but hold the motion between two
-//! images (`0 1`), not where one stands (`0 0`).
+//! A block's first number counts images, not names: Redwood names images by number and time, and the times
+//! of colour and depth differ. Odometry logs have the same form but contain the motion between two images
+//! (`0 1`), not a pose (`0 0`).
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::paired;
@@ -32,7 +33,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     trajectory_log(folder).map(|log| format!("{log}, with {images}"))
 }
 
-/// A log whose first block says where the first image stands.
+/// Finds a log whose first block is a pose.
 fn trajectory_log(folder: &Folder) -> Option<&str> {
     let is_trajectory = |name: &&str| {
         let text = folder.peek(name);
@@ -42,7 +43,7 @@ fn trajectory_log(folder: &Folder) -> Option<&str> {
         matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
     };
     let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));
-    // Odometry is drawn as a trajectory too, from another start: the one that is called so is meant.
+    // Odometry may be logged as a trajectory too, with another origin: a log named after one is preferred.
     let named = logs().filter(|name| name.contains("traj")).find(is_trajectory);
     named.or_else(|| logs().find(is_trajectory))
 }
@@ -63,11 +64,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let numbers: Vec<u64> = pairs.keys().copied().collect();
     let is_complete = numbers.len() == blocks.len();
     for (index, pose) in blocks {
-        // Blocks count images. Where some are missing, numbers tell which.
+        // Blocks count images. If images are missing, the numbers in their names decide.
         let in_place = usize::try_from(index).ok().and_then(|i| numbers.get(i).copied());
         let counted = numbers.first().and_then(|first| first.checked_add(index));
         let number = match folder.is_growing() {
-            // Some may be missing yet: both have to agree.
+            // Images may not be written yet: both counts must agree.
             true => counted.filter(|_| counted == in_place),
             false if is_complete => in_place,
             false => counted,
@@ -100,7 +101,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 
 type Block = (u64, Result<Pose, FrameProblem>);
 
-/// Number of the image and pose of every block.
+/// Image number and pose of every block.
 fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
     let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
     let (file, text) = recording.folder.lines(&name)?;
@@ -116,7 +117,7 @@ fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetErr
                 line: i + 1,
             };
             recording.skip(&format!("line {}", i + 1), file.clone(), problem);
-            // Until the next line that can begin a block.
+            // Skip to the next line that can begin a block.
             continue;
         };
         let rows: Vec<&str> = lines.by_ref().take(4).map(|(_, row)| row).collect();

@@ -1,5 +1,5 @@
-//! Photographs in `color/` (`image/`, `rgb/`) and depth in `depth/`, paired by their numbers: what
-//! Open3D's recordings and those without any poses have in common. Depth is in millimetres.
+//! Photographs in `color/` (`image/`, `rgb/`) and depth in `depth/`, paired by number. Shared by the Open3D
+//! layout and by recordings without poses. Depth is in millimetres.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{Cameras, Recording, wrong};
@@ -15,10 +15,10 @@ const COLOR_FOLDERS: [&str; 3] = ["color", "image", "rgb"];
 const DEPTH_FOLDER: &str = "depth";
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
-/// Metres; of a depth camera by structured light.
+/// Metres; range of a structured-light depth camera.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
-/// The folders with images, in words, if both are there.
+/// Describes the image folders, if both exist.
 pub(super) fn recognise(folder: &Folder) -> Option<String> {
     let color = color_folder(folder)?;
     folder.has_folder(DEPTH_FOLDER).then(|| format!("images in {color}/ and {DEPTH_FOLDER}/"))
@@ -28,10 +28,10 @@ fn color_folder(folder: &Folder) -> Option<&'static str> {
     COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
 }
 
-/// Photographs with their depth by number, and the cameras that took them.
+/// Pairs of photograph and depth by number, and their cameras.
 type PairedImages = (BTreeMap<u64, Pair>, Cameras);
 
-/// The images of a recording; `None` if none can be read.
+/// Reads the images of a recording; `None` if none can be read.
 pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
     let color_name = color_folder(folder).unwrap_or("color");
@@ -51,28 +51,24 @@ pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, Da
     Ok(cameras.map(|cameras| (pairs, cameras)))
 }
 
-/// How depth is stored.
 pub(super) fn encoding(recording: &Recording) -> DepthEncoding {
     recording.encoding(CodeKind::Linear16(DEPTH_UNIT), Sensor::Kinect, TRUSTED_DEPTH)
 }
 
-/// A photograph and its depth.
 pub(super) struct Pair {
-    /// Name of the photograph's file, without its extension.
+    /// File name of the photograph without its extension.
     pub name: String,
-    /// The photograph, if there is one.
     pub color: Option<ByteSource>,
     depth: Result<ByteSource, String>,
 }
 
 impl Pair {
-    /// The depth image.
     pub fn depth(&self) -> Result<ByteSource, FrameProblem> {
         self.depth.clone().map_err(FrameProblem::MissingDepth)
     }
 }
 
-/// By number; by order where there are as many of both and their numbers differ.
+/// Pairs files by number, or by order if the counts are equal and the numbers differ.
 fn pairs(
     recording: &mut Recording,
     colors: &NumberedFiles,
@@ -127,7 +123,7 @@ fn cameras(
             if !is_known && recording.options.intrinsics.is_none() {
                 let expected = format!("a camera for images of {}x{}", size.0, size.1);
                 let found = "no JSON file with an `intrinsic_matrix`".to_owned();
-                return Err(wrong(&file, &expected, found, "export it, or give the intrinsics"));
+                return Err(wrong(&file, &expected, found, "export it, or set the intrinsics"));
             }
             recording.note("no camera file: a PrimeSense's 525, 525, 319.5, 239.5 are used");
             (file, PRIMESENSE)

@@ -1,10 +1,11 @@
-//! Record3D, an app for iPhones: the `.r3d` archive that it shares, and the folder that it exports.
+//! Record3D, an app for iPhones: its `.r3d` archives and its exported folders.
 //!
-//! `metadata` is one JSON object in both: `K`, nine numbers by columns for images of the photograph's
-//! size, and `poses`, one `qx qy qz qw tx ty tz` a frame, camera to world in OpenGL axes. The archive
-//! holds `rgbd/N.jpg`, `rgbd/N.depth` (32-bit floats in metres, packed by LZFSE) and `rgbd/N.conf`
-//! (0 to 2); the folder `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) holds
-//! what autofocus made of each frame.
+//! Both contain `metadata`, one JSON object. `K` is nine numbers by columns, for images of the photograph's
+//! size; `poses` has one `qx qy qz qw tx ty tz` per frame, camera to world in OpenGL axes. The archive
+//! contains
+//! `rgbd/N.jpg`, `rgbd/N.depth` (32-bit floats in metres, LZFSE-compressed) and `rgbd/N.conf` (0 to 2); the
+//! folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
+//! intrinsics of each frame, which autofocus changes.
 
 use super::recording::{self, Cameras, RecordedFrame, Recording, same_size, wrong};
 use super::stated;
@@ -22,16 +23,15 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Metres; beyond, the lidar's depth is made up from the photograph.
+/// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
-/// What the app says of a recording.
+/// Metadata of a recording.
 pub(super) struct Metadata {
     pub file: PathBuf,
     json: Value,
 }
 
-/// The files of one frame.
 pub(super) struct FrameSources {
     pub color: ByteSource,
     pub depth: Option<ByteSource>,
@@ -39,7 +39,7 @@ pub(super) struct FrameSources {
 }
 
 impl Metadata {
-    /// Whether a JSON text is of this app.
+    /// True for JSON text of this app.
     pub fn is_one(text: &[u8]) -> bool {
         serde_json::from_slice::<Value>(text)
             .is_ok_and(|json| json.get("K").is_some() && json.get("poses").is_some())
@@ -52,7 +52,7 @@ impl Metadata {
         }
     }
 
-    /// Collects the numbered frames; `codes` is how their depth is stored.
+    /// Adds the numbered frames to the recording; `codes` is their depth encoding.
     pub fn record(
         &self,
         recording: &mut Recording,
@@ -73,7 +73,8 @@ impl Metadata {
         let poses = self.array("poses");
         if poses.len() < frames.len() {
             let (listed, found) = (poses.len(), frames.len());
-            recording.note(format!("{listed} poses are listed for {found} frames"));
+            recording
+                .note(format!("expected a pose for each of {found} frames, found {listed} poses"));
         }
         let encoding = recording.encoding(codes, Sensor::Lidar, TRUSTED_DEPTH);
         let least = recording.least_confidence();
@@ -108,7 +109,7 @@ impl Metadata {
         self.json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok())
     }
 
-    /// Of the photograph.
+    /// Intrinsics of the photograph.
     fn intrinsics(&self, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
         if let Some(stated) = self.side("w").zip(self.side("h")) {
             same_size(stated, size, &self.file)?;
@@ -121,7 +122,7 @@ impl Metadata {
         })
     }
 
-    /// Cameras of a frame: its own intrinsics where they are listed.
+    /// Cameras of a frame: its own intrinsics if listed, else those for all.
     fn cameras(
         &self,
         recording: &Recording,
@@ -138,7 +139,7 @@ impl Metadata {
         recording.one_lens(&k, size, depth_size, &self.file)
     }
 
-    /// `dw` and `dh`; in files that tell their size, that.
+    /// Size of depth: from the files if they state it, else `dw` and `dh`.
     fn depth_size(
         &self,
         frames: &BTreeMap<u64, FrameSources>,
@@ -152,7 +153,7 @@ impl Metadata {
         if let Some(stated) = self.side("dw").zip(self.side("dh")) {
             return Ok(stated);
         }
-        // Before the app wrote it down, there was one sensor.
+        // Old versions of the app do not state the size; they supported one sensor.
         Ok(if color.0 < color.1 { (192, 256) } else { (256, 192) })
     }
 

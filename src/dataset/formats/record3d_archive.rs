@@ -1,7 +1,7 @@
-//! Record3D's `.r3d`: a zip archive, opened as it is or as the only one of its folder.
+//! Record3D's `.r3d`: a zip archive, opened directly or as the only one in its folder.
 //!
-//! Members are read by the names of frames alone and never unpacked to disk, so that a name cannot
-//! lead anywhere; ones that try to are reported.
+//! Members are read by the names of frames only and never unpacked to disk, so no name can lead outside;
+//! names that try to are reported.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::record3d::{FrameSources, Metadata};
@@ -33,7 +33,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     Some(format!("the archive {name} with `metadata` of `K` and `poses`"))
 }
 
-/// The archive that was opened, whatever is wrong with it, or the only one of the root.
+/// Name of the archive that was opened, even if damaged, or of the only recording in the root.
 fn archive_name(folder: &Folder) -> Option<&str> {
     if let Some(name) = folder.only_file() {
         return Some(name);
@@ -46,11 +46,11 @@ fn archive_name(folder: &Folder) -> Option<&str> {
     };
     let mut ours = folder.listing.files().filter(|name| name.ends_with(".r3d")).filter(is_ours);
     let first = ours.next();
-    // Two recordings are two scenes: which one is meant is for the user to say.
+    // Two recordings are two scenes: the user has to choose one.
     first.filter(|_| ours.next().is_none())
 }
 
-/// Whether a file of the root is an archive with this app's metadata.
+/// True if a file in the root is an archive with this app's metadata.
 fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
     let path = folder.file(Path::new(""), &folder.listing, name)?;
     if !Archive::is_one(&path)? {
@@ -83,7 +83,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         recording.skip(name, path.clone(), FrameProblem::Escapes(name.clone()));
     }
     let Some(name) = METADATA.into_iter().find(|name| names.contains(*name)) else {
-        let found = format!("{} members without one", names.len());
+        let found = format!("{} members, none of that name", names.len());
         return Err(wrong(&path, "a member `metadata`", found, "share the recording again"));
     };
     let text = archive.read(name).map_err(damaged)?;

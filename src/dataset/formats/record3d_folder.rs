@@ -1,5 +1,5 @@
-//! A folder that Record3D exported: `metadata.json` (or `metadata`), `rgb/N.jpg`, `depth/N.exr`, and
-//! where the app wrote them `confidence/N.*`.
+//! Folders exported by Record3D: `metadata.json` (or `metadata`), `rgb/N.jpg`, `depth/N.exr`, and
+//! `confidence/N.*` if recorded.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
@@ -25,7 +25,7 @@ const METADATA: [&str; 2] = ["metadata.json", "metadata"];
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CONFIDENCES: [&str; 2] = ["confidence", "conf"];
-/// Metres for one: floats are metres, and codes would be millimetres.
+/// Metres per unit of float files; codes would be millimetres.
 const FLOAT_UNIT: f64 = 1.0;
 const CODE_UNIT: f64 = 0.001;
 
@@ -74,7 +74,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             }
         }
     }
-    // By its name: a file that a disk or a link keeps back has its unit all the same.
+    // By name: the unit must not depend on whether a file can be read.
     let is_codes =
         depths.as_ref().is_some_and(|d| d.numbers().next().is_some_and(|n| d.is(n, "png")));
     let unit = CodeKind::ByContent(if is_codes { CODE_UNIT } else { FLOAT_UNIT });

@@ -1,9 +1,9 @@
-//! A recording on its way into a dataset: what every layout of a sequence does alike.
+//! Common steps of all layouts of image sequences.
 //!
-//! A sequence has no splits: all of it is one, `all`. The views that the rule for splits holds back
-//! when that trains are a split of their own, `held-out`.
-//! Depth has a camera of its own, whose intrinsics follow from those of the photograph where both
-//! look through one lens.
+//! A sequence has one split, `all`. The frames held out of it when it is the training split are also the
+//! split
+//! `held-out`. Depth has its own camera; its intrinsics follow from the photograph's if both share one
+//! lens.
 
 use super::format::ParsedFolder;
 use super::majority::of_most;
@@ -26,10 +26,10 @@ use crate::math::pose::Pose;
 use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
-/// Name of the split that holds the whole recording.
+/// Name of the split with the whole recording.
 const SPLIT: &str = "all";
 
-/// A recording whose frames are being collected.
+/// A recording to which frames are added.
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
@@ -37,7 +37,7 @@ pub(super) struct Recording<'a> {
     frames: Vec<FrameEntry>,
 }
 
-/// A frame that was found, its pose sound.
+/// A frame with its files and a valid pose.
 pub(super) struct RecordedFrame {
     pub name: String,
     pub time: Option<f64>,
@@ -48,7 +48,7 @@ pub(super) struct RecordedFrame {
     pub lens: Distortion,
 }
 
-/// The camera that measures depth, and the one that takes photographs where it differs.
+/// The depth camera, and the photograph's camera if it differs.
 #[derive(Clone, Copy)]
 pub(super) struct Cameras {
     pub depth: Intrinsics,
@@ -60,12 +60,12 @@ impl<'a> Recording<'a> {
         Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
     }
 
-    /// Notes a frame that cannot be used.
+    /// Adds a warning about a frame that cannot be used.
     pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
         self.parsed.skip(SPLIT, frame, file, problem);
     }
 
-    /// Notes further files of frames that have one.
+    /// Adds warnings about frames with more than one file.
     pub fn skip_doubled(&mut self, files: &NumberedFiles, folder: &str) {
         for (number, name) in &files.doubled {
             let file = self.folder.path.join(folder).join(name);
@@ -73,8 +73,8 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Sizes of photographs and of depth, by most of those that can be read; `None` if there are none,
-    /// which is noted where a file is to blame.
+    /// Sizes of photographs and depth, by majority of the readable ones. `None` if there are none; an
+    /// unreadable file becomes a warning.
     pub fn sizes(
         &mut self,
         colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
@@ -87,12 +87,11 @@ impl<'a> Recording<'a> {
         })
     }
 
-    /// Says what a user should know.
+    /// Adds a notice for the user.
     pub fn note(&mut self, note: impl Into<String>) {
         self.parsed.notes.push(note.into());
     }
 
-    /// Appends a frame.
     pub fn push(&mut self, frame: RecordedFrame) {
         let RecordedFrame { name, time, pose, cameras, color, depth, lens } = frame;
         let camera = Camera { intrinsics: cameras.depth, pose };
@@ -100,7 +99,7 @@ impl<'a> Recording<'a> {
         self.frames.push(FrameEntry { name, camera, color_camera: cameras.color, time, source });
     }
 
-    /// All frames as one split; those without depth are left out where others have it.
+    /// Makes one split of all frames. If any frame has depth, frames without depth are skipped.
     pub fn finish(mut self) -> ParsedFolder {
         let has_depth = self.frames.iter().any(|frame| frame.depth_path().is_some());
         if has_depth {
@@ -113,7 +112,7 @@ impl<'a> Recording<'a> {
                 self.parsed.skip(SPLIT, &frame.name, file, problem);
             }
         }
-        // The same frames that training leaves out, under a name that one can ask for.
+        // The frames that training holds out, under a name that users can choose.
         let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
         let is_enough = self.frames.len() > 1 || self.folder.has_taken_any();
         let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
@@ -124,8 +123,7 @@ impl<'a> Recording<'a> {
         self.parsed
     }
 
-    /// Depth of a sensor along the optical axis, `unit` world units for one unless the user says
-    /// otherwise.
+    /// Encoding of depth along the optical axis. The user's depth scale overrides the unit of `codes`.
     pub fn encoding(&self, codes: CodeKind, sensor: Sensor, trusted: [f64; 2]) -> DepthEncoding {
         let scaled = |unit: f64| self.options.depth_scale.unwrap_or(unit);
         let metre = match codes {
@@ -141,13 +139,11 @@ impl<'a> Recording<'a> {
         DepthEncoding { codes, kind: DepthKind::Z, trusted, metre, sensor }
     }
 
-    /// Least confidence of depth that is used.
     pub fn least_confidence(&self) -> u8 {
         self.options.confidence.unwrap_or(1)
     }
 
-    /// Cameras of one lens, told by the intrinsics `stated` of images of any size; `file` states
-    /// them.
+    /// Cameras with one lens, from the intrinsics `stated` by `file` for images of any size.
     pub fn one_lens(
         &self,
         stated: &Intrinsics,
@@ -181,7 +177,7 @@ pub(super) fn sane(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
         .map_err(|IntrinsicsDefect { expected, found, hint }| wrong(file, &expected, found, hint))
 }
 
-/// A metadata file that does not have the right form.
+/// Error of a metadata file with malformed content.
 pub(super) fn wrong(file: &Path, expected: &str, found: String, hint: &str) -> DatasetError {
     DatasetError::Metadata {
         file: file.to_owned(),
@@ -191,7 +187,7 @@ pub(super) fn wrong(file: &Path, expected: &str, found: String, hint: &str) -> D
     }
 }
 
-/// Refuses metadata that gives photographs another size than they have.
+/// Refuses metadata that state another image size than the photographs have.
 pub(super) fn same_size(
     stated: (u32, u32),
     found: (u32, u32),
@@ -208,14 +204,14 @@ pub(super) fn same_size(
     }
 }
 
-/// Size of most photographs, with the first problem if no header can be read.
+/// Size of most photographs; the first error if no header can be read.
 pub(super) fn photograph_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     most(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
-/// Size of most depth files, with the first problem if no header can be read.
+/// Size of most depth files; the first error if no header can be read.
 pub(super) fn depth_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {

@@ -1,8 +1,8 @@
-//! Replica as NICE-SLAM rendered it: `traj.txt` with a camera-to-world matrix a line (OpenCV axes),
-//! `results/frameNNNNNN.jpg` and `results/depthNNNNNN.png`, the camera in `cam_params.json` beside
-//! or, since all rooms share it, above.
+//! Replica as rendered by NICE-SLAM: `traj.txt` with one camera-to-world matrix per line (OpenCV axes),
+//! `results/frameNNNNNN.jpg` and `results/depthNNNNNN.png`. The camera is in `cam_params.json`, in the
+//! folder or, since all rooms share it, in its parent.
 //!
-//! Depth is computed, in steps of 1/6553.5 m, and registered.
+//! Depth is rendered, in steps of 1/6553.5 m, and registered.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
@@ -34,9 +34,9 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";
 const CAMERA: &str = "cam_params.json";
-/// Codes per metre of the published renderings.
+/// Codes per metre in the published renderings.
 const CODES_PER_METRE: f64 = 6553.5;
-/// The published renderings' camera.
+/// Camera of the published renderings.
 const PUBLISHED: Intrinsics =
     Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 };
 
@@ -44,7 +44,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
     let is_matrix = text.lines().next().is_some_and(|line| matrix::numbers::<16>(line).is_ok());
     let is_ours = is_matrix && NumberedFiles::any(folder, IMAGES, "frame", &PHOTOGRAPHS);
-    is_ours.then(|| format!("{POSES} with a matrix a line, and frames in {IMAGES}/"))
+    is_ours.then(|| format!("{POSES} with one matrix per line, and frames in {IMAGES}/"))
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -110,14 +110,14 @@ fn paths(
     Ok([color.into(), depth.into()])
 }
 
-/// The camera and its codes per metre; the file that states them.
+/// Camera and codes per metre, with the file that states them.
 fn camera(
     recording: &mut Recording,
     size: (u32, u32),
 ) -> Result<(PathBuf, Intrinsics, f64), DatasetError> {
     let folder = recording.folder;
     let beside = folder.path.join(CAMERA);
-    // Above is outside of the folder, but no dataset says so: the name is ours.
+    // The parent lies outside the folder, but this name is fixed and not taken from the dataset.
     let above = folder.path.canonicalize().ok().and_then(|p| Some(p.parent()?.join(CAMERA)));
     let file = std::iter::once(beside.clone()).chain(above).find_map(|path| match is_file(&path) {
         Ok(true) => Some(Ok(path)),
@@ -128,8 +128,9 @@ fn camera(
     let Some(file) = file else {
         if size != (PUBLISHED.width, PUBLISHED.height) && recording.options.intrinsics.is_none() {
             let expected = format!("the camera of images of {}x{}", size.0, size.1);
-            let found = "no such file, beside or above (the published camera has 1200x680)";
-            let hint = "copy it there, or give the intrinsics";
+            let found =
+                "no such file in the folder or its parent (the published camera has 1200x680)";
+            let hint = "copy it there, or set the intrinsics";
             return Err(wrong(&beside, &expected, found.to_owned(), hint));
         }
         recording.note(format!("no {CAMERA}: the published 600, 600, 599.5, 339.5 are used"));

@@ -1,11 +1,12 @@
 //! RTAB-Map's export: `rgb/`, `depth/` (millimetres), `calib/*.yaml` (or `calib.yaml`, `calibration.yaml`)
-//! and poses in TUM's form (`t x y z qx qy qz qw`, with or without the image's number behind) or
+//! and poses. These are in TUM's form (`t x y z qx qy qz qw`, optionally with the image's number) or
 //! KITTI's (twelve numbers of a 3×4 matrix).
 //!
-//! Images are named by number or by time: a pose belongs to the image of its number, of its time, or
-//! of its place in the list. Where the calibration says how the camera sits on the robot
-//! (`local_transform`), poses are the robot's (`--poses`), unless the name of their file says that they
-//! are the camera's (`--poses_camera` writes `…_camera_poses.txt`).
+//! Images are named by number or by time: a pose belongs to the image of its number, its time, or its place
+//! in the list. If the calibration contains the camera's mount on the robot (`local_transform`), poses are
+//! the robot's (`--poses`). They are the camera's if their file name contains `camera` (`--poses_camera`
+//! writes
+//! `…_camera_poses.txt`).
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{RecordedFrame, Recording, sane, wrong};
@@ -35,17 +36,17 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     known_calibration: |_| None,
 };
 
-/// What the names of folders end with: the exporter puts the map's name before it.
+/// Suffixes of folder names, which the exporter prefixes with the map's name.
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
-/// In the name of a file of the camera's own poses.
+/// Marks a file with the camera's own poses by its name.
 const OF_CAMERA: &str = "camera";
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
 /// Metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
-/// Seconds by which the time in a name may differ from that of its pose: names are rounded.
+/// Largest difference between the time in a name, which is rounded, and that of its pose, seconds.
 const TIME_ROUNDING: f64 = 2e-3;
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -61,7 +62,7 @@ fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
     folder.subfolders().into_iter().find(is_one)
 }
 
-/// The first calibration file, relative to the root.
+/// First calibration file, relative to the root.
 fn calibration(folder: &Folder) -> Option<String> {
     let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
     let holds = |relative: &str| {
@@ -90,7 +91,6 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// A line of the pose file.
 struct PoseLine {
     time: Option<f64>,
     number: Option<u64>,
@@ -100,7 +100,7 @@ struct PoseLine {
 fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
     let timed = |numbers: [f64; 8]| {
         let pose = TimedPose::new(numbers);
-        let wrong = || FrameProblem::PoseShape("numbers that are no unit quaternion".to_owned());
+        let wrong = || FrameProblem::PoseShape("numbers without a unit quaternion".to_owned());
         Ok::<_, FrameProblem>((Some(numbers[0]), pose.ok_or_else(wrong)?.matrix()))
     };
     if let Ok(numbers) = matrix::numbers::<8>(line) {
@@ -127,7 +127,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let stated = read_camera(&calibration_file, &calibration)?;
     super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
     let cameras = recording.one_lens(&stated, size, depth_size, &calibration_file)?;
-    // A phone's lidar is coarser than its photographs; depth cameras are not.
+    // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
     let pose_name = pose_file(folder).unwrap_or("poses.txt");
@@ -138,7 +138,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     if on_robot != DMat4::IDENTITY {
         recording.note(format!(
-            "{pose_name}: taken as poses of the robot, which the camera sits on as {} says; name the \
+            "{pose_name}: used as poses of the robot, with the camera mounted as {} states; name the \
              file camera_poses.txt if they are the camera's",
             calibration_file.display()
         ));
@@ -177,7 +177,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// The images of both folders by the stems of their names, in the order of their numbers or times.
+/// The images of both folders by stem, ordered by number or time.
 struct Images<'a> {
     folder: &'a Folder,
     names: [String; 2],
@@ -206,20 +206,20 @@ impl<'a> Images<'a> {
         Ok(Self { folder, names, listings, colors, depths })
     }
 
-    /// Files of the first or of the second folder.
-    #[expect(clippy::indexing_slicing, reason = "asked for 0 and 1")]
+    /// Files of the first or second folder.
+    #[expect(clippy::indexing_slicing, reason = "called with 0 and 1")]
     fn sources(&self, which: usize) -> impl Iterator<Item = ByteSource> {
         let images = [&self.colors, &self.depths][which].iter();
         images.filter_map(move |(_, name)| self.path(which, name).ok())
     }
 
-    #[expect(clippy::indexing_slicing, reason = "asked for 0 and 1")]
+    #[expect(clippy::indexing_slicing, reason = "called with 0 and 1")]
     fn path(&self, which: usize, name: &str) -> Result<ByteSource, FrameProblem> {
         let relative = Path::new(&self.names[which]);
         Ok(self.folder.file(relative, &self.listings[which], name)?.into())
     }
 
-    /// The image that a pose belongs to.
+    /// Stem of the image that a pose belongs to.
     fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
         let by_number = pose.number.map(|n| n.to_string());
         if let Some(stem) = by_number.filter(|n| find(&self.colors, n).is_some()) {
@@ -231,8 +231,8 @@ impl<'a> Images<'a> {
         {
             return Ok(stem.clone());
         }
-        // A number that no image has belongs to an image that is gone, not to that in its place.
-        // Nor is there a place before all are there.
+        // A number without an image means that the image is missing, so the place does not apply. While the
+        // recording grows, places are not final either.
         let is_counted =
             pose.number.is_none() && total == self.colors.len() && !self.folder.is_growing();
         let by_place = self.colors.get(place).filter(|_| is_counted);
@@ -251,17 +251,17 @@ impl<'a> Images<'a> {
     }
 }
 
-/// Number or time that a name is; names that are neither come last.
+/// Number or time in a name; other names are sorted last.
 fn value(stem: &str) -> f64 {
     stem.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::INFINITY)
 }
 
-/// Images, which are in the order of their values, from a value on.
+/// Images with at least a given value; `images` are sorted by value.
 fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
     images.split_at(images.partition_point(|(stem, _)| value(stem) < least)).1
 }
 
-/// Name of the file with a stem.
+/// Name of the file with a given stem.
 fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
     let rest = from(images, value(stem)).iter();
     let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
@@ -272,7 +272,8 @@ fn calibration_name(folder: &Folder) -> String {
     calibration(folder).unwrap_or("calibration.yaml".to_owned())
 }
 
-/// The camera of OpenCV's YAML, which is none: it begins with `%YAML:1.0` and tags its matrices.
+/// Reads the camera from OpenCV's YAML, which is not valid YAML: it begins with `%YAML:1.0` and tags
+/// matrices.
 fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     let number = |key: &str| {
         let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
@@ -289,7 +290,7 @@ fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     Ok(k)
 }
 
-/// Camera to robot; what is not said is no motion.
+/// Transform from camera to robot; identity if it is not stated.
 fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
     const KEY: &str = "local_transform:";
     if !text.contains(KEY) {
@@ -299,18 +300,18 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
     let motion = matrix::numbers::<12>(said).ok().map(from_rows);
     let rigid = motion.filter(|motion| Pose::from_opencv(*motion).is_ok());
     rigid.ok_or_else(|| {
-        let expected = "a `local_transform` of 3x4 that turns and shifts";
+        let expected = "a rigid `local_transform` of 3x4 numbers";
         wrong(file, expected, beginning(said), "export the calibration again")
     })
 }
 
-/// The numbers of a matrix, between its brackets.
+/// Text of a matrix's numbers, between its brackets.
 fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(key)?.1.split_once("data:")?;
     Some(rest.split_once('[')?.1.split_once(']')?.0)
 }
 
-/// From three rows of four numbers.
+/// Makes a matrix from three rows of four numbers.
 fn from_rows(rows: [f64; 12]) -> DMat4 {
     let mut m = [0.0; 16];
     m[..12].copy_from_slice(&rows);

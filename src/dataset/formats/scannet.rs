@@ -1,8 +1,8 @@
-//! ScanNet as its exporter unpacks it: `color/N.jpg`, `depth/N.png` (millimetres), `pose/N.txt`
-//! (camera to world, OpenCV axes), `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`.
+//! ScanNet as unpacked by its exporter: `color/N.jpg`, `depth/N.png` (millimetres), `pose/N.txt` (camera to
+//! world, OpenCV axes), `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`.
 //!
-//! Colour and depth are two cameras of two sizes. Where tracking was lost a pose is all `-inf`: such
-//! frames are no defect of the recording, and are counted.
+//! Colour and depth are two cameras of two sizes. If tracking was lost, a pose is all `-inf`; such frames
+//! are skipped and counted.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
@@ -38,13 +38,13 @@ const POSES: &str = "pose";
 const INTRINSICS: &str = "intrinsic";
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
-/// Metres; of the Structure sensor.
+/// Metres; range of the Structure sensor.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let has = [COLORS, DEPTHS].iter().all(|name| folder.has_folder(name));
     let is_ours = has && NumberedFiles::any(folder, POSES, "", &["txt"]);
-    is_ours.then(|| format!("numbered poses in {POSES}/ beside {COLORS}/ and {DEPTHS}/"))
+    is_ours.then(|| format!("numbered poses in {POSES}/, with {COLORS}/ and {DEPTHS}/"))
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -120,7 +120,7 @@ fn cameras(
         (Some((color_file, of_color)), Some((_, of_depth)))
             if recording.options.intrinsics.is_none() =>
         {
-            // Told by size and lens only: the exporter aligns poses to both, and its extrinsics are
+            // Only size and lens differ: the exporter aligns poses to both cameras, and its extrinsics are
             // identities.
             let camera = ColorCamera {
                 focal: [of_color.fx, of_color.fy],
@@ -139,7 +139,7 @@ fn cameras(
         (None, None) => {
             let file = recording.folder.path.join(INTRINSICS).join("intrinsic_depth.txt");
             let Some([fx, fy, cx, cy]) = recording.options.intrinsics else {
-                let hint = "export the intrinsics, or give them";
+                let hint = "export the intrinsics, or set them";
                 return Err(wrong(&file, "a camera matrix", "no such file".to_owned(), hint));
             };
             let stated = Intrinsics { width: depth.0, height: depth.1, fx, fy, cx, cy };

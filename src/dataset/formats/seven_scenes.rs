@@ -1,13 +1,13 @@
-//! 7-Scenes: `STEM.color.{png,jpg}`, `STEM.depth.png` (16-bit, millimetres along the optical
-//! axis, 0 and 65535 are holes) and `STEM.pose.txt` (camera-to-world, OpenCV axes).
+//! 7-Scenes: `STEM.color.{png,jpg}`, `STEM.depth.png` (16-bit, millimetres along the optical axis, 0 and
+//! 65535 are holes) and `STEM.pose.txt` (camera-to-world, OpenCV axes).
 //!
-//! Frames lie in sequence folders listed by `TrainSplit.txt` and `TestSplit.txt`, or in one
-//! folder per split, or in the root itself. Intrinsics come from `camera-intrinsics.txt` (3×3) or
-//! are the published default of the dataset.
+//! Frames are in sequence folders listed by `TrainSplit.txt` and `TestSplit.txt`, or in one folder per
+//! split, or in the root. Intrinsics come from `camera-intrinsics.txt` (3×3) or are the dataset's published
+//! default.
 //!
-//! The published recordings are not registered: colour was taken by another camera beside the
-//! depth camera. The layout cannot say so, hence the note at opening and the known calibration,
-//! which is given where the depth intrinsics are the published ones and withheld elsewhere.
+//! The published recordings are not registered: a separate camera took the colour images. The files do not
+//! state this, hence the notice at opening. The known calibration applies only if the depth intrinsics are
+//! the published ones.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::listed::{ListedFrame, ListedSplit, photograph_size};
@@ -38,16 +38,16 @@ const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
 const DEPTH_SUFFIX: &str = ".depth.png";
 const SPLIT_SUFFIX: &str = "Split.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
-/// Metres per code where the user gives no other scale: the layout stores millimetres.
+/// Metres per code by default: the layout stores millimetres.
 const DEPTH_UNIT: f64 = 0.001;
-/// Metres; outside, the sensor's depth is not used for training (`dataset.md`, Depth encodings).
+/// Metres; depth outside is not used for training (`dataset.md`, Depth encodings).
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
-/// The dataset's published intrinsics, for images of 640×480 only.
+/// Published intrinsics of the dataset, for images of 640×480 only.
 const DEFAULT_INTRINSICS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 };
 
-/// Depth of the published Kinect comes with colour images that are not registered to it.
+/// The published Kinect's colour images are not registered to its depth.
 fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
     let is_kinect = *depth_camera == DEFAULT_INTRINSICS;
     is_kinect
@@ -64,7 +64,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     if !with_frames.is_empty() {
         return Some(format!("`*.color.*` files in {}", with_frames.join(", ")));
     }
-    // Lists without their sequences are recognised too: messages then name what to unpack.
+    // Lists without their sequences are recognised too, so that messages name what to unpack.
     let lists = split_files(folder);
     (!lists.is_empty()).then(|| format!("split files {}", lists.join(", ")))
 }
@@ -77,7 +77,7 @@ fn color_stem(name: &str) -> Option<&str> {
     COLOR_SUFFIXES.iter().find_map(|suffix| name.strip_suffix(suffix))
 }
 
-/// `TrainSplit.txt`, `TestSplit.txt` and the like.
+/// Split files such as `TrainSplit.txt` and `TestSplit.txt`.
 fn split_files(folder: &Folder) -> Vec<&str> {
     let is_split = |n: &&str| n.len() > SPLIT_SUFFIX.len() && n.ends_with(SPLIT_SUFFIX);
     folder.listing.files().filter(is_split).collect()
@@ -93,7 +93,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
         splits.push(listed);
     }
-    // One camera took all splits, so most images of all tell its size.
+    // One camera took all splits, so its size is that of most images of all splits.
     let colors: Vec<&Path> = splits.iter().flat_map(ListedSplit::colors).collect();
     let Some(size) = photograph_size(&colors) else {
         splits.into_iter().for_each(|listed| listed.skip_unreadable(&mut parsed));
@@ -117,7 +117,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(parsed)
 }
 
-/// Name of each split and the folders its frames lie in.
+/// Name of each split and the folders of its frames.
 fn split_folders(
     folder: &Folder,
     parsed: &mut ParsedFolder,
@@ -129,7 +129,7 @@ fn split_folders(
         folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
     let lists = split_files(folder);
     if lists.is_empty() {
-        // Sequences are parts of one recording; only a list makes splits of them.
+        // Sequences are parts of one recording; only a list divides them into splits.
         if with_frames.iter().all(|name| sequence_number(name).is_some()) {
             return Ok(vec![("all".to_owned(), with_frames)]);
         }
@@ -137,7 +137,7 @@ fn split_folders(
     }
     let mut splits = Vec::new();
     for list in lists {
-        // `TrainSplit.txt` is the split `train`: rules for splits know small letters only.
+        // `TrainSplit.txt` is the split `train`: split names are in lower case elsewhere.
         let split = list.trim_end_matches(SPLIT_SUFFIX).to_lowercase();
         let file = folder.path.join(list);
         let text = read_small_text(&file)
@@ -158,8 +158,7 @@ fn split_folders(
     Ok(splits)
 }
 
-/// Says which sequences more than one split lists: measured on them, a scene is measured on what it
-/// was trained on.
+/// Adds a notice about sequences in more than one split: evaluation on them would use training frames.
 fn note_shared(splits: &[(String, Vec<String>)], parsed: &mut ParsedFolder) {
     for (i, (split, folders)) in splits.iter().enumerate() {
         for (other, of_other) in splits.iter().skip(i + 1) {
@@ -174,7 +173,7 @@ fn note_shared(splits: &[(String, Vec<String>)], parsed: &mut ParsedFolder) {
     }
 }
 
-/// `sequence1` in a split file means the folder `seq-01`; a folder's own name means itself.
+/// True if an entry of a split file, such as `sequence1`, names the folder, such as `seq-01`.
 fn is_sequence(folder: &str, listed: &str) -> bool {
     folder == listed
         || (sequence_number(folder).is_some() && sequence_number(folder) == sequence_number(listed))
@@ -227,7 +226,7 @@ fn listed_frame(
     Ok(ListedFrame { name: frame_name(relative, stem), pose, color, depth })
 }
 
-/// With its folder: every sequence counts its frames from 0.
+/// Includes the folder, since every sequence counts its frames from 0.
 fn frame_name(relative: &Path, stem: &str) -> String {
     relative.join(stem).display().to_string()
 }
@@ -245,7 +244,7 @@ fn read_pose(
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
 }
 
-/// Intrinsics of the depth camera; `notes` says where they are from.
+/// Intrinsics of the depth camera; adds their source to `notes`.
 fn intrinsics(
     folder: &Folder,
     (width, height): (u32, u32),
@@ -258,14 +257,14 @@ fn intrinsics(
         found,
         hint: hint.to_owned(),
     };
-    // Said of every recording: nothing in the files tells a registered one.
+    // Added for every recording: the files do not show whether colours are registered.
     notes.push("colour images are not registered to depth (7-Scenes)".into());
     if !folder.listing.has_file(INTRINSICS_FILE) {
         if (width, height) != (DEFAULT_INTRINSICS.width, DEFAULT_INTRINSICS.height) {
             return Err(wrong(
                 format!("a 3x3 camera matrix for images of {width}x{height}"),
                 "no such file (the published default is for 640x480)".to_owned(),
-                "write fx 0 cx, 0 fy cy, 0 0 1 into it",
+                "create it with fx 0 cx, 0 fy cy, 0 0 1",
             ));
         }
         notes.push("no camera-intrinsics.txt: the published 585, 585, 320, 240 are used".into());

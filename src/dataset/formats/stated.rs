@@ -1,4 +1,4 @@
-//! Intrinsics that a recording states in a file, or that are known of the cameras it is made with.
+//! Intrinsics stated in a recording's files, or known for its camera.
 
 use super::recording::wrong;
 use crate::dataset::error::DatasetError;
@@ -8,7 +8,7 @@ use crate::math::camera::Intrinsics;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// PrimeSense cameras (Kinect, Xtion) as their makers state them, for 640×480.
+/// Manufacturer's intrinsics of PrimeSense cameras (Kinect, Xtion), for 640×480.
 pub(super) const PRIMESENSE: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 };
 
@@ -16,7 +16,7 @@ pub(super) const PRIMESENSE: Intrinsics =
 const NAMES: [&str; 5] =
     ["camera-intrinsics.txt", "intrinsics.txt", "camera.txt", "calibration.txt", "intrinsic.txt"];
 
-/// A camera matrix of 3×3 or 4×4 numbers by rows, or `fx fy cx cy`, for images of a size.
+/// Parses a camera matrix of 3×3 or 4×4 numbers by rows, or `fx fy cx cy`, for images of a size.
 pub(super) fn from_text(
     text: &str,
     size: (u32, u32),
@@ -41,7 +41,7 @@ pub(super) fn from_text(
     })
 }
 
-/// A camera matrix by rows; by columns it is told by where the principal point stands.
+/// Reads a camera matrix by rows or columns; the position of the principal point decides which.
 pub(super) fn from_matrix(m: [f64; 9], (width, height): (u32, u32)) -> Option<Intrinsics> {
     let zero = |v: f64| v.abs() < 1e-6;
     let [cx, cy] = match zero(m[2]) && zero(m[5]) {
@@ -53,7 +53,7 @@ pub(super) fn from_matrix(m: [f64; 9], (width, height): (u32, u32)) -> Option<In
     is_pinhole.then_some(Intrinsics { width, height, fx: m[0], fy: m[4], cx, cy })
 }
 
-/// A camera matrix in JSON: nine numbers, or three rows or columns of three.
+/// Reads a camera matrix from JSON: nine numbers, three rows or columns of three, or `fx fy cx cy`.
 pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     let numbers = flat_numbers(value)?;
     match numbers[..] {
@@ -62,7 +62,7 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
-/// All numbers of nested arrays in order.
+/// All numbers of nested arrays, in order.
 pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     match value {
         Value::Array(items) => {
@@ -73,7 +73,7 @@ pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     }
 }
 
-/// The camera that a text file in the root states; its path.
+/// Camera stated by a text file in the root, with the file's path.
 pub(super) fn in_text_file(
     folder: &Folder,
     size: (u32, u32),
@@ -82,7 +82,7 @@ pub(super) fn in_text_file(
         return Ok(None);
     };
     let (file, text) = folder.text(name)?;
-    // Of four numbers the last could lack digits; a matrix ends with a 1.
+    // The last of four numbers may lack digits; a matrix ends with a 1.
     if folder.is_growing() && !text.ends_with('\n') && matrix::numbers::<4>(&text).is_ok() {
         let found = "a line that may still grow".to_owned();
         return Err(wrong(&file, "fx fy cx cy and the end of the line", found, "end the line"));
@@ -91,7 +91,7 @@ pub(super) fn in_text_file(
     Ok(Some((file, k)))
 }
 
-/// The camera that a JSON file of Open3D states (`intrinsic_matrix`, `width`, `height`); its path.
+/// Camera stated by an Open3D JSON file (`intrinsic_matrix`, `width`, `height`), with the file's path.
 pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;

@@ -1,9 +1,10 @@
-//! Stray Scanner, an app for iPhones: `odometry.csv` (timestamp, frame, x, y, z, qx, qy, qz, qw, camera
-//! to world in OpenCV axes), `camera_matrix.csv` for the video's size, `depth/NNNNNN.png`
-//! (millimetres), `confidence/NNNNNN.png` (0 to 2), `rgb.mp4` or images unpacked from it into `rgb/`.
+//! Stray Scanner, an app for iPhones. `odometry.csv` has timestamp, frame, x, y, z, qx, qy, qz, qw (camera
+//! to world, OpenCV axes), `camera_matrix.csv` the intrinsics for the video's size. Frames are
+//! `depth/NNNNNN.png` (millimetres), `confidence/NNNNNN.png` (0 to 2), and `rgb.mp4` or images extracted
+//! from it to `rgb/`.
 //!
-//! The video is HEVC: it is unpacked by an `ffmpeg` on the path. Without one the recording opens on
-//! request with its geometry alone.
+//! The video is HEVC and is decoded by an installed `ffmpeg`. Without one, the recording opens on request
+//! with its geometry only.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
@@ -40,11 +41,11 @@ const CONFIDENCES: &str = "confidence";
 const COLORS: &str = "rgb";
 const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
-/// Of the app's video.
+/// Columns and rows of the app's video.
 const VIDEO_SIZE: (u32, u32) = (1920, 1440);
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
-/// Metres; beyond, the lidar's depth is made up from the photograph.
+/// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -54,7 +55,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))
 }
 
-/// Where in a line each of [`COLUMNS`] stands.
+/// Positions of [`COLUMNS`] in the header line.
 fn columns(head: &str) -> Option<[usize; 9]> {
     let names: Vec<&str> = head.split(',').map(str::trim).collect();
     let mut found = [0; 9];
@@ -73,7 +74,7 @@ struct Files {
 }
 
 impl Files {
-    /// The photograph of a frame; `None` if there is none.
+    /// Photograph of a frame; `None` if there is none.
     fn color(&self, folder: &Folder, frame: u64) -> Option<Result<ByteSource, FrameProblem>> {
         match (&self.colors, &self.video) {
             (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),
@@ -139,7 +140,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// The files of one frame.
 struct FrameSet<'a> {
     files: &'a Files,
     frame: u64,
@@ -188,24 +188,25 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
     if colors.is_none() && !recording.options.geometry_only {
         if !has_video {
             let found = "neither it nor a folder rgb/".to_owned();
-            let hint = "copy the video from the phone, or open the geometry only";
+            let hint = "copy the video from the phone, or open the recording with geometry only";
             return Err(wrong(&path, "the recording's video", found, hint));
         }
         if !Video::can_be_read() {
-            let expected = "an `ffmpeg` on the path to unpack this video, or images in rgb/";
-            let hint =
-                format!("install ffmpeg, or run here: {VIDEO_BY_HAND}; or open the geometry only");
+            let expected = "an installed `ffmpeg` to decode this video, or images in rgb/";
+            let hint = format!(
+                "install ffmpeg, or run here: {VIDEO_BY_HAND}; or open the recording with geometry only"
+            );
             return Err(wrong(&path, expected, "neither".to_owned(), &hint));
         }
         video = Some(Arc::new(Video::new(path)));
     }
     if colors.is_none() && video.is_none() {
-        recording.note("geometry only: every photograph is grey");
+        recording.note("geometry only: all photographs are grey");
     }
     Ok(Files { colors, video, depths, confidences })
 }
 
-/// Size of the photographs; of the depth where none are wanted.
+/// Size of the photographs, or of the depth if photographs are not used.
 fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Option<(u32, u32)> {
     let folder = recording.folder;
     if files.colors.is_none() && files.video.is_none() {
@@ -225,8 +226,7 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
     }
 }
 
-/// The camera matrix, for the size it was written for: that of the photographs, or, where those were
-/// made smaller, of the app's video.
+/// Intrinsics for the size of the photographs, or of the app's video if the photographs were downscaled.
 fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
     let (file, text) = recording.folder.text(CAMERA)?;
     let k = stated::from_text(&text, size, &file)?;
@@ -246,11 +246,10 @@ fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, Dat
         }
         return Ok(of(VIDEO_SIZE));
     }
-    // Without a video its size is what lies around the principal point.
+    // The video's size is unknown: assume a centred principal point.
     Ok(if is_grey { of(((2.0 * k.cx).round() as u32, (2.0 * k.cy).round() as u32)) } else { k })
 }
 
-/// A line of the odometry.
 struct OdometryLine {
     frame: u64,
     pose: TimedPose,
@@ -270,10 +269,11 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
             let [x, y, z, qx, qy, qz, qw] = at_pose.map(number);
             TimedPose::new([number(at_time)?, x?, y?, z?, qx?, qy?, qz?, qw?])
         };
-        // Newer versions write frames as `000012`, older ones as 12.
+        // Newer versions write frame numbers as `000012`, older ones as 12.
         let frame = cells.get(at_frame).and_then(|cell| cell.parse::<u64>().ok());
         let Some((frame, pose)) = frame.zip(pose()) else {
-            let expected = "a frame number and finite numbers of time, place and unit quaternion";
+            let expected =
+                "a frame number and finite numbers for time, position and unit quaternion";
             let problem = FrameProblem::Line {
                 expected,
                 found: line.chars().take(60).collect(),
@@ -293,7 +293,7 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
     let unordered =
         found.array_windows().filter(|[before, here]| here.pose.time < before.pose.time).count();
     if unordered > 0 {
-        recording.note(format!("{POSES}: {unordered} times come before an earlier one; sorted"));
+        recording.note(format!("{POSES}: {unordered} times are out of order; sorted"));
         found.sort_by(|a, b| a.pose.time.total_cmp(&b.pose.time));
     }
     Ok(found)

@@ -1,14 +1,14 @@
-//! Poses by time, and what lies between two of them.
+//! Timestamped poses and interpolation between them.
 
 use crate::dataset::error::FrameProblem;
 use crate::math::pose::Pose;
 use glam::{DMat4, DQuat, DVec3};
 
-/// Seconds by which a frame's pose or photograph may be off; recorders at 30 frames a second are off
-/// by half of 33 ms at most.
+/// Largest time difference of a frame to its pose or photograph, seconds; half a frame interval at 30 Hz is
+/// 17 ms.
 pub(super) const TOLERANCE: f64 = 0.020;
 
-/// A position and a unit quaternion at a time.
+/// Position and unit quaternion with a timestamp.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimedPose {
     pub time: f64,
@@ -17,7 +17,7 @@ pub(super) struct TimedPose {
 }
 
 impl TimedPose {
-    /// `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion has a length.
+    /// From `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion's length is near 1.
     pub fn new([time, x, y, z, qx, qy, qz, qw]: [f64; 8]) -> Option<Self> {
         let (position, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
         let is_turn = (0.5..2.0).contains(&turn.length());
@@ -28,21 +28,20 @@ impl TimedPose {
         })
     }
 
-    /// Its matrix, in whatever convention the numbers are.
+    /// Pose matrix in the convention of the numbers.
     pub fn matrix(&self) -> DMat4 {
         DMat4::from_rotation_translation(self.turn, self.position)
     }
 }
 
-/// A path through time.
 pub(super) struct Trajectory {
-    // Ascending, no two of a time.
+    // Ascending by time, without duplicates.
     poses: Vec<TimedPose>,
 }
 
 impl Trajectory {
-    /// Orders poses by time; of those of one time the first stays. Tells how many came before an
-    /// earlier one and how many were left out.
+    /// Sorts poses by time; of poses with equal times the first one stays. Also returns the numbers of
+    /// poses that were out of order and that were removed.
     pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
         let unordered =
             poses.array_windows().filter(|[before, here]| here.time < before.time).count();
@@ -53,12 +52,11 @@ impl Trajectory {
         (Self { poses }, unordered, doubled)
     }
 
-    /// The time of the last pose.
     pub fn end(&self) -> Option<f64> {
         self.poses.last().map(|pose| pose.time)
     }
 
-    /// The pose at a time, between the two nearest where there are two.
+    /// Pose at a time, interpolated between the two nearest if there are two.
     ///
     /// # Errors
     /// No pose within [`TOLERANCE`].
@@ -75,7 +73,7 @@ impl Trajectory {
                 tolerance_ms: 1e3 * TOLERANCE,
                 found: match nearest.is_finite() {
                     true => format!("the nearest {:.0} ms away", 1e3 * nearest),
-                    false => "no pose at all".to_owned(),
+                    false => "no pose".to_owned(),
                 },
             });
         }

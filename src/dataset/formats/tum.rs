@@ -1,19 +1,17 @@
-//! TUM RGB-D: `rgb.txt` and `depth.txt` list images by time, `groundtruth.txt` poses
-//! (`t tx ty tz qx qy qz qw`, camera to world, OpenCV axes); depth in steps of 1/5000 m, registered
-//! to colour.
+//! TUM RGB-D: `rgb.txt` and `depth.txt` list images by time, `groundtruth.txt` poses (`t tx ty tz qx qy qz
+//! qw`, camera to world, OpenCV axes). Depth is in steps of 1/5000 m and registered to colour.
 //!
-//! Nothing was taken at one time: a frame is a depth image, the photograph nearest to it and the pose
-//! at its time, interpolated between the two around it. A camera that turns by 100° a second turns by
-//! half a degree between two poses at 100 Hz, hence the pose is that of the depth image and not the
-//! nearest one. Between depth image and photograph, 18 ms apart, it turns by two degrees, or 18 pixels: the
-//! photograph was taken by a camera that stood where the trajectory was at its own time.
+//! Nothing was recorded at the same time. A frame is a depth image, the photograph nearest in time, and the
+//! pose interpolated at the depth's time: at 100° a second, the camera rotates by half a degree between two
+//! poses at 100 Hz. Between depth image and photograph, up to 18 ms apart, it rotates by two degrees, or 18
+//! pixels, so the photograph has its own camera, placed by the trajectory at its own time.
 //!
-//! Nor was an image taken at one time: the makers' cameras, told by their focal length,
-//! read it row by row, and the trajectory says how they turned meanwhile. What they show tells by how much
-//! their times are wrong, and how the camera sits on what the trajectory follows (`rig/mod.rs`).
+//! PrimeSense cameras, recognised by their focal length, have a rolling shutter, which is corrected with
+//! the trajectory. Errors of the timestamps and the camera's mount on the tracked body are estimated from
+//! the images (`rig/mod.rs`).
 //!
-//! The recordings do not hold their intrinsics. The default of the makers projects their depth better
-//! than the calibration that is published for each colour camera.
+//! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
+//! the calibration published for each colour camera.
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{Cameras, RecordedFrame, Recording, wrong};
@@ -47,13 +45,13 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
-/// Seconds between a depth image and a photograph that were taken at one time.
+/// Largest time between a depth image and a photograph that count as simultaneous, seconds.
 const SIMULTANEOUS: f64 = 1e-3;
-/// By what share of its focal length one of the makers' cameras may differ as calibrated: those of TUM do by 2 %.
+/// Largest relative deviation of a PrimeSense camera's focal length after calibration; 2 % in TUM's.
 const CALIBRATED: f64 = 0.03;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
-/// Metres; as of 7-Scenes, whose sensor it is.
+/// Metres; as for 7-Scenes, which used the same sensor.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -65,13 +63,13 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"))
 }
 
-/// Lines that are no comment, with their numbers from 1.
+/// Lines that are not comments, numbered from 1.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Time and file of a line of a list.
+/// Time and file name in a line of a list.
 fn image(line: &str) -> Option<(f64, &str)> {
     let (time, file) = line.split_once(|c: char| c.is_whitespace() || c == ',')?;
     Some((time.parse().ok().filter(|t: &f64| t.is_finite())?, file.trim()))
@@ -81,7 +79,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut recording = Recording::new(folder, options);
     let colors = images(&mut recording, COLOR_LIST)?;
     let depths = images(&mut recording, DEPTH_LIST)?;
-    // Tracking needs no poses, and no frame has to wait for one.
+    // Tracking needs no poses, so frames are not delayed for them.
     let trajectory = match options.track {
         false => Some(trajectory(&mut recording)?),
         true => None,
@@ -104,7 +102,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         .filter(|depth| !is_growing || is_passed(depth, poses, &colors))
         .collect();
     let poses = match poses {
-        // While a recording grows, its first frames would be placed otherwise than the later ones.
+        // In a growing recording, later frames would change the estimate for the first ones.
         Some(poses) if is_kinect && !is_growing && cameras.color.is_none() => {
             let shots = taken.iter().filter_map(|depth| shot(depth, &colors, encoding));
             let shots: Vec<Shot> = shots.collect();
@@ -113,7 +111,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         poses => poses,
     };
     if poses.is_some_and(|poses| poses.is_kinect) {
-        recording.note("a Kinect reads an image in 26 ms and depth in 31 ms: their rows are put where the trajectory says");
+        recording.note("a Kinect reads rows one by one, a photograph in 26 ms and depth in 31 ms: the rolling shutter is corrected with the trajectory");
     }
     for depth in taken {
         match frame(depth, &colors, poses, cameras, encoding) {
@@ -124,11 +122,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// Whether all that a frame of this depth image needs is written. Poses and photographs come in the order of
-/// time: the one behind may be the nearer.
+/// True if everything that a frame of this depth image needs is written. Poses and photographs are ordered
+/// by time, and the next one may be the nearer.
 fn is_passed(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
-    // Of a Kinect, until the last row was read.
+    // A Kinect needs poses until the last row is read.
     let end = |poses: Poses<'_>| {
         let read = if poses.is_kinect { 0.5 * KINECT_DEPTH } else { 0.0 };
         poses.trajectory.end().map(|end| end - read)
@@ -143,7 +141,7 @@ struct TimedImage {
     path: PathBuf,
 }
 
-/// The images of a list in the order of their times.
+/// The images of a list, sorted by time.
 fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, DatasetError> {
     let folder = recording.folder;
     let (file, text) = folder.lines(list)?;
@@ -164,7 +162,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     }
     let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
     if unordered > 0 {
-        recording.note(format!("{list}: {unordered} times come before an earlier one; sorted"));
+        recording.note(format!("{list}: {unordered} times are out of order; sorted"));
     }
     found.sort_by(|a, b| a.time.total_cmp(&b.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
@@ -194,7 +192,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     if !recording.folder.listing.has_file(POSES) {
         let expected = "poses, lines of t tx ty tz qx qy qz qw";
         let file = recording.folder.path.join(POSES);
-        let hint = "put the recording's trajectory there, times on the images' clock, or let the scene place its frames with --poses track";
+        let hint = "add the recording's trajectory with times on the images' clock, or estimate the poses with --poses track";
         return Err(wrong(&file, expected, "no such file".to_owned(), hint));
     }
     let (file, text) = recording.folder.lines(POSES)?;
@@ -212,16 +210,17 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     }
     let (trajectory, unordered, doubled) = Trajectory::new(poses);
     if unordered > 0 {
-        recording.note(format!("{POSES}: {unordered} times come before an earlier one; sorted"));
+        recording.note(format!("{POSES}: {unordered} times are out of order; sorted"));
     }
     if doubled > 0 {
-        recording.note(format!("{POSES}: {doubled} poses of a time that has one are left out"));
+        recording
+            .note(format!("{POSES}: {doubled} poses with the time of another pose are ignored"));
     }
     Ok(trajectory)
 }
 
-/// Intrinsics from an option, a file or the known cameras, and whether it is one of these that took the
-/// images; `None` if none can be read.
+/// Cameras from an option, a file or the known intrinsics; true if it is a Kinect. `None` if no image can
+/// be read.
 fn cameras(
     recording: &mut Recording,
     colors: &[TimedImage],
@@ -235,21 +234,22 @@ fn cameras(
         Some(stated) => stated,
         None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
         None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
-            recording
-                .note("no intrinsics in the folder: the makers' 525, 525, 319.5, 239.5 are used");
+            recording.note(
+                "no intrinsics in the folder: the manufacturer's 525, 525, 319.5, 239.5 are used",
+            );
             (file, PRIMESENSE)
         }
         None => {
             let expected = format!("fx fy cx cy for images of {}x{}", size.0, size.1);
             let found = "no such file (known cameras have 640x480)".to_owned();
-            return Err(wrong(&file, &expected, found, "write them, or give the intrinsics"));
+            return Err(wrong(&file, &expected, found, "create it, or set the intrinsics"));
         }
     };
     let cameras = recording.one_lens(&k, size, depth_size, &file)?;
     Ok(Some((cameras, is_kinect(&cameras.depth))))
 }
 
-/// Whether a camera is one of the makers', as each was calibrated.
+/// True for the intrinsics of a PrimeSense camera, also if it was calibrated.
 fn is_kinect(k: &Intrinsics) -> bool {
     let is_near = |focal: f64, makers: f64| (focal / makers - 1.0).abs() < CALIBRATED;
     (k.width, k.height) == (PRIMESENSE.width, PRIMESENSE.height)
@@ -257,27 +257,27 @@ fn is_kinect(k: &Intrinsics) -> bool {
         && is_near(k.fy, PRIMESENSE.fy)
 }
 
-/// Where the camera was, and what the numbers mean.
+/// Source of camera poses.
 #[derive(Clone, Copy)]
 struct Poses<'a> {
     trajectory: &'a Trajectory,
-    /// What the user says; `None` for the layout's own.
+    /// Convention set by the user; `None` for the layout's own.
     convention: Option<PoseConvention>,
-    /// Whether images are read row by row, as the makers' cameras do.
+    /// True for cameras with a rolling shutter.
     is_kinect: bool,
-    /// What all frames share.
+    /// Delays and mount that all frames share.
     rig: Rig,
 }
 
 impl Poses<'_> {
-    /// The camera's world pose at a time, where the trajectory says it.
+    /// World pose of the camera at a time; `None` if the trajectory has none.
     fn at(&self, time: f64) -> Option<Pose> {
         let matrix = self.trajectory.at(time).ok()?;
         self.mounted(matrix).ok()
     }
 
-    /// The same as this layout tells poses. What the user says that its matrices mean is applied later on, to
-    /// poses read as the layout has them.
+    /// The same in the layout's convention. The user's convention is applied later, to poses read in the
+    /// layout's.
     fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
         let matrix = self.trajectory.at(time)?;
         let pose = self.mounted(matrix)?;
@@ -287,13 +287,13 @@ impl Poses<'_> {
         }
     }
 
-    /// The camera on what a matrix of the trajectory tells the pose of.
+    /// Pose of the camera, from a matrix of the trajectory and the camera's mount.
     fn mounted(&self, matrix: DMat4) -> Result<Pose, PoseError> {
         let convention = self.convention.unwrap_or(FORMAT.poses);
         Ok(self.rig.mount.of(&convention.pose(matrix)?))
     }
 
-    /// With what the images themselves tell of the rig.
+    /// Estimates the rig from the images and adds notices about it.
     fn rigged(self, recording: &mut Recording<'_>, shots: &[Shot], intrinsics: Intrinsics) -> Self {
         let at = |time| self.at(time);
         let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
@@ -302,7 +302,7 @@ impl Poses<'_> {
         {
             if delay != 0.0 {
                 recording.note(format!(
-                    "{what} taken {:.0} ms {} the times say, as one agrees with the other along the trajectory: each is placed where the camera was then",
+                    "{what} taken {:.0} ms {} the recorded times, estimated from the images and the trajectory; cameras are placed accordingly",
                     1e3 * delay.abs(),
                     if delay < 0.0 { "before" } else { "after" }
                 ));
@@ -310,7 +310,7 @@ impl Poses<'_> {
         }
         if rig.mount != Mount::default() {
             recording.note(format!(
-                "the camera sits {:.1} cm beside what the trajectory follows and is turned by {:.1} degrees against it, as depth agrees along it: each is placed where the camera was",
+                "the camera is mounted {:.1} cm from the tracked body and rotated by {:.1} degrees relative to it, estimated from depth; cameras are placed accordingly",
                 100.0 * rig.mount.shift.length(),
                 rig.mount.turn.length().to_degrees()
             ));
@@ -318,7 +318,7 @@ impl Poses<'_> {
         Self { is_kinect: rig.reads_rows, rig, ..self }
     }
 
-    /// How the camera turned while it read an image, the middle row at `time`, in `seconds`.
+    /// Camera rotation during the readout of an image: the middle row at `time`, the duration in `seconds`.
     fn shutter(&self, time: f64, seconds: f64) -> RollingShutter {
         let ends = (self.at(time - 0.5 * seconds), self.at(time + 0.5 * seconds));
         let turn = match ends {
@@ -328,7 +328,7 @@ impl Poses<'_> {
         RollingShutter { turn }
     }
 
-    /// What bends the images taken at these times.
+    /// Rolling shutter of the images taken at these times.
     fn lens(&self, [depth, color]: [f64; 2]) -> Distortion {
         match self.is_kinect {
             true => Distortion {
@@ -340,8 +340,8 @@ impl Poses<'_> {
         }
     }
 
-    /// The colour camera beside the depth camera as it stood at another time; as it is where the
-    /// trajectory does not say.
+    /// Cameras with the photograph taken at another time than depth; unchanged if the trajectory has no
+    /// pose there.
     fn apart(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
             return cameras;
@@ -384,7 +384,7 @@ fn frame(
     })
 }
 
-/// A depth image and the photograph beside it, whatever is known of their camera.
+/// A depth image and its photograph, before their cameras are known.
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<Shot> {
     let color = nearest(colors, depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
@@ -395,7 +395,7 @@ fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> O
     })
 }
 
-/// Of the depth image that it is of, without its folder.
+/// Name of the depth file without folder and extension.
 fn frame_name(depth: &str) -> &str {
     depth.rsplit('/').next().unwrap_or(depth).trim_end_matches(".png")
 }
@@ -410,7 +410,7 @@ fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem
         tolerance_ms: 1e3 * TOLERANCE,
         found: match best {
             Some(image) => format!("the nearest {:.0} ms away", 1e3 * distance(&image)),
-            None => "no image at all".to_owned(),
+            None => "no image".to_owned(),
         },
     })
 }

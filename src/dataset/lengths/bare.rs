@@ -1,4 +1,4 @@
-//! Arrays without a header, plain or packed by Apple's LZFSE: what phones write.
+//! Arrays without a header, plain or LZFSE-compressed, as phones write them.
 
 use crate::dataset::depth::DepthCodes;
 use crate::dataset::error::FrameProblem;
@@ -6,7 +6,7 @@ use crate::math::image::Image;
 use std::borrow::Cow;
 use std::io::Read;
 
-/// 32-bit floats of a camera of `size`, in world units.
+/// Decodes 32-bit floats of an image of `size` (columns, rows), in world units.
 pub(in crate::dataset) fn bare_floats(
     bytes: &[u8],
     size: (u32, u32),
@@ -16,7 +16,7 @@ pub(in crate::dataset) fn bare_floats(
     Ok(DepthCodes::Lengths(Image::from_vec(size.0 as usize, size.1 as usize, lengths)))
 }
 
-/// Bytes of a camera of `size`.
+/// Decodes bytes of an image of `size` (columns, rows).
 pub(in crate::dataset) fn bare_bytes(
     bytes: &[u8],
     size: (u32, u32),
@@ -25,7 +25,7 @@ pub(in crate::dataset) fn bare_bytes(
     Ok(Image::from_vec(size.0 as usize, size.1 as usize, bytes))
 }
 
-/// Exactly as many bytes as the camera's pixels have.
+/// Decompresses the bytes; checks that their number matches the image.
 fn unpacked(
     bytes: &[u8],
     (width, height): (u32, u32),
@@ -33,21 +33,21 @@ fn unpacked(
 ) -> Result<Cow<'_, [u8]>, FrameProblem> {
     let expected = width as usize * height as usize * per_pixel;
     let wrong = |found: String| FrameProblem::DepthFile {
-        expected: "bare values of the size that the metadata says, plain or packed by LZFSE",
+        expected: "values without a header, of the size stated in the metadata, plain or LZFSE-compressed",
         found,
     };
     let short = |n: usize| wrong(format!("{n} bytes for {width}x{height} pixels of {per_pixel}"));
     if bytes.len() == expected {
         return Ok(Cow::Borrowed(bytes));
     }
-    // Blocks of LZFSE begin so; of anything else the size was wrong.
+    // Start of LZFSE blocks; for any other file, the size is wrong.
     if !bytes.starts_with(b"bvx") {
         return Err(short(bytes.len()));
     }
     let mut decoder = lzfse_rust::LzfseRingDecoder::default();
     let mut out = Vec::new();
     let mut stream = decoder.reader_bytes(bytes);
-    // One byte more tells a file that holds more than it should, without unpacking all of that.
+    // One byte more detects a file with too much data, without unpacking all of it.
     let read = stream.by_ref().take(expected as u64 + 1).read_to_end(&mut out);
     read.map_err(|e| wrong(e.to_string()))?;
     if out.len() == expected { Ok(Cow::Owned(out)) } else { Err(short(out.len())) }

@@ -1,4 +1,4 @@
-//! OpenEXR: half or single floats, whatever the channel is called.
+//! OpenEXR: half or single floats, in a channel of any name.
 
 use super::stored::{StoredDepth, check_size};
 use crate::dataset::error::FrameProblem;
@@ -7,7 +7,7 @@ use ::exr::meta::MetaData;
 use ::exr::prelude::{ReadChannels, ReadLayers, read as open};
 use std::io::Cursor;
 
-/// Channels that hold depth, the best first; without one of them the first channel does.
+/// Names of depth channels, in order of preference; otherwise the first channel is used.
 const NAMES: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
 
 /// Reads the first layer.

@@ -1,6 +1,6 @@
-//! Depth files that are no photographs: floats and codes as EXR, TIFF, NPY or bare bytes.
+//! Depth files other than PNG: floats and codes as EXR, TIFF, NPY or without a header.
 //!
-//! Every reader checks the size that a file states against the bytes that it has before it allocates.
+//! Every reader compares the size stated in a file with its number of bytes before it allocates memory.
 
 mod bare;
 mod exr;
@@ -17,7 +17,7 @@ use stored::StoredDepth;
 
 type Reader = fn(&[u8]) -> Result<StoredDepth, FrameProblem>;
 
-/// First bytes and readers.
+/// File signatures and their readers.
 const KINDS: [(&[u8], Reader); 4] = [
     (b"\x93NUM", npy::read),
     (b"\x76\x2f\x31\x01", exr::read),
@@ -29,17 +29,17 @@ fn reader(bytes: &[u8]) -> Option<Reader> {
     KINDS.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, reader)| *reader)
 }
 
-/// Whether the first bytes are those of one of these files.
+/// True if the bytes start with one of the signatures.
 pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
 }
 
-/// Lengths or codes of a file, `unit` world units for one.
+/// Decodes lengths or codes; `unit` is in world units per stored unit.
 pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     stored(bytes).map(|stored| stored.in_units(unit))
 }
 
-/// Columns and rows of a file.
+/// Reads columns and rows of a file.
 pub(super) fn size(bytes: &[u8]) -> Result<(usize, usize), FrameProblem> {
     stored(bytes).map(|stored| stored.size())
 }

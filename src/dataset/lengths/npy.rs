@@ -1,10 +1,10 @@
-//! NumPy's array files: a line that describes the array, then its bytes.
+//! NumPy array files: a text header and the array's bytes.
 
 use super::stored::StoredDepth;
 use crate::dataset::error::FrameProblem;
 use crate::math::image::Image;
 
-/// Reads an array of two axes, or of three the last of which has one entry.
+/// Reads an array with two axes, or with three of which the last has length one.
 pub(super) fn read(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a little-endian NPY array of rows and columns in C order (f2, f4, f8, u2, u4)",
@@ -17,7 +17,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let [height, width] = size;
     let n = width.checked_mul(height).ok_or_else(|| wrong(shorten(header)))?;
     let width_of = kind.get(2..).and_then(|digits| digits.parse::<usize>().ok()).unwrap_or(0);
-    // Exactly: a file that is longer or shorter than its header says is not what was written.
+    // Exact: a file longer or shorter than its header states is damaged.
     if n.checked_mul(width_of) != Some(data.len()) || n == 0 {
         return Err(wrong(format!("{} bytes of data for {}", data.len(), shorten(header))));
     }
@@ -41,9 +41,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     })
 }
 
-/// Header text and data.
+/// Splits a file into header text and data.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
-    // Magic, two bytes of version, then the header's length in two bytes or, from version 2, four.
+    // Signature, two bytes of version, then the header's length in two bytes or, from version 2, in four.
     let rest = bytes.get(8..)?;
     let (length, rest) = match bytes.get(6)? {
         1 => (usize::from(u16::from_le_bytes([*rest.first()?, *rest.get(1)?])), rest.get(2..)?),
@@ -53,7 +53,7 @@ fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     Some((std::str::from_utf8(header).ok()?, data))
 }
 
-/// The quoted value of a key.
+/// Quoted value of a key.
 fn text_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     header.split_once(&format!("'{key}':"))?.1.split('\'').nth(1)
 }

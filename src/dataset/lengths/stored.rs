@@ -1,14 +1,11 @@
-//! What a depth file holds before its unit is applied, and whether its bytes can hold that.
+//! Values of a depth file before its unit is applied, and a plausibility check of its size.
 
 use crate::dataset::depth::DepthCodes;
 use crate::dataset::error::FrameProblem;
 use crate::math::image::Image;
 
-/// A depth file before its unit is applied.
 pub(super) enum StoredDepth {
-    /// 16-bit codes.
     Codes(Image<u16>),
-    /// Floats.
     Floats(Image<f32>),
 }
 
@@ -31,12 +28,12 @@ impl StoredDepth {
     }
 }
 
-/// No depth image has more pixels: 67 million.
+/// Limit for depth images: 67 million pixels.
 const MAX_PIXELS: usize = 1 << 26;
-/// No packing of these files, nor of PNG, is tighter: deflate's best.
+/// Highest compression factor of these formats and PNG, that of deflate.
 pub(in crate::dataset) const MAX_FACTOR: usize = 1040;
 
-/// Whether so many pixels can be in so few bytes, asked before they are allocated.
+/// Checks, before allocation, that the file's bytes can contain this number of pixels.
 pub(super) fn check_size(
     bytes: &[u8],
     [width, height]: [usize; 2],

@@ -1,4 +1,4 @@
-//! TIFF: 16-bit codes or floats, one sample a pixel.
+//! TIFF: 16-bit codes or floats, one sample per pixel.
 
 use super::stored::{StoredDepth, check_size};
 use crate::dataset::error::FrameProblem;
@@ -9,7 +9,7 @@ use std::io::Cursor;
 /// Reads the first image.
 pub(super) fn read(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
-        expected: "a TIFF of one 16-bit or float sample a pixel",
+        expected: "a TIFF with one 16-bit or float sample per pixel",
         found,
     };
     let damaged = |e: ::tiff::TiffError| wrong(e.to_string());

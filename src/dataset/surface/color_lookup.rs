@@ -1,4 +1,4 @@
-//! Colours of points: their own pixel's, or what a colour camera of its own saw there.
+//! Colours of points: from the same pixel, or from a separate colour camera.
 
 use super::projection::Projection;
 use super::seen::SeenDepths;
@@ -12,39 +12,39 @@ use glam::{Vec2, Vec3};
 pub(super) struct ColorLookup<'a> {
     image: &'a Image<[u8; 4]>,
     beside: Option<Beside<'a>>,
-    /// Of every byte.
+    /// Lookup table of colour bytes.
     channel: [f32; 256],
     gain: Vec3,
 }
 
-/// A colour camera that stands beside the depth camera, and what it sees of the frame.
+/// A separate colour camera and its view of the frame.
 pub(super) struct Beside<'a> {
     pub camera: &'a Projection,
     pub depths: &'a SeenDepths,
-    /// How far apart depths of one surface may be.
+    /// Largest depth difference of one surface: constant and linear coefficient of depth.
     pub margin: [f32; 2],
 }
 
-/// Where a colour camera sees eight points; says nothing where there is none.
+/// Projection of eight points into the colour camera; unused without one.
 #[derive(Default)]
 pub(super) struct SeenLanes {
-    /// Pixel coordinates.
+    /// Pixel coordinates in the colour image.
     at: [[f32; LANES]; 2],
-    /// Depth along its axis, world units, and how far behind another surface it counts as hidden.
+    /// Depth along the camera's axis, and the difference beyond which a point is hidden; world units.
     depth: [f32; LANES],
     margin: [f32; LANES],
 }
 
 impl<'a> ColorLookup<'a> {
-    /// `beside` is the camera that took the frame's colours, if they are not registered.
+    /// `beside` is the camera of the frame's colours, if they are not registered.
     pub fn new(frame: &'a Frame, calibration: &Calibration, beside: Option<Beside<'a>>) -> Self {
         let gain = Vec3::from_array(calibration.gain(&frame.name).map(|g| g as f32));
-        // A table instead of up to twelve divisions a point.
+        // A table instead of up to twelve divisions per point.
         let channel = std::array::from_fn(|byte| byte as f32 / 255.0);
         Self { image: &frame.color, beside, channel, gain }
     }
 
-    /// Where the colour camera sees points of the depth camera's frame.
+    /// Projects points of the depth camera's frame into the colour camera.
     #[inline(always)]
     pub fn seen_lanes<V: Vector>(&self, points: [V; 3]) -> SeenLanes {
         let Some(Beside { camera, margin, .. }) = &self.beside else { return SeenLanes::default() };
@@ -58,8 +58,8 @@ impl<'a> ColorLookup<'a> {
         }
     }
 
-    /// Colour of a pixel of the depth image, one of eight points; `None` where the colour camera does not
-    /// see it.
+    /// Colour of a point: `pixel` of the depth image, lane `lane` of eight; `None` if hidden from the
+    /// colour camera.
     #[inline(always)]
     pub fn color(&self, pixel: usize, seen: &SeenLanes, lane: usize) -> Option<[f32; 3]> {
         let color = match &self.beside {
@@ -72,7 +72,7 @@ impl<'a> ColorLookup<'a> {
                 self.bilinear(Vec2::from_array(at))?
             }
         };
-        // Clamped as a camera clips; a colour above 1 would be none.
+        // Clamped like a saturated camera; colours are at most 1.
         Some((color * self.gain).min(Vec3::ONE).to_array())
     }
 
@@ -94,7 +94,7 @@ impl<'a> ColorLookup<'a> {
         }
         let (x, y) = (corner.x as usize, corner.y as usize);
         let t = corner - Vec2::new(x as f32, y as f32);
-        // At the last column and row the neighbour weighs nothing, but must exist.
+        // At the last column and row the neighbour's weight is 0, but its index must be valid.
         let right = usize::from(x + 1 < *width);
         let below = if y + 1 < *height { *width } else { 0 };
         let i = y * width + x;

@@ -1,9 +1,9 @@
-//! Fitted pixels to points (`dataset.md`, Surface points), eight at a time as they were fitted.
+//! Converts fitted pixels to points (`dataset.md`, Surface points), eight at a time as they were fitted.
 //!
-//! The fit leaves, of every pixel's plane, inverse depth and its two steps relative to the
-//! measured ones. Depth and normal follow from these; a pixel is then kept or gets its status in
-//! the order of the recipe. Colour comes last, since a colour camera beside the depth camera is
-//! asked for the place of the point, not of the pixel.
+//! For each pixel's plane, the fit yields inverse depth and its two gradients relative to the measured
+//! value; depth and normal follow from these. A pixel is then kept or gets its status in the order of the
+//! recipe. Colour comes last, because a separate colour camera is sampled at the point's position, not the
+//! pixel's.
 
 use super::color_lookup::{ColorLookup, SeenLanes};
 use super::fit::Fitted;
@@ -19,14 +19,13 @@ use crate::math::simd::{EVERY_BIT, Kernel, LANES, Vector, dot, scaled, turned};
 use crate::observation::surface::SurfacePoint;
 use std::ops::Range;
 
-/// Makes the points of one frame.
 pub(super) struct Emitter<'a> {
     planes: &'a Planes,
     settings: &'a SurfaceSettings,
     colors: ColorLookup<'a>,
-    /// From the camera's axes to the world's, by rows.
+    /// Rotation from camera to world axes, by rows.
     turn: [[f32; 3]; 3],
-    /// Of the camera, relative to the origin.
+    /// Camera centre relative to the origin.
     centre: [f32; 3],
     focal: [f32; 2],
     per_focal: f32,
@@ -52,13 +51,13 @@ impl<'a> Emitter<'a> {
             centre: (pose.centre() - settings.origin).as_vec3().to_array(),
             focal: [k.fx as f32, k.fy as f32],
             per_focal: (1.0 / k.fx) as f32,
-            // Below every cosine where the filter is left out: one comparison serves both.
+            // Without the filter, a bound below every cosine: one comparison serves both cases.
             least_cosine: if settings.cosine { cosine } else { f32::NEG_INFINITY },
         }
     }
 }
 
-/// Appends the points of a row of tiles and says what became of its pixels.
+/// Appends the points of a row of tiles and writes the statuses of its pixels.
 pub(super) struct EmitRows<'a> {
     pub emitter: &'a Emitter<'a>,
     pub fitted: &'a Fitted,
@@ -83,7 +82,7 @@ impl Kernel for EmitRows<'_> {
             for row in rows.clone().step_by(sampling.row_step()) {
                 let at = (row - rows.start) * blocks + block;
                 let mut left = fitted.usable[at];
-                // Blocks at the rim of an object hold few usable pixels, most beyond it none.
+                // Blocks at the border of an object have few usable pixels, most blocks beyond it none.
                 if left == 0 {
                     continue;
                 }
@@ -92,7 +91,7 @@ impl Kernel for EmitRows<'_> {
                     1 => emitter.lanes::<V, 1>(fitted, at, [first, row]),
                     _ => emitter.lanes::<V, 2>(fitted, at, [first, row]),
                 };
-                // In the order of pixels: births depend on the order of points.
+                // In pixel order: births depend on the order of points.
                 while left != 0 {
                     let lane = left.trailing_zeros() as usize;
                     left &= left - 1;
@@ -108,7 +107,7 @@ impl Kernel for EmitRows<'_> {
 }
 
 impl Emitter<'_> {
-    /// What eight pixels would become, every `STEP`-th from `corner` on; `at` is their block among the fitted.
+    /// Computes the points of eight pixels, every `STEP`-th from `corner`; `at` is their block in `fitted`.
     #[inline(always)]
     fn lanes<V: Vector, const STEP: usize>(
         &self,
@@ -126,7 +125,7 @@ impl Emitter<'_> {
         let per_z = dot(ray, ray).sqrt();
         let surface = self.surface(fitted, at, ray, per_z);
         let normal_length = dot(surface.normal, surface.normal).sqrt();
-        // The cosine is `along / (|n|·|ray|)`; multiplied out, nothing is divided.
+        // The cosine is `along / (|n|·|ray|)`; multiplied out to avoid divisions.
         let least = V::splat(self.least_cosine) * (normal_length * per_z);
         let planes = self.planes.at(column, row);
         let z = load::<V, STEP>(&self.planes.z[planes..]) * surface.stretch;
@@ -151,8 +150,8 @@ impl Emitter<'_> {
         }
     }
 
-    /// Turned away from the camera, so that the product with the ray is what remains of the inverse depth
-    /// itself.
+    /// Surface of eight pixels. The normal points away from the camera, so that its product with the ray is
+    /// the fitted inverse depth over the measured one.
     #[inline(always)]
     fn surface<V: Vector>(&self, fitted: &Fitted, at: usize, ray: [V; 3], per_z: V) -> Surface<V> {
         let one = V::splat(1.0);
@@ -161,7 +160,7 @@ impl Emitter<'_> {
         let x = V::load(&fitted.step_x[place..]) * V::splat(self.focal[0]);
         let y = V::load(&fitted.step_y[place..]) * V::splat(self.focal[1]);
         let normal = [x, y, along - x * ray[0] - y * ray[1]];
-        // The plane gives the normal even where depth stays as measured.
+        // The plane yields the normal even if the measured depth is retained.
         let stretch = if self.settings.plane_fit { one / along } else { one };
         let planar = Surface { stretch, normal, along };
         if self.settings.flying_pixels {
@@ -184,22 +183,22 @@ impl Emitter<'_> {
     }
 }
 
-/// Surfaces of eight pixels in the camera's frame, scaled by their measured depth.
+/// Surfaces of eight pixels in the camera's frame, relative to their measured depth.
 struct Surface<V> {
-    /// Depth over that measured.
+    /// Ratio of fitted to measured depth.
     stretch: V,
-    /// Away from the camera, of any length.
+    /// Unnormalised, pointing away from the camera.
     normal: [V; 3],
     /// Product of the normal with the ray.
     along: V,
 }
 
-/// Eight points: as in [`SurfacePoint`], lane by lane, and a bit for each that is none.
+/// Eight points: fields as in [`SurfacePoint`] by lane, and a bit for each dropped lane.
 struct PointLanes {
     flying: u8,
     slant: u8,
     far: u8,
-    /// Where the colour camera sees them.
+    /// Projections into the colour camera.
     seen: SeenLanes,
     position: [[f32; LANES]; 3],
     range: [f32; LANES],
@@ -210,7 +209,7 @@ struct PointLanes {
 }
 
 impl PointLanes {
-    /// One of them, or why it is none.
+    /// Point of one lane, or the reason why it is dropped.
     #[inline(always)]
     fn point(
         &self,
@@ -242,7 +241,7 @@ impl PointLanes {
     }
 }
 
-/// Lanes that are near enough for f32; NaN is not.
+/// Lanes within the range of f32 positions; false for NaN.
 #[inline(always)]
 fn within<V: Vector>(x: V) -> u32 {
     x.at_most(V::splat(MAX_COORDINATE)) & V::splat(-MAX_COORDINATE).at_most(x)
@@ -258,7 +257,7 @@ fn of_lane([x, y, z]: &[[f32; LANES]; 3], lane: usize) -> [f32; 3] {
     [x[lane], y[lane], z[lane]]
 }
 
-/// Marks the usable pixels of some rows, the first an even one, that are not looked at.
+/// Marks the usable pixels of some rows that the sampling skips; the first row is even.
 #[inline(always)]
 fn leave_out(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
     let (width, step) = (statuses.width, sampling.column_step());
@@ -266,7 +265,7 @@ fn leave_out(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<P
         let is_used = row.is_multiple_of(sampling.row_step());
         for (column, status) in statuses.data[row * width..][..width].iter_mut().enumerate() {
             let is_left_out = !is_used || column % step != 0;
-            // Written in any case: such a loop is vector code.
+            // Written unconditionally, so that the loop vectorises.
             *status = match is_left_out && *status == PixelStatus::Kept {
                 true => PixelStatus::LeftOut,
                 false => *status,

@@ -1,15 +1,15 @@
-//! The robust plane fit, eight pixels at a time (`dataset.md`, Plane fit).
+//! Robust plane fit, eight pixels at a time (`dataset.md`, Plane fit).
 //!
-//! Inverse depths are taken relative to the pixel's own and in units of `q / z²`: thresholds then
-//! hold for every pixel alike, and f32 loses nothing to the depth itself. The sums of the normal
-//! equations are integers, so their determinant is exact.
+//! Inverse depths are relative to the pixel's own and in units of `q / z²`. So thresholds are the same for
+//! every pixel, and f32 precision is not spent on the depth itself. The sums of the normal equations are
+//! integers, so their determinant is exact.
 //!
-//! One lane is one pixel, and its window is read by unaligned loads from planes with a border of
-//! nothing: no lane ever branches on where it lies. A neighbour outside the gate gets a residual
-//! that no limit lets in, so that later rounds need not ask again.
+//! One lane is one pixel. Its window is read by unaligned loads from planes with an empty border, so lanes
+//! never branch on their position. A neighbour outside the gate gets a residual beyond every limit, so
+//! later rounds need not test the gate again.
 //!
-//! Tried on Lego and dropped (`dataset.md`, Tried and dropped): points weighted by their cosine or its square,
-//! which gain nothing over a threshold; windows of other sizes (see `recipe`).
+//! Tried on Lego and dropped (`dataset.md`, Tried and dropped): points weighted by their cosine or its
+//! square, without gain over a threshold; windows of other sizes (see `recipe`).
 
 use super::planes::{NOTHING, Planes, load};
 use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
@@ -22,27 +22,27 @@ use std::ops::Range;
 const SIDE: usize = 2 * RADIUS + 1;
 /// Pixels of the window.
 const WINDOW: usize = SIDE * SIDE;
-/// Residual that no neighbour has; those that the gate shuts out do.
+/// Residual of neighbours outside the gate, larger than any other.
 const FAR: f32 = 1e30;
-/// Between [`FAR`] and every residual of a neighbour that the gate lets in.
+/// Limit between [`FAR`] and every residual of a neighbour inside the gate.
 const ANY: f32 = 1e29;
 
-/// Planes of some rows of pixels, in blocks of eight that are not left out.
+/// Planes of some rows of pixels, in blocks of eight sampled pixels.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Fitted {
     /// Bit `i` of a block is set if its pixel `i` is usable.
     pub usable: Vec<u8>,
-    /// Bit `i` of a block is set if its pixel `i` is usable and a plane explains it.
+    /// Bit `i` of a block is set if its pixel `i` is usable and its plane fit is accepted.
     pub accepted: Vec<u8>,
-    /// Inverse depth of the plane at the pixel over that measured there, less 1.
+    /// Inverse depth of the plane at the pixel over the measured one, minus 1.
     pub excess: Vec<f32>,
-    /// Change of the plane's inverse depth from column to column, over that measured at the pixel.
+    /// Change of the plane's inverse depth per column, over the measured inverse depth at the pixel.
     pub step_x: Vec<f32>,
-    /// Change of the plane's inverse depth from row to row, over that measured at the pixel.
+    /// Change of the plane's inverse depth per row, over the measured inverse depth at the pixel.
     pub step_y: Vec<f32>,
 }
 
-/// Fits the pixels of some rows; the rest of `out` says nothing.
+/// Fits the pixels of some rows; other entries of `out` are undefined.
 pub(super) struct FitRows<'a> {
     pub planes: &'a Planes,
     pub rows: Range<usize>,
@@ -70,11 +70,11 @@ impl FitRows<'_> {
         let limits = Limits::<V>::new(profile);
         let blocks = planes.blocks(STEP);
         out.resize(rows.len() * blocks);
-        // Rows of tiles begin at even rows.
+        // Rows of tiles start at even rows.
         for (line, row) in rows.enumerate().step_by(sampling.row_step()) {
             for block in 0..blocks {
                 let at = planes.at(block * LANES * STEP, row);
-                // Nothing is the largest f32; half of it lies between it and every legal depth.
+                // NOTHING is the largest f32; half of it lies above every valid depth.
                 let usable = load::<V, STEP>(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
                 let to = line * blocks + block;
                 out.usable[to] = usable as u8;
@@ -99,11 +99,11 @@ impl Fitted {
     }
 }
 
-/// Thresholds in every lane.
+/// Thresholds, broadcast to every lane.
 struct Limits<V> {
     steepness: V,
     inlier: V,
-    /// Of the mean square residual.
+    /// Limit of the mean square residual.
     square: V,
     deviation: V,
 }
@@ -121,7 +121,7 @@ impl<V: Vector> Limits<V> {
     }
 }
 
-/// Fits eight pixels, every `STEP`-th from `at` on; the usable lanes that a plane explains.
+/// Fits eight pixels, every `STEP`-th from `at`; returns the usable lanes with an accepted plane.
 #[inline(always)]
 fn fit_block<V: Vector, const STEP: usize>(
     planes: &Planes,
@@ -135,7 +135,7 @@ fn fit_block<V: Vector, const STEP: usize>(
     let inverse = load::<V, STEP>(&planes.inverse[at..]);
     let residuals = window::<V, STEP>(planes, at, noise, limits.steepness);
     let gated = [V::splat(0.0); 3];
-    // The usual case, inside a surface: every sum but those of depths is known.
+    // The common case inside a surface: all sums except those of depths are known.
     let mut is_whole = usable & !within(&residuals, gated, V::splat(ANY)) == 0;
     let mut sums = match is_whole {
         true => whole(&residuals),
@@ -144,13 +144,13 @@ fn fit_block<V: Vector, const STEP: usize>(
     let mut sound = usable & sums.are_enough();
     let mut plane = sums.solve();
     for _ in 1..ROUNDS {
-        // The sums of the whole window once more.
+        // All neighbours are inliers: the sums are those of the whole window again.
         if is_whole && usable & !within(&residuals, plane, limits.inlier) == 0 {
             break;
         }
         let next = inliers(&residuals, plane, limits.inlier);
         sound &= next.are_enough();
-        // Where all that the gate let in are inliers, another round would find the same plane.
+        // If no inlier was lost, another round would yield the same plane.
         let is_settled = usable & !sums.n.at_most(next.n) == 0;
         (sums, is_whole) = (next, false);
         plane = sums.solve();
@@ -164,7 +164,7 @@ fn fit_block<V: Vector, const STEP: usize>(
     excess.store(&mut out.excess[to..]);
     step_x.store(&mut out.step_x[to..]);
     step_y.store(&mut out.step_y[to..]);
-    // Compared with a count, so rounding of the share cannot matter.
+    // Compared with an integer count, so rounding of the share is harmless.
     let least = V::splat((MIN_SHARE * WINDOW as f64) as f32);
     // |1/A − z| ≤ dev·q, times A/z.
     let near = abs(excess).at_most(limits.deviation * unit * (V::splat(1.0) + excess));
@@ -172,8 +172,8 @@ fn fit_block<V: Vector, const STEP: usize>(
     sound & least.at_most(sums.n) & near & smooth
 }
 
-/// Inverse depths around eight pixels, relative to theirs, in units of `q / z²`; [`FAR`] where the
-/// gate shuts a neighbour out.
+/// Inverse depths around eight pixels, relative to theirs, in units of `q / z²`; [`FAR`] for neighbours
+/// outside the gate.
 #[inline(always)]
 fn window<V: Vector, const STEP: usize>(
     planes: &Planes,
@@ -185,8 +185,8 @@ fn window<V: Vector, const STEP: usize>(
     let inverse = load::<V, STEP>(&planes.inverse[at..]);
     let per_unit = z * z / noise;
     let far = V::splat(FAR);
-    // Wider with distance: a slanted plane moves away from the pixel's depth step by step, and the
-    // first round does not know its tilt yet.
+    // Wider with distance: depth on a slanted plane departs from the pixel's with every step, and the tilt
+    // is unknown in the first round.
     let mut gates = [noise * V::splat(1.5); RADIUS + 1];
     for (distance, gate) in gates.iter_mut().enumerate().skip(1) {
         let distance = V::splat(distance as f32);
@@ -207,8 +207,7 @@ fn window<V: Vector, const STEP: usize>(
     residuals
 }
 
-/// Sums over the inliers of eight pixels: `a` and `b` are offsets of columns and rows, `d` inverse
-/// depths.
+/// Sums over the inliers of eight pixels: `a` and `b` are column and row offsets, `d` inverse depths.
 struct Sums<V> {
     n: V,
     a: V,
@@ -222,7 +221,7 @@ struct Sums<V> {
     dd: V,
 }
 
-/// Inverse depth that a plane expects in the columns of one row of the window, `offset` below the pixel.
+/// Inverse depths of a plane in the columns of one window row, `offset` rows below the pixel.
 #[inline(always)]
 fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE] {
     // Written out for a window of five columns: another radius needs other moments in `Sums`.
@@ -244,7 +243,7 @@ fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
     inside.signs()
 }
 
-/// Sums over the neighbours whose residual against `plane` is at most `limit`.
+/// Sums over the neighbours whose distance to `plane` is at most `limit`.
 #[inline(always)]
 fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<V> {
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
@@ -265,7 +264,7 @@ fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<
     sums
 }
 
-/// Sums over the whole window, as [`inliers`] adds them up.
+/// Sums over the whole window, added in the order of [`inliers`].
 #[inline(always)]
 fn whole<V: Vector>(residuals: &[V; WINDOW]) -> Sums<V> {
     let mut sums = Sums::none();
@@ -284,8 +283,8 @@ impl<V: Vector> Sums<V> {
         Self { n, a, b, aa, ab, bb, d, ad, bd, dd }
     }
 
-    /// Adds a row of the window: 1 and the inverse depth of each neighbour that takes part, else zeros.
-    /// Offsets of columns are −2 to 2, so its moments are sums and differences.
+    /// Adds a row of the window: 1 and inverse depth of each inlier, zeros of the others. Column offsets
+    /// are −2 to 2, so the row's moments are sums and differences.
     #[inline(always)]
     fn add(&mut self, offset: V, count: [V; SIDE], depths: [V; SIDE]) {
         let (n, a) = (total(count), first_moment(count));
@@ -305,12 +304,12 @@ impl<V: Vector> Sums<V> {
         }
     }
 
-    /// Lanes with enough neighbours that are not all on one line.
+    /// Lanes with enough neighbours that are not collinear.
     #[inline(always)]
     fn are_enough(&self) -> u32 {
         let [c00, c01, c02] = self.first_row();
         let determinant = self.n * c00 + self.a * c01 + self.b * c02;
-        // The determinant is an integer: 0 means that all lie on one line.
+        // The determinant is an integer: 0 means that all neighbours are collinear.
         V::splat(MIN_INLIERS as f32).at_most(self.n) & V::splat(0.5).at_most(determinant)
     }
 
@@ -324,7 +323,7 @@ impl<V: Vector> Sums<V> {
         ]
     }
 
-    /// The plane of least squares; NaN where there is none.
+    /// Least-squares plane; NaN if it is undetermined.
     #[inline(always)]
     fn solve(&self) -> [V; 3] {
         let [c00, c01, c02] = self.first_row();
@@ -339,10 +338,10 @@ impl<V: Vector> Sums<V> {
         ]
     }
 
-    /// Sum of the squared residuals against the plane of least squares.
+    /// Sum of squared residuals of the least-squares plane.
     #[inline(always)]
     fn residual(&self, plane: [V; 3]) -> V {
-        // At the least-squares plane the sum of squares falls by just this product.
+        // At the least-squares plane, the sum of squares decreases by exactly this product.
         self.dd - (plane[0] * self.d + plane[1] * self.ad + plane[2] * self.bd)
     }
 }

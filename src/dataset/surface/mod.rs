@@ -1,15 +1,14 @@
-//! Frames to observations (`dataset.md`, Plane fit): a robust plane is fitted around every pixel in inverse
-//! depth, pixels that no plane explains are dropped, the others take its depth and normal.
+//! Converts frames to observations (`dataset.md`, Plane fit). A robust plane is fitted around every pixel
+//! in inverse depth; pixels without an accepted plane are dropped, the others take its depth and normal.
 //!
 //! | stage | file |
 //! |---|---|
-//! | codes to depth, noise and the status of every pixel | `planes` |
-//! | a plane around every pixel, in blocks of eight | `fit` |
-//! | depth, normal, colour of the pixels that are kept | `emit`, `color_lookup`, `seen` |
+//! | codes to depth, noise and pixel status | `planes` |
+//! | plane fit around every pixel, in blocks of eight | `fit` |
+//! | depth, normal and colour of kept pixels | `emit`, `color_lookup`, `seen` |
 //!
-//! Inverse depth, because it is affine in the pixel on a plane: the fit is linear and exact there,
-//! where depth itself would bend. A fit also is the filter of flying pixels: what mixes two surfaces
-//! lies on neither plane.
+//! Inverse depth of a plane is affine in pixel coordinates, so the fit is linear and exact; depth itself is
+//! not affine. The fit also filters flying pixels: a mixture of two surfaces lies on neither plane.
 
 pub mod sample;
 pub mod sampling;

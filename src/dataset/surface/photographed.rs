@@ -1,4 +1,4 @@
-//! What a frame's photograph shows, and how far the depth camera saw its surfaces, as splats learn from it.
+//! Photographs for photometric training, with the depth measured at their pixels.
 
 use super::planes::{NOTHING, Planes};
 use super::seen::SeenDepths;
@@ -8,7 +8,7 @@ use crate::math::image::Image;
 use crate::observation::photograph::Photograph;
 use glam::{DQuat, DVec3};
 
-/// The photograph whose pixels are those of the depth image, in the memory of an earlier one.
+/// Photograph registered to the depth image; reuses the memory of an earlier one.
 pub(super) fn registered(
     frame: &Frame,
     planes: &Planes,
@@ -28,7 +28,7 @@ pub(super) fn registered(
     }
 }
 
-/// The photograph of a camera that stands beside the depth camera, in the memory of an earlier one.
+/// Photograph of a separate colour camera; reuses the memory of an earlier one.
 pub(super) fn seen_beside(
     frame: &Frame,
     seen: &SeenDepths,
@@ -43,13 +43,13 @@ pub(super) fn seen_beside(
         colors: frame.color.clone(),
         gain: gain.map(|gain| gain as f32),
         depths: depths(frame, [&seen.nearest.data[..]], earlier),
-        // Depth of another camera says nothing of what covers a pixel here.
+        // Depth of another camera does not show what covers a pixel of this one.
         shows_coverage: false,
     }
 }
 
-/// Depths of a photograph's pixels, which come in runs. Fresh memory for a million pixels takes longer than
-/// filling it, so that of an earlier photograph is used again.
+/// Depth image of a photograph, from consecutive runs of pixels. Reuses an earlier one's memory, since
+/// allocating a million pixels takes longer than filling them.
 fn depths<'a>(
     frame: &Frame,
     runs: impl IntoIterator<Item = &'a [f32]>,
@@ -61,7 +61,7 @@ fn depths<'a>(
     Image::from_vec(frame.color.width, frame.color.height, depths)
 }
 
-/// A depth, 0 where nothing was measured.
+/// Depth, or 0 if none was measured.
 fn known(z: f32) -> f32 {
     if z < NOTHING { z } else { 0.0 }
 }

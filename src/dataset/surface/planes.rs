@@ -1,10 +1,10 @@
-//! Depth codes to planes of f32 that the fit reads: depth, its inverse and its noise, with a
-//! border of nothing so that no window leaves them.
+//! Decodes depth codes to f32 planes for the fit: depth, its inverse and its noise, with an empty border so
+//! that no window leaves them.
 //!
-//! What a code means depends on the file, the trusted interval and the calibration, but not on
-//! the pixel: a table of all codes is made once and kept between frames, and a pixel is one
-//! look-up. Lengths from memory have no codes and are judged one by one. Planes are separate, not
-//! a struct per pixel, because the fit loads eight neighbours of one kind at a time.
+//! The length of a code depends on file, trusted interval and calibration, but not on the pixel. So a table
+//! of all codes is built once and reused between frames. Lengths from memory have no codes and are
+//! converted individually. Planes are separate arrays instead of structs per pixel, because the fit loads
+//! eight neighbouring values of one kind at a time.
 
 use super::recipe::{LENGTHS, RADIUS};
 use super::sensor::{NoiseLaw, Profile};
@@ -19,32 +19,32 @@ use crate::math::image::Image;
 use crate::math::simd::{Kernel, LANES, Vector};
 use std::ops::Range;
 
-/// Depth where nothing is known; beyond every legal one.
+/// Depth of unusable pixels, larger than any valid depth.
 pub(super) const NOTHING: f32 = f32::MAX;
 
 /// Depth along the optical axis of every usable pixel.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Planes {
-    /// Depth, [`NOTHING`] where a pixel is not usable and in the border.
+    /// Depth; [`NOTHING`] at unusable pixels and in the border.
     pub z: Vec<f32>,
-    /// `1 / z`; says nothing where `z` is nothing.
+    /// `1 / z`; undefined where `z` is [`NOTHING`].
     pub inverse: Vec<f32>,
-    /// Noise half-width in units of z; says nothing where `z` is nothing.
+    /// Noise half-width in units of z; undefined where `z` is [`NOTHING`].
     pub noise: Vec<f32>,
-    /// Slopes of the columns' rays; zeros up to two whole vectors.
+    /// Ray slopes of the columns, zero-padded to two whole vectors.
     pub slope_x: Vec<f32>,
-    /// Slopes of the rows' rays.
+    /// Ray slopes of the rows.
     pub slope_y: Vec<f32>,
     size: [usize; 2],
     stride: usize,
     table: Table,
     lengths: Vec<f32>,
-    /// A row for photographs by another camera, which hold no mask of the depth image.
+    /// An opaque row, for photographs of another camera, which have no mask of the depth image.
     opaque: Vec<[u8; 4]>,
 }
 
-/// Replaces the planes by a frame's depth. Writes the measured range of every pixel, and its status as far
-/// as it is known: [`PixelStatus::Kept`] where it is usable.
+/// Replaces the planes by a frame's depth. Writes the measured range and the status of every pixel:
+/// [`PixelStatus::Kept`] if it is usable so far.
 pub(super) struct FillPlanes<'a> {
     pub planes: &'a mut Planes,
     pub frame: &'a Frame,
@@ -58,13 +58,13 @@ pub(super) struct FillPlanes<'a> {
 impl Kernel for FillPlanes<'_> {
     type Output = ();
 
-    // Loops over slices, which the compiler turns into whatever vectors this is compiled for.
+    // Loops over slices, which the compiler vectorises for the instruction set in use.
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { planes, frame, depth, profile, calibration, ranges, statuses } = self;
         planes.resize(&frame.camera.intrinsics, depth.size());
         let decoding = Decoding::new(depth, profile.offset, calibration);
-        // Out of the planes while their rows are filled, which borrows all of them.
+        // Moved out while rows are filled, which borrows all of `planes`.
         let mut table = std::mem::take(&mut planes.table);
         table.fill(decoding);
         let out = (ranges, statuses);
@@ -87,29 +87,28 @@ impl Kernel for FillPlanes<'_> {
 }
 
 impl Planes {
-    /// Where a pixel lies in the planes.
+    /// Index of a pixel in the planes.
     #[inline(always)]
     pub fn at(&self, column: usize, row: usize) -> usize {
         (row + RADIUS) * self.stride + RADIUS + column
     }
 
-    /// Length of a row in the planes.
     #[inline(always)]
     pub fn stride(&self) -> usize {
         self.stride
     }
 
-    /// Vectors that cover a row of pixels, of which one in every `step` is used.
+    /// Number of vectors that cover a row of pixels if every `step`-th is used.
     #[inline(always)]
     pub fn blocks(&self, step: usize) -> usize {
         self.size[0].div_ceil(LANES * step)
     }
 
     fn resize(&mut self, k: &Intrinsics, (width, height): (usize, usize)) {
-        // The border is written once; rows of a frame overwrite all else.
+        // The border is written once; every frame overwrites the rest.
         if self.size != [width, height] {
             self.size = [width, height];
-            // Whole vectors and a border: the last block reads past its row, never past the planes.
+            // Whole vectors and a border: the last block may read past its row, never past the planes.
             self.stride = self.blocks(2) * 2 * LANES + 2 * RADIUS;
             let n = self.stride * (height + 2 * RADIUS);
             for plane in [&mut self.z, &mut self.inverse, &mut self.noise] {
@@ -146,7 +145,7 @@ impl Planes {
             let statuses = &mut statuses.data[pixels.clone()];
             let ranges = &mut ranges.data[pixels.clone()];
             read_row(&codes.data[pixels], colors, &mut self.lengths, statuses, &length);
-            // Before an object there is nothing to either side of it: no ray need be formed there.
+            // Outside the first and last usable pixel of a row, no rays are computed.
             let used = usable_of(statuses);
             let at = self.at(0, row);
             self.z[at..at + used.start].fill(NOTHING);
@@ -174,13 +173,13 @@ impl Planes {
     }
 }
 
-/// Eight values, every `STEP`-th of a row: one or two.
+/// Loads eight values, every `STEP`-th of a row; `STEP` is 1 or 2.
 #[inline(always)]
 pub(super) fn load<V: Vector, const STEP: usize>(values: &[f32]) -> V {
     if STEP == 1 { V::load(values) } else { V::load_even(values) }
 }
 
-/// A row of what is filled.
+/// Output slices of one row.
 struct Row<'a> {
     z: &'a mut [f32],
     inverse: &'a mut [f32],
@@ -189,8 +188,8 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// `split` makes depth and range of a length and the ray's length per unit of depth. One loop
-    /// over slices of one length, which the compiler turns into vector code.
+    /// `split` converts a length and the ray length per unit of depth to depth and range. One loop over
+    /// slices of equal length, which the compiler vectorises.
     #[inline(always)]
     fn fill(
         self,
@@ -210,7 +209,7 @@ impl Row<'_> {
             let per_z = (slope_x[i] * slope_x[i] + across).sqrt();
             let [depth, range] = split(lengths[i], per_z);
             ranges[i] = range;
-            // NaN and infinity fail the comparison: both are nothing.
+            // NaN and infinity fail the comparison and become NOTHING.
             z[i] = if depth < NOTHING { depth } else { NOTHING };
             inverse[i] = 1.0 / depth;
             noise[i] =
@@ -219,18 +218,18 @@ impl Row<'_> {
     }
 }
 
-/// Length of every code, kept between frames that decode alike.
+/// Length of every code, reused between frames with the same decoding.
 #[derive(Clone, Debug, Default)]
 struct Table {
     key: Option<Decoding>,
-    /// Lengths, NaN where there is no usable one.
+    /// Lengths; NaN if unusable.
     lengths: Vec<f32>,
-    /// Whether there is one, or what becomes of a pixel without.
+    /// Status of a pixel with this code.
     statuses: Vec<PixelStatus>,
 }
 
 impl Table {
-    /// Empty for depth that has no codes.
+    /// Builds the table; it stays empty for depth without codes.
     fn fill(&mut self, decoding: Decoding) {
         if self.key == Some(decoding) {
             return;
@@ -252,7 +251,7 @@ impl Table {
     }
 }
 
-/// All that a length depends on beside its code.
+/// Everything besides the code that determines a length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Decoding {
     codes: CodeUnit,
@@ -261,14 +260,14 @@ struct Decoding {
     offset: f64,
 }
 
-/// What a code of the depth image means.
+/// Conversion of depth codes to lengths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum CodeUnit {
     /// `8·(1 − d/255)` world units.
     Inverse8,
     /// World units per step.
     Linear16(f64),
-    /// No code: the image holds lengths themselves.
+    /// No codes: the image stores lengths.
     None,
 }
 
@@ -284,8 +283,8 @@ impl Decoding {
         Self { codes, trusted: depth.trusted, scale, offset }
     }
 
-    /// The corrected length of a pixel, or NaN and why there is none. Trust is a matter of what the sensor
-    /// measured, so the interval holds for the length before it is corrected.
+    /// Corrected length of a pixel with its status; NaN if unusable. The trusted interval refers to the
+    /// sensor's measurement, so it is applied to the length before correction.
     #[inline(always)]
     fn usable(&self, decoded: Option<f64>) -> (f32, PixelStatus) {
         let Some(decoded) = decoded else { return (f32::NAN, PixelStatus::Hole) };
@@ -299,8 +298,7 @@ impl Decoding {
     }
 }
 
-/// Decodes a row; a pixel that is not usable gets its range: infinite where nothing is to be seen,
-/// else NaN.
+/// Decodes a row. An unusable pixel gets its range as length: infinite for background, else NaN.
 #[inline(always)]
 fn read_row<C: Copy>(
     codes: &[C],
@@ -312,17 +310,17 @@ fn read_row<C: Copy>(
     let out = lengths.iter_mut().zip(statuses);
     for ((code, [.., alpha]), (length, status)) in codes.iter().zip(colors).zip(out) {
         let (decoded, found) = length_of(*code);
-        // Choices, not branches: holes and edges are where no processor guesses well.
+        // Selections instead of branches: holes and edges are hard to predict.
         let (is_opaque, is_hole) = (*alpha == u8::MAX, found == PixelStatus::Hole);
-        // A transparent hole is background: the ray meets nothing, so what stood there is missed.
-        // A hole in an opaque pixel is no measurement and says nothing of what lies behind it.
+        // A transparent hole is background: the ray meets no surface, so any former surface there is gone.
+        // A hole in an opaque pixel is a missing measurement without information about surfaces.
         let otherwise = if is_hole & (*alpha == 0) { f32::INFINITY } else { f32::NAN };
         *length = if is_opaque { decoded } else { otherwise };
         *status = if is_opaque | is_hole { found } else { PixelStatus::Alpha };
     }
 }
 
-/// From the first usable pixel of a row to behind the last.
+/// Range from the first usable pixel of a row to the last.
 #[inline(always)]
 fn usable_of(statuses: &[PixelStatus]) -> Range<usize> {
     let is_usable = |status: &PixelStatus| *status == PixelStatus::Kept;

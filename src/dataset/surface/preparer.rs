@@ -1,4 +1,4 @@
-//! Frames to observations, stage by stage.
+//! Runs the stages that convert frames to observations.
 
 use super::color_lookup::{Beside, ColorLookup};
 use super::emit::{EmitRows, Emitter};
@@ -16,7 +16,7 @@ use crate::math::image::Image;
 use crate::math::simd::Isa;
 use crate::observation::surface::Observation;
 
-/// Turns frames into observations; keeps its scratch memory between frames.
+/// Converts frames to observations; reuses its scratch memory between frames.
 ///
 /// ```
 /// use glam::DVec3;
@@ -41,12 +41,12 @@ pub struct Preparer {
 }
 
 impl Preparer {
-    /// On the best instruction set of this machine, with no memory yet.
+    /// Uses the best instruction set of this machine; allocates nothing.
     pub fn new() -> Self {
         Self::on(Isa::best())
     }
 
-    /// On a given instruction set; results have equal bits on all of them.
+    /// Uses a given instruction set; results are bitwise equal on all of them.
     pub fn on(isa: Isa) -> Self {
         let statuses = Image::filled(0, 0, PixelStatus::Hole);
         Self {
@@ -58,8 +58,8 @@ impl Preparer {
         }
     }
 
-    /// Replaces `out` by the surface points and measured ranges of a frame; the share of pixels that
-    /// made none is counted by reason.
+    /// Replaces `out` by the surface points and measured ranges of a frame; returns the numbers of pixels
+    /// by status.
     ///
     /// # Errors
     /// A frame without depth.
@@ -76,7 +76,7 @@ impl Preparer {
         resize(&mut out.ranges, width, height);
         resize(statuses, width, height);
         let calibration = settings.calibration();
-        // Whole before the first fit: windows read beyond their tile, what hides a surface comes from anywhere.
+        // Complete before the first fit: windows extend beyond a tile, and occluders may be anywhere.
         let ranges = &mut out.ranges;
         isa.run(FillPlanes { planes, frame, depth, profile, calibration, ranges, statuses });
         let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
@@ -95,7 +95,7 @@ impl Preparer {
         let emitter = Emitter::new(frame, planes, settings, profile, colors);
         let sampling = settings.sampling;
         out.points.clear();
-        // A row of tiles at a time: what was fitted is still in the cache when points are made.
+        // One row of tiles at a time, so that fitted planes are still in the cache when points are made.
         for top in (0..height).step_by(TILE) {
             let rows = top..height.min(top + TILE);
             isa.run(FitRows { planes, rows: rows.clone(), sampling, profile, out: fitted });
@@ -117,7 +117,7 @@ impl Preparer {
         Ok(SurfaceCounts::of(&statuses.data))
     }
 
-    /// Status of every pixel of the last frame that was prepared.
+    /// Status of every pixel of the last prepared frame.
     pub fn statuses(&self) -> &Image<PixelStatus> {
         &self.statuses
     }
@@ -129,7 +129,7 @@ impl Default for Preparer {
     }
 }
 
-/// Every value is to be written.
+// Values are not initialised: the caller writes all of them.
 fn resize<T: Clone + Default>(image: &mut Image<T>, width: usize, height: usize) {
     image.data.resize(width * height, T::default());
     (image.width, image.height) = (width, height);

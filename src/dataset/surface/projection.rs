@@ -1,12 +1,11 @@
-//! A colour camera that stands beside the depth camera, in f32: what looks colours up and what finds
-//! hidden surfaces both project by it.
+//! Projection into a separate colour camera in f32, for colour lookup and for occlusion tests.
 
 use crate::dataset::calibration::ColorCamera;
 use crate::math::simd::{Vector, turned};
 
 /// A colour camera in f32.
 pub(super) struct Projection {
-    /// From the depth camera's axes to the colour camera's, by rows.
+    /// Rotation from the depth camera's axes to the colour camera's, by rows.
     turn: [[f32; 3]; 3],
     offset: [f32; 3],
     focal: [f32; 2],
@@ -23,14 +22,14 @@ impl Projection {
         }
     }
 
-    /// Points of the depth camera's frame in the colour camera's.
+    /// Transforms points from the depth camera's frame to the colour camera's.
     #[inline(always)]
     pub fn turned_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 3] {
         let [right, down, ahead] = self.offset;
         turned(&self.turn, [x - V::splat(right), y - V::splat(down), z - V::splat(ahead)])
     }
 
-    /// Pixel coordinates of points of the colour camera's frame; say nothing of those behind the camera.
+    /// Pixel coordinates of points in the colour camera's frame; undefined behind the camera.
     #[inline(always)]
     pub fn project_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 2] {
         let ([fx, fy], [cx, cy]) = (self.focal, self.principal);

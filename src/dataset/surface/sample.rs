@@ -1,32 +1,32 @@
-//! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
+//! Samples some frames before training: pixel footprint, depth range and plausibility of depth.
 
 use super::{Preparer, SurfaceSettings};
 use crate::dataset::Dataset;
 use crate::observation::surface::Observation;
 
-/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
+/// Quantile of the point distances at which the footprint is measured.
 const NEARER_SHARE: f64 = 0.95;
-/// Frames looked at before training, evenly spaced.
+/// Evenly spaced frames that are sampled before training.
 const SAMPLED_FRAMES: usize = 8;
-/// Every so-many-th point of them.
+/// Step between sampled points of a frame.
 const SAMPLED_POINTS: usize = 7;
 
-/// What some frames of a split look like.
+/// Statistics of some frames of a split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSample {
-    /// Width of a pixel at the distance that 19 of 20 points are nearer than, world units.
+    /// Footprint of a pixel at the 95 % quantile of distances, world units.
     pub footprint: f64,
-    /// Distance within which depths are one surface, world units.
+    /// Largest depth difference within one surface, world units.
     pub tolerance: f64,
-    /// Distances that a twentieth of the points lie below and above, world units.
+    /// 5 % and 95 % quantiles of distances, world units.
     pub depths: [f64; 2],
 }
 
 impl FrameSample {
-    /// Of frames of a split, prepared as they will be for training.
+    /// Samples frames of a split, prepared as for training.
     ///
     /// # Errors
-    /// [`NoUsableDepth`] if none of those looked at has a usable pixel.
+    /// [`NoUsableDepth`] if no sampled frame has a usable pixel.
     pub fn of(
         dataset: &Dataset,
         split: usize,
@@ -78,21 +78,21 @@ impl FrameSample {
     }
 }
 
-/// What to do about depth of which nothing is usable.
+/// Advice for a dataset without usable depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DepthAdvice {
-    /// The images hold none at all.
+    /// The depth images contain no depth.
     CheckImages,
-    /// It looks like another unit, taken for metres.
+    /// The depth appears to be in a unit other than metres.
     OtherUnit {
-        /// That unit.
+        /// Probable unit.
         unit: &'static str,
-        /// What the depth scale has to be multiplied by.
+        /// Factor for the depth scale.
         factor: f64,
     },
-    /// No usual unit brings it into the trusted range.
+    /// No common unit brings the depth into the trusted range.
     SetUnit,
-    /// It lies in the trusted range, and makes no points all the same.
+    /// The depth lies in the trusted range but yields no points.
     CheckCameras,
 }
 
@@ -102,19 +102,19 @@ impl std::fmt::Display for DepthAdvice {
             Self::CheckImages => f.write_str("check that the depth images belong to this dataset"),
             Self::OtherUnit { unit, factor } => write!(
                 f,
-                "the depths look like {unit} taken for metres: multiply the depth scale by {factor}, or widen the depth range"
+                "the depth appears to be in {unit} instead of metres: multiply the depth scale by {factor}, or widen the depth range"
             ),
             Self::SetUnit => {
                 f.write_str("set the depth scale to its unit, or widen the depth range")
             }
             Self::CheckCameras => f.write_str(
-                "depth lies in that range, so check the depth scale, the intrinsics and whether depth is more than noise",
+                "depth lies in that range: check the depth scale, the intrinsics, and that depth is not only noise",
             ),
         }
     }
 }
 
-/// No pixel of the sampled frames is a point.
+/// No pixel of the sampled frames yields a point.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{}", self.saying(.advice))]
 pub struct NoUsableDepth {
@@ -122,16 +122,16 @@ pub struct NoUsableDepth {
     pub dataset: String,
     /// Interval of lengths that training uses, world units.
     pub trusted: String,
-    /// What the depth images hold, world units; where none could be looked at, the first reason.
+    /// Depth range found, world units; if no frame could be read, the first error.
     pub found: String,
-    /// Frames looked at.
+    /// Number of sampled frames.
     pub frames: usize,
     /// What to do.
     pub advice: DepthAdvice,
 }
 
 impl NoUsableDepth {
-    /// The message with the advice in other words: those of a command line, say.
+    /// Message with the advice in other words, such as those of a command line.
     pub fn saying(&self, advice: &dyn std::fmt::Display) -> String {
         let Self { dataset, trusted, found, frames, .. } = self;
         if *frames == 0 {
@@ -140,13 +140,12 @@ impl NoUsableDepth {
             );
         }
         format!(
-            "{dataset}: expected depth within the trusted {trusted}, found {found} in {frames} sampled frames and not one usable pixel; {advice}"
+            "{dataset}: expected depth within the trusted {trusted}, found {found} in {frames} sampled frames without a usable pixel; {advice}"
         )
     }
 }
 
-/// All of some frames, the evenly spaced ones first: the others stand in for those that cannot be
-/// read.
+/// All given frames, evenly spaced ones first: the others replace frames that cannot be read.
 fn sampled(frames: &[usize]) -> impl Iterator<Item = usize> {
     let n = frames.len().min(SAMPLED_FRAMES);
     let is_chosen = move |at: &usize| (0..n).any(|i| i * frames.len() / n == *at);
@@ -159,7 +158,7 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by((last as f64 * share) as usize, f64::total_cmp).1)
 }
 
-/// Says what depth there is, and which unit it seems to have.
+/// Describes the depth found and guesses its unit.
 fn no_points(
     dataset: &Dataset,
     trusted: [f64; 2],
@@ -173,7 +172,7 @@ fn no_points(
     let (near, far) = (quantile(seen, 0.05), quantile(seen, 0.95));
     let found = match (near, far) {
         (Some(near), Some(far)) => interval([near, far]),
-        _ => "no depth at all".to_owned(),
+        _ => "no depth".to_owned(),
     };
     let advice = match quantile(seen, 0.5) {
         None => DepthAdvice::CheckImages,
@@ -188,7 +187,7 @@ fn no_points(
     }
 }
 
-/// A length as people read it, whatever its size.
+/// Formats a length readably at any magnitude.
 fn length(value: f64) -> String {
     match value == 0.0 || (1e-3..1e6).contains(&value) {
         true => format!("{value:.3}"),
@@ -196,7 +195,7 @@ fn length(value: f64) -> String {
     }
 }
 
-/// The power of ten that brings a depth into the trusted interval, if one does.
+/// Finds the power of ten that brings a depth into the trusted interval.
 fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
     let factors = [
         (1e-3, "millimetres"),
@@ -236,7 +235,7 @@ mod tests {
         let advice = DepthAdvice::OtherUnit { unit: "millimetres", factor: 1e-3 };
         assert_eq!(unit_advice([0.3, 4.0], 1500.0), advice);
         assert_eq!(unit_advice([0.3, 4.0], 1e9), DepthAdvice::SetUnit);
-        // A unit is no cause of what lies in the range, and nothing is told by one without an end.
+        // Depth inside the range has the right unit; an unbounded range gives no hint.
         assert_eq!(unit_advice([0.3, 4.0], 2.0), DepthAdvice::CheckCameras);
         assert_eq!(unit_advice([0.0, f64::INFINITY], 1e33), DepthAdvice::CheckCameras);
     }

@@ -1,10 +1,10 @@
-//! Which pixels of a depth image become points.
+//! Selection of the depth pixels that become points.
 
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Which pixels become points. Each point then stands for the pixels that were left out beside it: fits
-/// over 5×5 pixels make neighbours say nearly the same, and what a frame leaves out the next one shows.
+/// Selection of the pixels that become points; each point is weighted by the skipped pixels it represents.
+/// Plane fits over 5×5 pixels make neighbours redundant, and later frames show what a frame skips.
 #[derive(
     Clone,
     Copy,
@@ -31,12 +31,12 @@ pub enum PixelSampling {
 }
 
 impl PixelSampling {
-    /// Whether every pixel becomes a point, as far as it can.
+    /// True if every usable pixel becomes a point.
     pub fn is_every(&self) -> bool {
         *self == Self::Every
     }
 
-    /// Pixels that a point stands for.
+    /// Number of pixels represented by a point.
     pub fn weight(self) -> u32 {
         match self {
             Self::Every => 1,
@@ -45,12 +45,12 @@ impl PixelSampling {
         }
     }
 
-    /// Rows from one that is used to the next.
+    /// Distance between used rows.
     pub(super) fn row_step(self) -> usize {
         if self.is_every() { 1 } else { 2 }
     }
 
-    /// The same of columns.
+    /// Distance between used columns.
     pub(super) fn column_step(self) -> usize {
         if self == Self::Quarter { 2 } else { 1 }
     }

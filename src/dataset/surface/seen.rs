@@ -1,23 +1,22 @@
-//! The depth image as a colour camera that stands beside the depth camera sees it.
+//! The depth image reprojected into a separate colour camera, for occlusion tests.
 
 use super::planes::{NOTHING, Planes};
 use super::projection::Projection;
 use crate::math::image::Image;
 use crate::math::simd::{Kernel, LANES, Vector};
 
-/// Pixels that a pixel of the depth image covers at most, however much finer photographs are and however
-/// much nearer their camera stands.
+/// Limit for the side of the square that a depth pixel covers in the colour image, pixels.
 const MOST_COVERED: f32 = 16.0;
 
-/// Pixels of the colour image on a side of a cell. Depth pixels then lie less than a cell apart, so
-/// that surfaces have no holes.
+/// Side of a cell in pixels of the colour image. Depth pixels are then less than a cell apart, so that
+/// surfaces have no holes.
 const CELL: usize = 2;
 
-/// Depth of the nearest surface in every pixel of a colour image, if it is wanted, and in cells of it by the
-/// centres of the depth image's pixels: calibration needs what hides a point to be no wider than was measured.
+/// Depth of the nearest surface: optionally per pixel of the colour image, and per cell by the centres of
+/// the depth pixels. Calibration uses cells, because occluders must not be wider than measured.
 #[derive(Clone, Debug)]
 pub(super) struct SeenDepths {
-    /// Along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.
+    /// Depth along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.
     pub nearest: Image<f32>,
     cells: Image<f32>,
 }
@@ -29,11 +28,12 @@ impl Default for SeenDepths {
 }
 
 impl SeenDepths {
-    /// Whether a point at a depth lies more than `margin` behind another surface at its pixel coordinates.
+    /// True if a point lies more than `margin` behind another surface at its pixel coordinates.
     #[inline(always)]
     pub fn hide(&self, [u, v]: [f32; 2], depth: f32, margin: f32) -> bool {
-        // Without this .7 % of the Kinect's points took the colour of what stands before them; it
-        // varied 2.5 times as much as that of the rest.
+        // Without this test, .7 % of the Kinect's points took the colour of an occluder, and their colours
+        // varied
+        // 2.5 times as much as those of the rest.
         let Image { width, height, data } = &self.cells;
         let [x, y] = [u / CELL as f32, v / CELL as f32];
         let is_inside = x >= 0.0 && y >= 0.0 && x < *width as f32 && y < *height as f32;
@@ -41,15 +41,16 @@ impl SeenDepths {
     }
 }
 
-/// Replaces what is seen by a frame: what a pixel of the depth image covers in the colour image, `footprint`
-/// pixels of that at equal distance, becomes a square; the nearest wins.
+/// Replaces the depths by those of a frame. Each depth pixel becomes a square in the colour image with the
+/// side
+/// `footprint`, in colour pixels at equal distance; the nearest depth wins.
 pub(super) struct SeeFrame<'a> {
     pub planes: &'a Planes,
     pub camera: &'a Projection,
     pub footprint: f32,
     /// Columns and rows of the colour image.
     pub size: [usize; 2],
-    /// Whether every pixel is told, and not cells alone.
+    /// True to fill every pixel, not only cells.
     pub is_whole: bool,
     pub out: &'a mut SeenDepths,
 }
@@ -61,7 +62,7 @@ impl Kernel for SeeFrame<'_> {
     fn run<V: Vector>(self) {
         let Self { planes, camera, footprint, size, is_whole, out } = self;
         let [columns, rows] = size.map(|n| n.div_ceil(CELL));
-        // Without pixels no square has any.
+        // An image of size 0 skips the per-pixel depths.
         let [width, height] = if is_whole { size } else { [0; 2] };
         begin(&mut out.nearest, [width, height]);
         begin(&mut out.cells, [columns, rows]);
@@ -78,10 +79,10 @@ impl Kernel for SeeFrame<'_> {
                 let x = V::load(&planes.slope_x[block * LANES..]);
                 let turned = camera.turned_lanes([x * z, V::splat(y) * z, z]);
                 let [u, v] = camera.project_lanes(turned);
-                // Squares of neighbours meet; smaller ones than a pixel fall into one.
+                // Squares of neighbours touch; squares smaller than a pixel fall into one pixel.
                 let covered = V::splat(footprint) * z / turned[2];
                 let reach = half * covered.max(one).min(V::splat(MOST_COVERED)) + half;
-                // Truncated towards 0: below that nothing may be.
+                // Clamped to 0 first, because truncation rounds towards 0.
                 let left = (u - reach + one).max(zero).truncated();
                 let top = (v - reach + one).max(zero).truncated();
                 let right = (u + reach).max(zero).min(last[0]).truncated();
@@ -113,7 +114,7 @@ impl Kernel for SeeFrame<'_> {
     }
 }
 
-/// Nothing is seen in any pixel of an image of so many columns and rows.
+/// Clears an image and sets its number of columns and rows.
 fn begin(image: &mut Image<f32>, [width, height]: [usize; 2]) {
     image.data.clear();
     image.data.resize(width * height, NOTHING);

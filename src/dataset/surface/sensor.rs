@@ -1,59 +1,58 @@
-//! How wrong depth is, by kind of sensor, and what follows for the plane fit.
+//! Noise of depth by kind of sensor, and the resulting thresholds of the plane fit.
 //!
-//! Every threshold of the fit is in units of the noise half-width, so that a sensor is told by
-//! its noise law and few numbers beside it. The two sensors of the recipe were measured
-//! (`dataset.md`, Sensors); the others follow from published accuracy or from how depth was
-//! computed, with the Kinect's thresholds in those units. Which sensor a dataset is of, its
-//! layout states: nothing in the images tells.
+//! Every threshold of the fit is in units of the noise half-width, so a sensor is described by its noise
+//! law and few further numbers. The 8-bit ray depth and the Kinect were measured (`dataset.md`, Sensors).
+//! The others follow from published accuracy or from how depth was computed, with the Kinect's thresholds
+//! in those units. The layout determines the sensor; the images do not show it.
 
 use crate::dataset::depth::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
 use crate::math::camera::Intrinsics;
 use crate::observation::surface::DepthTolerance;
 use serde::{Deserialize, Serialize};
 
-/// Length of one code of 8-bit ray depth.
+/// Length of one code of 8-bit ray depth, world units.
 const INVERSE8_LEVEL: f64 = INVERSE8_RANGE / 255.0;
-/// Standard deviations in a noise half-width: nearly all of a normal law's values. With 2, 5 % of the
-/// pixels of the synthetic room would be dropped for nothing.
+/// Standard deviations per noise half-width: nearly all values of a normal distribution. With 2, 5 % of the
+/// pixels of the synthetic room would be dropped needlessly.
 const DEVIATIONS: f64 = 3.0;
-/// Depth step between neighbouring pixels of the steepest surface that sensors of little noise
-/// look at, in pixel widths: the tangent of the angle whose cosine is .4.
+/// Depth step between neighbouring pixels on the steepest usable surface of low-noise sensors, in pixel
+/// widths: the tangent of the angle whose cosine is .4.
 const STEEPEST: f64 = 2.3;
-/// Noise half-width of exact depth, in pixel widths: how far a curved or edged surface may leave its
-/// plane within the window of the fit. The other sensors have 2 to 4. Of the synthetic room .25 would
-/// drop 12 % of the pixels, all at edges; 1 drops 3 %.
+/// Noise half-width of exact depth, in pixel widths: deviation of a curved or edged surface from its plane
+/// within the window of the fit. The other sensors have 2 to 4. In the synthetic room, .25 would drop 12 %
+/// of the pixels, all at edges; 1 drops 3 %.
 const CURVATURE: f64 = 1.0;
 
-/// A kind of depth sensor: its noise law and the thresholds that were measured with it.
+/// Kind of depth sensor: its noise law and the thresholds measured with it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sensor {
-    /// NeRF-synthetic's 8-bit depth along the ray (`dataset.md`, Sensors): quantisation of one
-    /// code, and a bias of an eighth of it.
+    /// NeRF-synthetic's 8-bit depth along the ray (`dataset.md`, Sensors): quantisation of one code, and a
+    /// bias of an eighth of a code.
     Inverse8Ray,
     /// Structured light, metres (`dataset.md`, Sensors).
     Kinect,
-    /// Time of flight in phones and tablets, metres: good to a centimetre on large surfaces
-    /// (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9), growing with distance;
-    /// coarse images, whose slanted surfaces step more from pixel to pixel than noise does.
+    /// Time of flight in phones and tablets, metres: accurate to a centimetre on large surfaces
+    /// (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9), growing with distance. On
+    /// slanted surfaces of its coarse images, depth steps between pixels exceed the noise.
     Lidar,
     /// Computed depth in fine steps.
     Exact {
-        /// Noise that was added, as [`crate::dataset::synthetic::SyntheticParams::depth_noise`].
+        /// Added noise, as [`crate::dataset::synthetic::SyntheticParams::depth_noise`].
         noise: f64,
     },
 }
 
-/// Half-width of the depth noise in units of z: the largest of its terms.
+/// Half-width of the depth noise in units of z: the maximum of its terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseLaw {
-    /// Along the ray whatever the distance: divided by the length of the ray per unit of z.
+    /// Constant along the ray; divided by the length of the ray per unit of z. World units.
     pub ray: f64,
-    /// A constant whatever the distance, world units.
+    /// Constant along the optical axis, world units.
     pub floor: f64,
-    /// Multiplied by z: noise that grows with distance.
+    /// Multiplied by z: noise proportional to distance.
     pub linear: f64,
-    /// Multiplied by z², per world unit: triangulation.
+    /// Multiplied by z², per world unit: noise of triangulation.
     pub quadratic: f64,
 }
 
@@ -61,9 +60,9 @@ pub struct NoiseLaw {
 /// (`dataset.md`, Sensors).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
-    /// Largest residual of a neighbour that takes part.
+    /// Largest residual of an inlier.
     pub inlier: f64,
-    /// Largest root mean square residual of those.
+    /// Largest root mean square residual of the inliers.
     pub residual: f64,
     /// Largest distance between the measured and the fitted depth.
     pub deviation: f64,
@@ -71,23 +70,23 @@ pub struct Thresholds {
     pub cosine: f64,
 }
 
-/// All that a sensor says of one depth image.
+/// A sensor's properties for one depth image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     /// Half-width of the noise.
     pub noise: NoiseLaw,
-    /// Added to every length as decoded.
+    /// Offset added to every decoded length, world units.
     pub offset: f64,
-    /// Depth step from pixel to pixel that a neighbour may show beside noise, times z.
+    /// Depth step between neighbouring pixels allowed in addition to noise, relative to z.
     pub steepness: f64,
     /// Thresholds of the plane fit.
     pub thresholds: Thresholds,
-    /// How far measured and modelled depth may differ (`dataset.md`, Sensors).
+    /// Tolerance between measured and modelled depth (`dataset.md`, Sensors).
     pub tolerance: DepthTolerance,
 }
 
 impl Profile {
-    /// Where a metre is so many world units and not one.
+    /// Converts metric values to world units, with `metre` world units per metre.
     fn with_metre(mut self, metre: f64) -> Self {
         let length = metre as f32;
         self.noise.floor *= metre;
@@ -102,7 +101,7 @@ impl Profile {
 impl NoiseLaw {
     const ZERO: Self = Self { ray: 0.0, floor: 0.0, linear: 0.0, quadratic: 0.0 };
 
-    /// At depth `z`, on a ray of length `per_z` per unit of z.
+    /// Half-width at depth `z` on a ray of length `per_z` per unit of z.
     #[inline]
     pub fn at(&self, z: f64, per_z: f64) -> f64 {
         (self.ray / per_z).max(self.floor).max(self.linear * z).max(self.quadratic * z * z)
@@ -115,22 +114,22 @@ const METRIC_THRESHOLDS: Thresholds =
 /// Tolerance measured with the Kinect, metres.
 const METRIC_TOLERANCE: DepthTolerance =
     DepthTolerance { margin: [0.03, 0.02], refinement: 0.03, place: 0.03 };
-/// Standard deviation of the places that a phone with lidar tracks, metres (`scene.md`, Pose alignment).
+/// Standard deviation of camera positions tracked by a phone with lidar, metres (`scene.md`, Pose
+/// alignment).
 const PHONE_PLACE: f32 = 0.002;
 
 impl Sensor {
-    /// What it says of a depth image seen through a camera; what is known in metres, in the unit of
-    /// the image's world.
+    /// Profile for a depth image of a camera. Values known in metres are converted to world units.
     pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
         let metric = |profile: Profile| profile.with_metre(depth.metre);
         match self {
             Self::Inverse8Ray => Profile {
                 noise: NoiseLaw { ray: INVERSE8_LEVEL, ..NoiseLaw::ZERO },
-                // A wrong bias is dear: a quarter of a code the other way costs 1.7 dB on Lego.
+                // The bias matters: a quarter of a code the other way costs 1.7 dB on Lego.
                 offset: 0.004,
                 steepness: 0.0,
                 thresholds: Thresholds { inlier: 0.6, residual: 0.5, deviation: 0.6, cosine: 0.4 },
-                // The margin is 1.6 codes, refinement reaches half a one.
+                // The margin is 1.6 codes, refinement half a code.
                 tolerance: DepthTolerance { margin: [0.05, 0.0], refinement: 0.016, place: 0.016 },
             },
             Self::Kinect => metric(Profile {
@@ -152,9 +151,8 @@ impl Sensor {
     }
 }
 
-/// Computed depth: what a code rounds off, the noise that was added, and the surface's own
-/// curvature. Margins are those of the Kinect in units of its noise, plus what a slanted surface
-/// spans within a pixel.
+/// Profile of computed depth: rounding of a code, added noise, and the curvature of surfaces. Margins are
+/// those of the Kinect in units of its noise, plus the depth span of a slanted surface within a pixel.
 fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
     let unit = match depth.codes {
         DepthCodes::Inverse8(_) => INVERSE8_LEVEL,

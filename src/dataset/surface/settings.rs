@@ -1,4 +1,4 @@
-//! What to make of a frame.
+//! Settings of the surface stage.
 
 use super::sampling::PixelSampling;
 use super::sensor::{Profile, Sensor, Thresholds};
@@ -9,44 +9,42 @@ use crate::math::camera::Intrinsics;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// How frames become observations; each stage can be left out.
+/// Settings of the conversion of frames to observations; each stage can be disabled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceSettings {
-    /// What the depth is from: its noise and thresholds.
+    /// Sensor of the depth: its noise and thresholds.
     pub sensor: Sensor,
-    /// Thresholds in place of the sensor's.
+    /// Thresholds that override the sensor's.
     pub thresholds: Option<Thresholds>,
-    /// Depth is that of the plane fitted around the pixel; otherwise as measured. The normal is
-    /// the plane's in any case.
+    /// Replaces depth by that of the plane fitted around the pixel. The normal is the plane's in any case.
     pub plane_fit: bool,
-    /// Pixels that no plane explains are dropped; otherwise they keep their measured depth and face
-    /// the camera.
+    /// Drops pixels without an accepted plane; otherwise they retain their measured depth and face the
+    /// camera.
     pub flying_pixels: bool,
-    /// Surfaces seen at a slant are dropped.
+    /// Drops surfaces seen at a slant.
     pub cosine: bool,
-    /// Which pixels become points.
-    // Left out where all do, so that files of such scenes are what they were.
+    /// Selection of the pixels that become points.
+    // The default is not written, so that files of such scenes stay unchanged.
     #[serde(default, skip_serializing_if = "PixelSampling::is_every")]
     pub sampling: PixelSampling,
-    /// Corrections of the cameras; `None` is [`Calibration::NONE`].
+    /// Corrections for the cameras; `None` is [`Calibration::NONE`].
     pub calibration: Option<Calibration>,
-    /// World position that points are relative to.
+    /// World position to which points are relative.
     #[serde(serialize_with = "to_array", deserialize_with = "from_array")]
     pub origin: DVec3,
-    /// Whether observations carry the photograph. What learns decides, not a file.
+    /// Adds the photograph to observations. Set by the trainer, not by a file.
     #[serde(skip)]
     pub photograph: bool,
 }
 
 impl SurfaceSettings {
-    /// Every stage, with the sensor of the dataset and what is known of its cameras.
+    /// Enables every stage, with the dataset's sensor and its known calibration.
     pub fn new(dataset: &Dataset, origin: DVec3) -> Self {
         let calibration = dataset.known_calibration();
         Self { calibration, ..Self::of_sensor(dataset.sensor(), origin) }
     }
 
-    /// Every stage, for frames of a sensor whose colour is registered to depth: what a program that
-    /// hands over its frames from memory begins with.
+    /// Enables every stage, for frames of a sensor with registered colour, such as frames from memory.
     pub fn of_sensor(sensor: Sensor, origin: DVec3) -> Self {
         Self {
             sensor,
@@ -61,13 +59,11 @@ impl SurfaceSettings {
         }
     }
 
-    /// The corrections to apply.
     pub(super) fn calibration(&self) -> &Calibration {
         static NONE: Calibration = Calibration::NONE;
         self.calibration.as_ref().unwrap_or(&NONE)
     }
 
-    /// The sensor's profile with these thresholds.
     pub(super) fn profile(&self, depth: &Depth, camera: &Intrinsics) -> Profile {
         let mut profile = self.sensor.profile(depth, camera);
         profile.thresholds = self.thresholds.unwrap_or(profile.thresholds);

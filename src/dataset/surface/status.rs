@@ -1,27 +1,27 @@
-//! The status of every pixel of a frame: a point, or why it is none.
+//! Status of every pixel of a frame: kept as a point, or the reason why not.
 
-/// Whether a pixel became a point, or why it did not.
+/// Status of a pixel: kept as a point, or the reason why not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum PixelStatus {
-    /// No surface measured.
+    /// No surface was measured.
     #[default]
     Hole,
     /// The pixel became a point.
     Kept,
-    /// A neighbour that became a point stands for it.
+    /// Skipped by the sampling; a neighbouring point represents it.
     LeftOut,
-    /// Partially transparent: colour and depth mix what lies behind each other.
+    /// Partially transparent: colour and depth mix several surfaces.
     Alpha,
-    /// Outside the trusted depth, or behind the camera once corrected.
+    /// Outside the trusted depth, or behind the camera after correction.
     Range,
-    /// No plane explains it: too few neighbours agree, they scatter, or it lies off their plane.
+    /// No accepted plane: too few inliers, too large residuals, or the pixel lies off the plane.
     Flying,
-    /// The surface is seen at a slant: its normal is too far from the direction to the camera.
+    /// Seen at a slant: the normal deviates too far from the direction to the camera.
     Slant,
     /// Not finite, or too far from the origin for f32.
     Far,
-    /// Not seen by the colour camera: outside its image, or behind something nearer to it.
+    /// Not visible in the colour camera: outside its image, or occluded.
     NoColor,
 }
 
@@ -48,7 +48,7 @@ pub struct SurfaceCounts {
     pub dropped_no_color: usize,
 }
 
-/// In words, without those that made points.
+/// Lists the pixels that became no points.
 impl std::fmt::Display for SurfaceCounts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
@@ -67,7 +67,7 @@ impl std::fmt::Display for SurfaceCounts {
 impl SurfaceCounts {
     /// Counts the pixels of a frame.
     pub fn of(statuses: &[PixelStatus]) -> Self {
-        // A pass for each status, in sums of bytes: that is vector code, a histogram is not.
+        // One pass per status with sums of bytes vectorises; a histogram does not.
         let of = |status: PixelStatus| {
             let count =
                 |run: &[PixelStatus]| run.iter().map(|f| u8::from(*f == status)).sum::<u8>();
@@ -86,7 +86,7 @@ impl SurfaceCounts {
         }
     }
 
-    /// Measured pixels that made no point.
+    /// Number of measured pixels that became no point.
     pub fn dropped(&self) -> usize {
         self.dropped_alpha
             + self.dropped_range

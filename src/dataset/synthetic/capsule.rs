@@ -1,9 +1,9 @@
-//! A straight piece of cable: all points within a radius of a segment, at any slant.
+//! Capsule (straight cable at any angle): all points within a radius of a line segment.
 
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// A segment and a radius, metres.
+/// Axis end points and radius, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Capsule {
     pub from: DVec3,
@@ -16,15 +16,15 @@ impl Capsule {
         (self.from.min(self.to) - self.radius, self.from.max(self.to) + self.radius)
     }
 
-    /// First `t` in front of `start` at which a ray enters.
+    /// Returns the ray parameter `t > start` of the first entry into the capsule.
     pub fn enter(&self, origin: DVec3, direction: DVec3, start: f64) -> Option<f64> {
         let middle = 0.5 * (self.from + self.to);
         let around = 0.5 * (self.to - self.from).length() + self.radius;
-        // Most rays miss a ball around the whole, which costs less to test.
+        // Early out: most rays miss the bounding sphere, which is cheaper to test.
         enter_ball(origin - middle, direction, around)?;
         let side = self.enter_side(origin, direction);
         let ends = [self.from, self.to].map(|end| enter_ball(origin - end, direction, self.radius));
-        // The union of a tube and two balls is entered where the first of them is.
+        // The capsule is the union of a cylinder and two spheres: the first entry is the smallest of three.
         let all = std::iter::once(side).chain(ends).flatten();
         all.min_by(f64::total_cmp).filter(|t| *t > start)
     }
@@ -44,7 +44,7 @@ impl Capsule {
         (0.0..=length).contains(&along).then_some(t)
     }
 
-    /// Distance of a point from the surface; negative inside.
+    /// Signed distance of a point from the surface, metres; negative inside.
     pub fn distance(&self, point: DVec3) -> f64 {
         (point - self.nearest(point)).length() - self.radius
     }
@@ -53,7 +53,7 @@ impl Capsule {
         (point - self.nearest(point)).normalize_or(DVec3::Z)
     }
 
-    /// Angle about the axis and place along it, ends included, each in `[0, 1]`.
+    /// Surface coordinates in `[0, 1]²`: angle about the axis, and position along it including the caps.
     pub fn chart(&self, point: DVec3) -> DVec2 {
         let ((axis, length), (u, v)) = (self.axis(), self.sides());
         let p = point - self.from;
@@ -61,7 +61,7 @@ impl Capsule {
         DVec2::new(angle, (p.dot(axis) + self.radius) / (length + 2.0 * self.radius))
     }
 
-    /// The surface point of chart coordinates.
+    /// Returns the surface point at chart coordinates.
     pub fn point(&self, uv: DVec2) -> DVec3 {
         let ((axis, length), (u, v)) = (self.axis(), self.sides());
         let along = uv.y * (length + 2.0 * self.radius) - self.radius;

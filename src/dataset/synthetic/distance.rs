@@ -1,10 +1,11 @@
-//! How far a point is from a shape.
+//! Signed distance functions of the shapes.
 
 use super::solid::Shape;
 use glam::{DVec2, DVec3};
 
 impl Shape {
-    /// Distance of a point from the surface, metres; negative in the solid, for a shell outside it.
+    /// Signed distance of a point from the surface, metres. Negative inside a solid; for a shell, negative
+    /// outside the room.
     pub fn distance(&self, point: DVec3) -> f64 {
         match *self {
             Self::Block { lo, hi } => box_distance(point, lo, hi),

@@ -1,26 +1,26 @@
-//! Textures with detail of about a millimetre, for scenes that a phone photographs from nearby.
+//! Textures with detail of about 1 mm, for scenes that a phone photographs at close range.
 //!
-//! Every octave fades where it is finer than a pixel, as in [`super::texture`].
+//! Each octave fades out where it is finer than a pixel, as in [`super::texture`].
 
 use super::pattern::{Place, hash, line, noise2, step};
 use glam::{Vec2, Vec3, vec3};
 
-/// A finely detailed surface; colours are linear RGB.
+/// Surface with fine detail; colours are linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum FineTexture {
-    /// Veneer with pores, fibres and knots; its grain follows the long side.
+    /// Veneer with pores, fibres and knots; the grain runs along the longer side.
     Grain(Vec3),
-    /// Lines of letters on white paper; the field is the line height, metres.
+    /// Lines of letters on white paper; line height in metres.
     Printed(f32),
     /// A headline, a landscape and small print.
     Poster,
-    /// Glazed tiles of 100 mm with grout.
+    /// Glazed 100 mm tiles with grout.
     Tiles,
     /// Brushed steel.
     Steel,
-    /// A plain cable or rubber.
+    /// Plain cable or rubber.
     Rubber(Vec3),
-    /// The shell of the hallway: tiles below, rough plaster around.
+    /// Shell of the hallway: tiled floor, rough plaster on walls and ceiling.
     Hallway,
 }
 
@@ -42,7 +42,7 @@ impl FineTexture {
         }
     }
 
-    /// Whether a lidar often gets no echo from it.
+    /// True if a lidar often gets no return from this surface.
     pub fn is_poor_target(self) -> bool {
         match self {
             Self::Steel => true,
@@ -52,7 +52,7 @@ impl FineTexture {
     }
 }
 
-/// Value noise of `per_metre` cells, 0.5 where a pixel is wider than a cell.
+/// Value noise with `per_metre` cells; fades to its mean, 0.5, where a pixel is wider than a cell.
 fn octave(p: Vec2, per_metre: f32, salt: u32, at: &Place) -> f32 {
     let fade = (1.5 - 1.5 * at.blur * per_metre).clamp(0.0, 1.0);
     match fade > 0.0 {
@@ -61,7 +61,7 @@ fn octave(p: Vec2, per_metre: f32, salt: u32, at: &Place) -> f32 {
     }
 }
 
-/// Mean of nine samples over the width of a pixel.
+/// Box filter: mean of 3 × 3 samples over the footprint of a pixel.
 fn softened(p: Vec2, blur: f32, value: impl Fn(Vec2) -> f32) -> f32 {
     let shift = |i: usize| (i as f32 - 1.0) * blur / 3.0;
     let sample = |i: usize| value(p + Vec2::new(shift(i % 3), shift(i / 3)));
@@ -69,7 +69,7 @@ fn softened(p: Vec2, blur: f32, value: impl Fn(Vec2) -> f32) -> f32 {
 }
 
 fn grain(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
-    // x across the grain, y along it.
+    // x runs across the grain, y along it.
     let p = if at.size.y >= at.size.x { m } else { Vec2::new(m.y, m.x) };
     let bend = noise2(p * Vec2::new(3.0, 0.9), at.seed) + 0.3 * noise2(p * 7.0, at.seed ^ 0x11);
     let (knot, near) = knot(p, at);
@@ -84,7 +84,7 @@ fn grain(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
     (color * tone).lerp(color * 0.32, knot)
 }
 
-/// How much of a place is a knot, and how far its surroundings bend the grain.
+/// Coverage of a point by a knot, and the strength with which the knot bends the grain around it.
 fn knot(p: Vec2, at: &Place) -> (f32, f32) {
     const CELL: Vec2 = Vec2::new(0.31, 0.47);
     let cell = (p / CELL).floor();
@@ -103,7 +103,7 @@ fn knot(p: Vec2, at: &Place) -> (f32, f32) {
 fn paper(m: Vec2, height: f32, at: &Place) -> Vec3 {
     let rim = Vec2::splat((1.2 * height).min(0.12 * at.size.min_element() as f32));
     let (low, high) = (rim, at.size.as_vec2() - rim);
-    // From the top down, as it is read.
+    // Text rows run from the top down, the chart's v from the bottom up.
     let p = Vec2::new(m.x, at.size.y as f32 - m.y);
     let is_inside = p.cmpgt(low).all() && p.cmplt(high).all();
     let ink = if is_inside { text(p - low, height, at) } else { 0.0 };
@@ -111,7 +111,7 @@ fn paper(m: Vec2, height: f32, at: &Place) -> Vec3 {
     (vec3(0.82, 0.81, 0.77) * fibre).lerp(vec3(0.035, 0.035, 0.05), ink)
 }
 
-/// Share of ink of lines of made-up letters, each of three by five strokes.
+/// Ink coverage of rows of random letters, each a 3 × 5 dot matrix.
 fn text(p: Vec2, height: f32, at: &Place) -> f32 {
     const MEAN_INK: f32 = 0.26;
     let dot = height / 7.0;
@@ -124,7 +124,7 @@ fn text(p: Vec2, height: f32, at: &Place) -> f32 {
         let (letter, line) = (column.div_euclid(4), row.div_euclid(7));
         let (x, y) = (column.rem_euclid(4), row.rem_euclid(7));
         let pick = |salt: u32| hash(letter, line, at.seed ^ salt);
-        // Blanks between words, and a line between paragraphs.
+        // Blank columns between letters, blank letters between words, every eighth line blank.
         let is_blank = x == 3 || y > 4 || pick(0x42) < 0.17 || line.rem_euclid(8) == 7;
         let strokes = (pick(0x43) * 32768.0) as u32 | 0b010_000_010_000_010;
         let bit = strokes >> (x + 3 * y) & 1;
@@ -168,7 +168,7 @@ fn tiles(m: Vec2, at: &Place) -> Vec3 {
     let (x, y) = (cell.x as i32, cell.y as i32);
     let tint = hash(x, y, at.seed ^ 0x54);
     let p = m / SIDE - cell;
-    // Quarter circles about two corners, turned tile by tile.
+    // Quarter circles about two opposite corners; the hash picks the diagonal for each tile.
     let p = if hash(x, y, at.seed ^ 0x55) < 0.5 { p } else { Vec2::new(1.0 - p.x, p.y) };
     let near = p.length().min((Vec2::ONE - p).length());
     let soft = at.blur / SIDE;

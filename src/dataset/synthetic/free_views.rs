@@ -1,4 +1,4 @@
-//! Viewpoints away from the camera's way, which show surfaces that it has seen.
+//! Evaluation viewpoints off the camera trajectory that show surfaces the training frames have seen.
 
 use super::params::ParamsError;
 use super::room::FurnishedRoom;
@@ -8,46 +8,49 @@ use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec2, DVec3};
 
-/// Stream of the viewpoints.
+/// Random stream of the viewpoints.
 const STREAM: u64 = u64::MAX - 5;
-/// Metres between a viewpoint and every surface.
+/// Minimum distance of a viewpoint from every surface, metres.
 const CLEARANCE: f64 = 0.25;
-/// Rays across a picture, each way, by which its share of seen surface is measured.
+/// Rays per image axis that estimate the covered share of a picture.
 const GRID: usize = 9;
-/// Share of a picture that training frames must have seen.
+/// Share of a picture covered by training frames at which the search stops.
 const SEEN: f64 = 0.97;
-/// Share below which a viewpoint is never used.
+/// A viewpoint with a smaller covered share is never used.
 const LEAST_SEEN: f64 = 0.5;
-/// Viewpoints that are tried for one that qualifies, and to find a better one.
+/// Candidates drawn per viewpoint, and valid candidates after which the best one is taken.
 const TRIES: usize = 20_000;
 const BETTER: usize = 24;
-/// Cosine of incidence above which a surface counts as seen.
+/// Cosine of the incidence angle above which a surface counts as seen.
 const FACING: f64 = 0.17;
-/// Metres within which a surface counts as seen.
+/// Distance up to which a surface counts as seen, metres.
 const NEAR_ENOUGH: f64 = 5.0;
 
-/// Which viewpoints qualify.
+/// Constraints on a viewpoint.
 pub(super) struct FreeRules {
     seed: u64,
-    /// Metres to the surface in the middle of the picture.
+    /// Range of the distance to the surface at the image centre, metres.
     distance: [f64; 2],
-    /// Degrees at that surface to the nearest training direction.
+    /// Range of the angle at that surface to the nearest training view, degrees.
     aside: [f64; 2],
 }
 
 impl FreeRules {
-    /// Anywhere in free space.
+    /// Allows all free space.
     pub fn anywhere(seed: u64) -> Self {
         Self { seed, distance: [0.4, 4.5], aside: [0.0, 180.0] }
     }
 
-    /// From 20 to 60 degrees beside the training directions, or above them.
+    /// Requires 20° to 60° between the view and the nearest training view.
     pub fn beside(seed: u64) -> Self {
         Self { seed, distance: [0.45, 1.6], aside: [20.0, 60.0] }
     }
 }
 
-/// Chooses `n` viewpoints; `trained` has the intrinsics of the training frames taken at `poses`.
+/// Chooses `n` viewpoints; `trained` has the intrinsics of the training frames at `poses`.
+///
+/// # Errors
+/// Too few viewpoints satisfy `rules`.
 pub(super) fn choose(
     n: usize,
     room: &FurnishedRoom,
@@ -64,8 +67,8 @@ pub(super) fn choose(
             None => {
                 return Err(ParamsError {
                     setting: "free frames",
-                    expected: "viewpoints in free space of what the training frames see",
-                    found: format!("{i} of {n}; more training frames see more"),
+                    expected: "viewpoints in free space that show surfaces seen by the training frames",
+                    found: format!("{i} of {n}; record more training frames"),
                 });
             }
         }
@@ -80,7 +83,8 @@ struct TrainingViews<'a> {
 }
 
 impl TrainingViews<'_> {
-    /// A viewpoint that qualifies, the one that shows most of what was seen among a few.
+    /// Returns the first valid candidate with a covered share of [`SEEN`], else the best of at least
+    /// [`BETTER`].
     fn free_view(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
         let (mut best, mut n_found) = (None, 0);
         let mut most = LEAST_SEEN;
@@ -98,7 +102,7 @@ impl TrainingViews<'_> {
         best
     }
 
-    /// A random viewpoint in free space with a free view of a surface that was seen.
+    /// Draws a viewpoint in free space with an unobstructed view of a surface seen in training.
     fn candidate(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
         let (target, normal) = self.surface(rng)?;
         let (lo, hi) = self.room.bounds();
@@ -118,7 +122,7 @@ impl TrainingViews<'_> {
         (least..=most).contains(&aside).then_some(pose)
     }
 
-    /// A random surface point that a training frame sees, and its normal.
+    /// Draws a surface point that a training frame sees; returns it and its normal.
     fn surface(&self, rng: &mut Rng) -> Option<(DVec3, DVec3)> {
         let pose = self.poses.get(rng.below(self.poses.len().max(1)))?;
         let (x, y) = (rng.uniform(), rng.uniform());
@@ -127,7 +131,7 @@ impl TrainingViews<'_> {
         self.hit(pose, pixel)
     }
 
-    /// What a view shows at continuous pixel coordinates: the point and its normal.
+    /// Casts the ray through continuous pixel coordinates; returns the surface point and its normal.
     fn hit(&self, pose: &Pose, pixel: DVec2) -> Option<(DVec3, DVec3)> {
         let k = &self.k;
         let way = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
@@ -146,7 +150,7 @@ impl TrainingViews<'_> {
         self.room.solids.iter().all(|solid| solid.shape.distance(eye) > CLEARANCE)
     }
 
-    /// Whether a training frame at `pose` sees a surface point.
+    /// True if a training frame at `pose` sees the surface point.
     fn sees(&self, pose: &Pose, point: DVec3, normal: DVec3) -> bool {
         let way = point - pose.centre();
         let distance = way.length();
@@ -160,14 +164,15 @@ impl TrainingViews<'_> {
         is_inside && !self.room.is_blocked(&Ray::new(pose.centre(), way))
     }
 
-    /// Degrees at a surface point between a viewpoint and the nearest training frame that sees it.
+    /// Smallest angle at a surface point between a viewpoint and a training frame that sees the point,
+    /// degrees.
     fn degrees_aside(&self, point: DVec3, normal: DVec3, eye: DVec3) -> Option<f64> {
         let seeing = self.poses.iter().filter(|pose| self.sees(pose, point, normal));
         let degrees = |pose: &Pose| (eye - point).angle_between(pose.centre() - point).to_degrees();
         seeing.map(degrees).min_by(f64::total_cmp)
     }
 
-    /// Share of a picture's rays that meet surfaces that a training frame sees.
+    /// Share of a picture's rays that hit surfaces seen by a training frame.
     fn seen_share(&self, pose: &Pose) -> f64 {
         let size = DVec2::new(f64::from(self.k.width), f64::from(self.k.height));
         let is_seen = |i: &usize| {
@@ -209,7 +214,7 @@ mod tests {
                 let [least, most] = rules.aside;
                 assert!((least - 0.1..most + 0.1).contains(&aside), "{scene:?}: {aside} degrees");
             }
-            assert!(choose(1, &room, trained, &[], &rules).is_err(), "nothing was seen");
+            assert!(choose(1, &room, trained, &[], &rules).is_err(), "no training frames");
         }
     }
 }

@@ -1,29 +1,28 @@
-//! Light baked once per scene: ambient occlusion and soft shadows of two rectangular lamps, stored
-//! per surface on a coarse grid and interpolated. It does not depend on the view, so what one frame
-//! shows every other confirms.
+//! Lighting baked once per scene: ambient occlusion and soft shadows of the rectangular lamps, stored per
+//! surface on a coarse grid. It is independent of the viewpoint, so all frames show equal colours.
 
 use super::room::{FurnishedRoom, Lamp};
 use super::solid::{Ray, Shape};
 use glam::{DVec2, DVec3, Vec3, vec3};
 
-/// Metres per texel.
+/// Texel size, metres.
 const TEXEL: f64 = 0.1;
-/// Fewest texels along a side: small things need shading too.
+/// Minimum texels per side, so that small objects are shaded too.
 const MIN_TEXELS: usize = 6;
-/// Shadow rays per lamp, on a grid of this many a side.
+/// Shadow rays per lamp: a grid with this many per side.
 const LAMP_GRID: usize = 4;
 /// Rays over the hemisphere for ambient light.
 const SKY_RAYS: usize = 20;
-/// Light that walls and things send back into the room, linear RGB.
+/// Ambient radiance from walls (open rays) and from objects (blocked rays), linear RGB.
 const FROM_WALLS: Vec3 = vec3(0.46, 0.42, 0.36);
 const FROM_THINGS: Vec3 = vec3(0.11, 0.09, 0.07);
-/// Ambient rays ignore what is farther away, metres.
+/// Length of ambient rays, metres.
 const REACH: f64 = 3.0;
 
-/// Irradiance (over π) of all surfaces.
+/// Irradiance of all surfaces, divided by π.
 #[derive(Debug)]
 pub(super) struct LightMaps {
-    /// By solid, then by face.
+    /// Indexed by solid, then by face.
     maps: Vec<Vec<LightMap>>,
 }
 
@@ -35,7 +34,7 @@ struct LightMap {
 }
 
 impl LightMaps {
-    /// Lights the room.
+    /// Bakes the light maps of all non-emissive surfaces.
     pub fn bake(room: &FurnishedRoom) -> Self {
         let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
         let maps = room.solids.iter().map(|solid| match solid.texture.is_emissive() {
@@ -45,7 +44,7 @@ impl LightMaps {
         Self { maps: maps.collect() }
     }
 
-    /// Light that falls on a surface point; zero on surfaces that shine by themselves.
+    /// Irradiance (over π) at a surface point; zero on emissive surfaces.
     #[inline]
     pub fn at(&self, solid: usize, face: usize, uv: DVec2) -> Vec3 {
         self.maps[solid].get(face).map_or(Vec3::ZERO, |map| map.at(uv))
@@ -69,11 +68,11 @@ impl LightMap {
         Self { columns, rows, texels }
     }
 
-    /// Bilinear between texel centres, constant beyond the outermost.
+    /// Interpolates bilinearly between texel centres; constant beyond the outermost centres.
     #[inline]
     fn at(&self, uv: DVec2) -> Vec3 {
         let place = |v: f64, n: usize| {
-            // Half a texel at the rim has no neighbour to interpolate with.
+            // The outer half texel has only one neighbour.
             let x = (v * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
             let i = (x as usize).min(n - 2);
             (i, (x - i as f64) as f32)
@@ -88,7 +87,7 @@ impl LightMap {
 }
 
 fn gather(room: &FurnishedRoom, point: DVec3, normal: DVec3) -> Vec3 {
-    // Off the surface, or it would stand in its own light.
+    // Offset from the surface, which would otherwise shadow itself.
     let start = point + normal * 1e-4;
     let direct = room.lamps.iter().map(|lamp| from_lamp(room, start, normal, lamp));
     direct.sum::<Vec3>() + ambient(room, start, normal)
@@ -106,15 +105,15 @@ fn from_lamp(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> 
         let square = way.length_squared();
         let cosines = normal.dot(way).max(0.0) * (-lamp.normal.dot(way)).max(0.0) / square;
         if cosines > 0.0 && !room.is_blocked(&Ray::new(start, way)) {
-            // Right beside a lamp a sample would grow without bound.
+            // Bounds the 1/r² term next to a lamp.
             sum += cosines / square.max(0.05) * per_sample;
         }
     }
     lamp.radiance * sum as f32
 }
 
-/// Cosine-weighted directions on a golden-angle spiral: even, and alike everywhere, so flat
-/// surfaces shade evenly.
+/// Ambient light from cosine-weighted directions on a golden-angle spiral. The directions are the same at
+/// every point, so flat surfaces are shaded without noise.
 fn ambient(room: &FurnishedRoom, start: DVec3, normal: DVec3) -> Vec3 {
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     let (tangent, bitangent) = normal.any_orthonormal_pair();

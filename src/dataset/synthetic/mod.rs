@@ -1,13 +1,12 @@
-//! A procedural room that stands in for a recording: posed colour and exact depth at any size, on
-//! demand, deterministic by seed. It is the demo a stranger sees first and the ground truth that
-//! loaders, trainer and renderers are tested against.
+//! Procedural room that replaces a recording: posed colour and exact depth at any resolution, rendered on
+//! demand and deterministic by seed. It serves as the demo and as ground truth for tests of the loaders,
+//! the trainer and the renderers.
 //!
-//! World: z up, metres, floor at 0, the room's centre above the origin.
+//! World: z up, metres, floor at z = 0, the room centred above the origin.
 //!
-//! The room is ray cast, not rasterised, because its depth must be exact to the last bit of f64 where
-//! a loader is tested against it; shapes are few and simple enough that a frame takes milliseconds.
-//! Light is baked and does not depend on the view: what one frame shows every other confirms, as a
-//! mixture of colours needs it.
+//! The room is ray cast rather than rasterised, because tests of the loaders need depth exact to the last
+//! bit of f64. The shapes are few and simple, so a frame takes milliseconds. Light is baked and independent
+//! of the view, as a mixture of constant colours requires.
 
 pub(in crate::dataset) mod scene;
 pub mod write;

@@ -12,18 +12,18 @@ use crate::math::camera::Camera;
 use crate::math::pose::Pose;
 use std::sync::Arc;
 
-/// The demo: [`SyntheticParams::demo`] as a dataset.
+/// Returns the demo: [`SyntheticParams::demo`] as a dataset.
 pub fn demo() -> Result<Dataset, ParamsError> {
     dataset(&SyntheticParams::demo())
 }
 
-/// A dataset whose frames are rendered when they are loaded.
+/// Returns a dataset whose frames are rendered when loaded.
 ///
 /// # Errors
-/// Parameters outside their range, and the phone, whose recordings need files.
+/// Parameters outside their range, or the phone camera, whose recordings need files.
 pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
     if params.camera != SyntheticCamera::Room {
-        let found = "the phone, whose recordings are written to files".to_owned();
+        let found = "the phone, whose recordings must be written to files".to_owned();
         return Err(ParamsError { setting: "camera", expected: "the room's camera", found });
     }
     let ViewPlan { scene, splits, .. } = ViewPlan::new(params)?;
@@ -56,7 +56,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
     })
 }
 
-/// The room's walls, floor and ceiling: no point lies outside.
+/// Bounds of the room: every point of the scene lies inside.
 pub fn position_range() -> Option<PositionRange> {
     PositionRange::new(room::LO, room::HI, "the bounds of the synthetic room")
 }

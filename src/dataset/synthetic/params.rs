@@ -1,53 +1,53 @@
-//! What a procedural recording is made with.
+//! Parameters of a procedural recording.
 
-/// Smallest and largest image side.
+/// Minimum and maximum image side, pixels.
 const SIDE_LIMITS: [u32; 2] = [8, 8192];
-/// Largest number of frames in a split.
+/// Maximum number of frames in a split.
 const MAX_FRAMES: usize = 100_000;
 
-/// What records the scene.
+/// Recording device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyntheticCamera {
-    /// An ideal camera that walks around the furnished room.
+    /// Ideal camera on a path around the furnished room.
     Room,
-    /// A phone held upright: photographs that are larger than its lidar's depth, exposure steps,
-    /// motion blur and poses that drift.
+    /// Phone held upright: photographs larger than its lidar depth, exposure steps, motion blur and poses
+    /// with drift.
     Phone(PhoneScene),
 }
 
-/// What the phone records.
+/// Scene recorded by the phone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhoneScene {
     /// The whole room, with fine print, wood grain, tiles and thin cables.
     Room,
-    /// A flat door from nearby, with its frame, handle, hinges and the wall beside it.
+    /// A flat door at close range, with its frame, handle, hinges and the wall beside it.
     Door,
 }
 
-/// What to generate.
+/// Parameters of a procedural recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SyntheticParams {
-    /// Columns, 8 to 8192.
+    /// Image width in pixels, 8 to 8192.
     pub width: u32,
-    /// Rows, 8 to 8192.
+    /// Image height in pixels, 8 to 8192.
     pub height: u32,
     /// Frames of the split `train`, 1 to 100 000.
     pub n_train: usize,
-    /// Frames of the split `eval`, from viewpoints between those of `train`; may be 0.
+    /// Frames of the split `eval`, from viewpoints between those of `train`; 0 for none.
     pub n_eval: usize,
-    /// Frames of the split `free`, from anywhere in free space; may be 0.
+    /// Frames of the split `free`, from viewpoints in free space; 0 for none.
     pub n_free: usize,
-    /// Textures, colours and the phase of the trajectory.
+    /// Seed of textures, colours and the phase of the trajectory.
     pub seed: u64,
-    /// Standard deviation of depth noise in units of the sensor's noise half-width
-    /// `max(0.003, 0.003 z²)` m; 0 is exact depth. Only `train` is noisy.
+    /// Standard deviation of the depth noise, in units of the sensor's noise half-width `max(0.003, 0.003
+    /// z²)` m. 0 gives exact depth. Only `train` is noisy.
     pub depth_noise: f64,
-    /// What records it, and what.
+    /// Recording device and, for the phone, the scene.
     pub camera: SyntheticCamera,
 }
 
 impl SyntheticParams {
-    /// The demo that the window starts with.
+    /// Parameters of the demo shown at startup.
     pub const fn demo() -> Self {
         Self {
             width: 320,
@@ -80,24 +80,24 @@ impl SyntheticParams {
             return wrong("free frames", "0 to 100000", self.n_free.to_string());
         }
         if self.camera != SyntheticCamera::Room && self.depth_noise != 0.0 {
-            let expected = "0 beside the phone, whose lidar has noise of its own";
+            let expected = "0 with the phone, whose lidar model adds its own noise";
             return wrong("depth noise", expected, self.depth_noise.to_string());
         }
         if !(0.0..=100.0).contains(&self.depth_noise) {
-            return wrong("depth noise", "0 to 100 sensor noises", self.depth_noise.to_string());
+            return wrong("depth noise", "0 to 100 half-widths", self.depth_noise.to_string());
         }
         Ok(())
     }
 }
 
-/// A parameter outside its range.
+/// Parameter outside its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("setting {setting}: expected {expected}, found {found}; choose a value in this range")]
 pub struct ParamsError {
     /// Name of the parameter.
     pub setting: &'static str,
-    /// Legal values of the parameter, with their unit.
+    /// Legal range, with the unit.
     pub expected: &'static str,
-    /// The value that was given.
+    /// Rejected value.
     pub found: String,
 }

@@ -1,5 +1,5 @@
-//! The splits of a procedural recording: a smooth walk that trains, viewpoints between that measure,
-//! and viewpoints away from the walk.
+//! Splits of a procedural recording: a smooth training trajectory, evaluation viewpoints between its
+//! frames, and viewpoints in free space.
 
 use super::free_views::{self, FreeRules};
 use super::params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
@@ -14,48 +14,46 @@ use crate::math::image::Image;
 use crate::math::pose::Pose;
 use std::sync::Arc;
 
-/// How much smaller than a photograph the depth of the room's camera is in layouts of phones.
+/// Ratio of photograph to depth resolution of the room's camera in phone layouts.
 const ROOM_FACTOR: u32 = 4;
-/// Smallest side of depth.
+/// Minimum side of the depth image, pixels.
 const MIN_SIDE: u32 = 8;
-/// Confidence of exact depth.
+/// Confidence code of exact depth.
 const SURE: u8 = 2;
 
-/// The scene and the viewpoints of each split.
 pub(super) struct ViewPlan {
     pub scene: Arc<SyntheticScene>,
     pub splits: Vec<PlannedSplit>,
     phone: Option<PhoneCamera>,
 }
 
-/// The viewpoints of one split.
 pub(super) struct PlannedSplit {
     pub name: &'static str,
-    /// True poses, which frames are rendered from.
+    /// True poses, from which frames are rendered.
     pub poses: Vec<Pose>,
-    /// Poses that the recording states.
+    /// Poses written to the recording; they differ from the true poses by drift.
     pub stated: Vec<Pose>,
-    /// Whether layouts without splits hold its frames.
+    /// True if layouts without splits also contain these frames.
     pub is_recorded: bool,
     is_noisy: bool,
     is_of_phone: bool,
 }
 
 impl PlannedSplit {
-    /// True pictures with true poses.
+    /// Returns a split with exact depth and true poses.
     fn exact(name: &'static str, poses: Vec<Pose>) -> Self {
         let stated = poses.clone();
         Self { name, poses, stated, is_recorded: false, is_noisy: false, is_of_phone: false }
     }
 
-    /// Name of a frame's depth noise, `None` for exact depth.
+    /// Random stream of a frame's depth noise; `None` for exact depth.
     pub fn noise_stream(&self, frame: usize) -> Option<u64> {
         self.is_noisy.then_some(frame as u64)
     }
 }
 
 impl ViewPlan {
-    /// Furnishes the scene and leads the camera through it.
+    /// Builds the scene and plans the viewpoints of all splits.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         let scene = Arc::new(SyntheticScene::new(params)?);
         let (train, eval, phone) = match params.camera {
@@ -67,7 +65,7 @@ impl ViewPlan {
                 };
                 let eval = PlannedSplit {
                     is_recorded: true,
-                    // Exact: what a model is measured against must not err itself.
+                    // Evaluation frames are ground truth, so their depth is exact.
                     ..PlannedSplit::exact("eval", trajectory::eval(params.n_eval, params.seed))
                 };
                 (train, eval, None)
@@ -99,12 +97,12 @@ impl ViewPlan {
         Ok(Self { scene, splits, phone })
     }
 
-    /// Colour and depth of a frame of a split, noisy where the split is.
+    /// Renders colour and depth of a frame, with depth noise if the split is noisy.
     pub fn view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
         self.view_by(split, frame, self.scene.intrinsics())
     }
 
-    /// As [`Self::view`] by a camera of other intrinsics at the same place.
+    /// As [`Self::view`], with other intrinsics at the same pose.
     pub fn view_by(
         &self,
         split: &PlannedSplit,
@@ -115,7 +113,7 @@ impl ViewPlan {
         self.scene.sensed(&camera, split.noise_stream(frame))
     }
 
-    /// A frame as a phone stores it: [`Self::depth_camera`] measures its depth.
+    /// Renders a frame as a phone stores it; the depth has the intrinsics [`Self::depth_camera`].
     pub fn capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
         let of_depth = self.depth_camera();
         if let Some(phone) = self.phone.as_ref().filter(|_| split.is_of_phone) {
@@ -126,7 +124,7 @@ impl ViewPlan {
         Capture { color: self.view(split, frame).color, depth_z, confidence }
     }
 
-    /// The camera of a phone's depth: the photograph's lens, a smaller image.
+    /// Intrinsics of a phone's depth image: the lens of the photograph at a lower resolution.
     pub fn depth_camera(&self) -> Intrinsics {
         let k = self.scene.intrinsics();
         if self.phone.is_some() {
@@ -139,7 +137,7 @@ impl ViewPlan {
         Intrinsics { width, height, fx: k.fx * sx, fy: k.fy * sy, cx: k.cx * sx, cy: k.cy * sy }
     }
 
-    /// Whether a phone records.
+    /// True if a phone records.
     pub fn is_of_phone(&self) -> bool {
         self.phone.is_some()
     }

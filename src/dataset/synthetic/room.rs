@@ -1,8 +1,8 @@
-//! What stands in the room: large plain walls, fine and coarse patterns, curved and thin things,
-//! one before the other.
+//! Contents of the room: large plain walls, fine and coarse patterns, curved and thin objects, with
+//! occlusions.
 //!
-//! The seed moves textures and the colours of the small things, never shapes: the camera's path
-//! is clear of every solid whatever the seed.
+//! The seed varies textures and the colours of small objects, never shapes, so the camera path is free of
+//! obstacles for every seed.
 
 use super::solid::{Hit, Ray, Shape};
 use super::texture::Texture;
@@ -14,17 +14,16 @@ pub(super) const LO: DVec3 = dvec3(-2.6, -2.2, 0.0);
 /// High corner of the room, metres.
 pub(super) const HI: DVec3 = dvec3(2.6, 2.2, 2.6);
 
-/// Stream of the furnishing; frames' noise streams count up from 0.
+/// Random stream of the furnishing; the noise streams of frames count up from 0.
 const FURNISHING: u64 = u64::MAX;
 
-/// One thing in the room.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Solid {
     pub shape: Shape,
     pub texture: Texture,
 }
 
-/// All things; the first is the room's shell.
+/// All solids (the first is the shell of the room) and lamps.
 #[derive(Debug)]
 pub(super) struct FurnishedRoom {
     pub solids: Vec<Solid>,
@@ -32,7 +31,7 @@ pub(super) struct FurnishedRoom {
     pub seed: u32,
 }
 
-/// A source of light for the baker: a rectangle.
+/// Rectangular light source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     pub corner: DVec3,
@@ -42,18 +41,18 @@ pub(super) struct Lamp {
     pub radiance: Vec3,
 }
 
-/// The window in the wall at low y, as light: daylight.
+/// Daylight from the window in the wall at low y.
 const WINDOW_LIGHT: Lamp = Lamp {
-    // Before the pane, which would keep its own light out of the room.
+    // In front of the pane, which would otherwise block the light.
     corner: dvec3(-0.9, -2.15, 0.9),
     edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
     normal: DVec3::Y,
     radiance: vec3(5.2, 5.9, 6.6),
 };
 
-/// The panel under the ceiling, as light: warm.
+/// Warm light of the ceiling panel.
 const CEILING_LIGHT: Lamp = Lamp {
-    // Below the panel for that reason too.
+    // Below the panel, for the same reason.
     corner: dvec3(-0.7, -0.5, 2.55),
     edges: [dvec3(1.4, 0.0, 0.0), dvec3(0.0, 1.0, 0.0)],
     normal: DVec3::NEG_Z,
@@ -61,7 +60,7 @@ const CEILING_LIGHT: Lamp = Lamp {
 };
 
 impl FurnishedRoom {
-    /// Furnishes the room; the seed shifts textures and the colours of the small things.
+    /// Furnishes the room; the seed varies textures and the colours of small objects.
     pub fn new(seed: u64) -> Self {
         let mut rng = Rng::new(seed, Purpose::Synthetic, FURNISHING);
         let mut solids =
@@ -78,10 +77,10 @@ impl FurnishedRoom {
         self.solids.first().map_or((LO, HI), |shell| shell.shape.bounds())
     }
 
-    /// Whether anything but the shell is between a surface point and the distance 1 along `ray`.
+    /// True if a solid other than the shell blocks `ray` between its origin and t = 1.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         let nearer = |hit: Hit| hit.t < 1.0 - 1e-6;
-        // The shell encloses every ray that ends inside, so it would block none.
+        // The shell encloses every ray that ends inside, so it never blocks.
         self.solids[1..].iter().any(|s| s.shape.intersect(ray).is_some_and(nearer))
     }
 }
@@ -102,7 +101,6 @@ pub(super) const OAK: Texture = Texture::Wood(vec3(0.46, 0.28, 0.14));
 const WALNUT: Texture = Texture::Wood(vec3(0.24, 0.13, 0.07));
 pub(super) const WHITE: Texture = Texture::Paint(vec3(0.78, 0.77, 0.74));
 
-/// Window, ceiling light and pictures: what hangs on the walls.
 fn add_fittings(solids: &mut Vec<Solid>) {
     solids.extend([
         block([-1.0, -2.2, 0.8], [1.0, -2.18, 2.2], WHITE),
@@ -117,15 +115,14 @@ fn add_fittings(solids: &mut Vec<Solid>) {
     ]);
 }
 
-/// The table in the middle and what lies on it.
 fn add_table(solids: &mut Vec<Solid>, rng: &mut Rng) {
     const TOP: f64 = 0.74;
     solids.push(block([-0.75, -0.45, 0.70], [0.75, 0.45, TOP], OAK));
-    // Legs stand on the rug, which is 12 mm thick.
+    // The legs end on the rug, which is 12 mm thick.
     for (x, y) in [(-0.7, -0.4), (0.64, -0.4), (-0.7, 0.34), (0.64, 0.34)] {
         solids.push(block([x, y, 0.012], [x + 0.06, y + 0.06, 0.70], OAK));
     }
-    // Colours are drawn in turn: a thing put in between recolours those that follow.
+    // Colours are drawn in sequence: inserting an object recolours those after it.
     let ring = Shape::Torus { centre: dvec3(0.3, -0.16, TOP + 0.055), major: 0.15, minor: 0.055 };
     solids.extend([
         sphere([-0.38, 0.1, TOP + 0.16], 0.16, Texture::Marble(bright(rng))),
@@ -139,7 +136,6 @@ fn add_table(solids: &mut Vec<Solid>, rng: &mut Rng) {
     ]);
 }
 
-/// What stands along the walls.
 fn add_furniture(solids: &mut Vec<Solid>, rng: &mut Rng) {
     let sofa = Texture::Fabric(vec3(0.10, 0.24, 0.30));
     let pillow = Texture::Fabric(vec3(0.70, 0.42, 0.10));
@@ -165,7 +161,7 @@ fn add_furniture(solids: &mut Vec<Solid>, rng: &mut Rng) {
     ]);
 }
 
-/// A saturated linear colour of random hue.
+/// Draws a saturated linear colour of random hue.
 fn bright(rng: &mut Rng) -> Vec3 {
     let hue = rng.range(0.0, 6.0) as f32;
     let channel = |shift: f32| {

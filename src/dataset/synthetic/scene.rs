@@ -1,4 +1,4 @@
-//! The furnished and lit room, and what cameras in it see.
+//! The furnished and lit room, and its rendering to frames.
 
 use super::light::LightMaps;
 use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
@@ -12,13 +12,12 @@ use crate::math::image::Image;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec3, Vec3};
 
-/// Metres per step of the 16-bit depth that demo frames carry: a quarter of a millimetre, 16 m in
-/// all.
+/// Unit of the 16-bit depth codes of demo frames: 0.25 mm per step, up to 16 m.
 pub const DEPTH_UNIT: f64 = 0.000_25;
 
 /// Horizontal field of view of the synthetic camera, radians (68°).
 pub const FIELD_OF_VIEW: f64 = 1.187;
-/// That of the phone held upright, radians (50°).
+/// Horizontal field of view of the phone held upright, radians (50°).
 const PHONE_FIELD_OF_VIEW: f64 = 0.873;
 
 /// The furnished and lit room.
@@ -31,6 +30,9 @@ pub struct SyntheticScene {
 
 impl SyntheticScene {
     /// Furnishes and lights the room.
+    ///
+    /// # Errors
+    /// Parameters outside their range.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         params.check()?;
         let room = match params.camera {
@@ -62,22 +64,22 @@ impl SyntheticScene {
         self.room.bounds()
     }
 
-    /// Linear light of one view.
+    /// Renders one view as linear radiance.
     pub(super) fn radiance(&self, camera: &Camera) -> Image<Vec3> {
         view::radiance(&self.room, &self.light, camera)
     }
 
-    /// Noise of its training depth; see [`SyntheticParams::depth_noise`].
+    /// Noise level of the training depth; see [`SyntheticParams::depth_noise`].
     pub(in crate::dataset) fn depth_noise(&self) -> f64 {
         self.params.depth_noise
     }
 
-    /// Colour and exact depth of one view; `camera` may be any pinhole.
+    /// Renders colour and exact depth for any pinhole camera.
     pub fn view(&self, camera: &Camera) -> SyntheticView {
         view::render(&self.room, &self.light, camera)
     }
 
-    /// A view as a frame; `noise_stream` names the frame's depth noise, `None` leaves depth exact.
+    /// Renders a view as a frame; `noise_stream` selects the depth noise, `None` leaves depth exact.
     pub(in crate::dataset) fn frame(
         &self,
         name: &str,
@@ -95,11 +97,11 @@ impl SyntheticScene {
         Frame { name: name.to_owned(), camera, color_camera: None, color, depth: Some(depth) }
     }
 
-    /// A view as a depth camera measures it: its depth is off by normal noise.
+    /// Renders a view as a depth camera measures it, with normally distributed depth noise.
     pub(super) fn sensed(&self, camera: &Camera, noise_stream: Option<u64>) -> SyntheticView {
         let mut view = self.view(camera);
         if let Some(index) = noise_stream {
-            // A stream for every frame: loading out of order, or twice, gives equal noise.
+            // One stream per frame: the noise does not depend on the order or number of loads.
             let mut rng = Rng::new(self.params.seed, Purpose::Synthetic, index);
             for z in &mut view.depth_z.data {
                 let deviation = self.params.depth_noise * f64::from(sensor_noise(*z as f32));
@@ -110,7 +112,7 @@ impl SyntheticScene {
     }
 }
 
-/// 16-bit codes of lengths, rounded to nearest; what does not fit is a hole.
+/// Converts lengths to 16-bit codes, rounded to nearest; lengths out of range become holes (0).
 pub(super) fn quantise(lengths: &Image<f64>, unit: f64) -> Image<u16> {
     lengths.map(|length| {
         let code = (length / unit).round();

@@ -1,14 +1,13 @@
-//! Shapes with closed-form (torus: converged) ray intersections and charts for light and texture.
+//! Shapes with exact ray intersections (closed-form; torus iterative) and charts for light and texture.
 //!
-//! Rays need not be of unit length: that of a pixel has z = 1 in the camera, so that the `t` of a
-//! hit is the depth along the optical axis, with no conversion to round. The torus is traced
-//! along its distance function, then polished by Newton's method, so that its depth is exact to
-//! rounding like that of the other shapes.
+//! Ray directions need not be unit vectors. A pixel's ray has z = 1 in the camera frame, so `t` is the
+//! depth along the optical axis, without rounding by a conversion. The torus is sphere traced, then refined
+//! by Newton's method, so its depth is exact to rounding as well.
 
 use super::capsule::Capsule;
 use glam::{DVec2, DVec3};
 
-/// A shape in world coordinates; upright but for cables, no rotation.
+/// Shape in world coordinates; all but cables are axis-aligned and upright.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     /// Axis-aligned box seen from outside.
@@ -17,32 +16,32 @@ pub(super) enum Shape {
     Shell { lo: DVec3, hi: DVec3 },
     /// Ball seen from outside.
     Sphere { centre: DVec3, radius: f64 },
-    /// Upright cylinder standing on `base`, with a lid.
+    /// Upright cylinder with base centre `base` and a lid.
     Cylinder { base: DVec3, radius: f64, height: f64 },
-    /// Ring lying flat.
+    /// Horizontal ring.
     Torus { centre: DVec3, major: f64, minor: f64 },
-    /// Straight piece of cable at any slant.
+    /// Straight piece of cable at any angle.
     Cable(Capsule),
 }
 
-/// A ray; `t` of an intersection counts lengths of `direction`, which need not be a unit.
+/// Ray; `t` counts lengths of `direction`, which need not be a unit vector.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub origin: DVec3,
     pub direction: DVec3,
-    /// `1 / direction`, infinite where an axis is parallel.
+    /// `1 / direction`; infinite in zero components.
     pub inverse: DVec3,
 }
 
-/// Where a ray meets a shape first.
+/// First intersection of a ray with a shape.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub t: f64,
-    /// Which chart of the shape.
+    /// Chart of the shape that was hit.
     pub face: usize,
 }
 
-/// Hits nearer than this are the surface that the ray starts on.
+/// Minimum `t`: nearer hits are the surface on which the ray starts.
 const START: f64 = 1e-6;
 
 impl Ray {
@@ -82,7 +81,7 @@ impl Shape {
         }
     }
 
-    /// First intersection in front of the ray's origin.
+    /// Returns the first intersection in front of the ray's origin.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         match *self {
@@ -104,7 +103,7 @@ impl Shape {
         }
     }
 
-    /// Outward (for a shell inward) unit normal at a surface point.
+    /// Unit normal at a surface point: outward, for a shell inward.
     pub fn normal(&self, point: DVec3, face: usize) -> DVec3 {
         match *self {
             Self::Block { .. } => axis_normal(face),
@@ -125,7 +124,7 @@ impl Shape {
     /// Chart coordinates in `[0, 1]²` of a surface point.
     #[inline]
     pub fn chart(&self, point: DVec3, face: usize) -> DVec2 {
-        // Turned by half, so that the chart runs from 0 to 1 and its seam lies at −x.
+        // Offset by half a turn, so the chart runs from 0 to 1 with its seam at −x.
         let angle = |x: f64, y: f64| y.atan2(x) / std::f64::consts::TAU + 0.5;
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => {
@@ -153,7 +152,7 @@ impl Shape {
         }
     }
 
-    /// The surface point of chart coordinates: the inverse of [`Shape::chart`].
+    /// Surface point at chart coordinates; inverse of [`Shape::chart`].
     pub fn point(&self, uv: DVec2, face: usize) -> DVec3 {
         let around = |u: f64| DVec2::from_angle((u - 0.5) * std::f64::consts::TAU);
         match *self {
@@ -181,7 +180,7 @@ impl Shape {
         }
     }
 
-    /// Metres along the two chart directions.
+    /// Size of a chart along its two directions, metres.
     pub fn face_size(&self, face: usize) -> DVec2 {
         use std::f64::consts::{PI, TAU};
         match *self {
@@ -200,7 +199,7 @@ impl Shape {
     }
 }
 
-/// The axes that span a box face; faces are numbered `2·axis + (1 at the high side)`.
+/// Axes that span a box face. Faces are numbered `2·axis + (1 on the high side)`.
 fn plane_axes(face: usize) -> (usize, usize) {
     match face / 2 {
         0 => (1, 2),
@@ -214,7 +213,7 @@ fn axis_normal(face: usize) -> DVec3 {
     sign * [DVec3::X, DVec3::Y, DVec3::Z][face / 2]
 }
 
-/// Entry and exit of a ray through a box, and the axis of the entry (or exit).
+/// Slab test: entry and exit of a ray through a box, and the axis of the entry (or exit) plane.
 #[inline]
 fn slabs(ray: &Ray, lo: DVec3, hi: DVec3, want_entry: bool) -> (f64, f64, usize) {
     let a = (lo - ray.origin) * ray.inverse;
@@ -232,14 +231,14 @@ fn slabs(ray: &Ray, lo: DVec3, hi: DVec3, want_entry: bool) -> (f64, f64, usize)
     (near, far, axis)
 }
 
-/// A ray enters a box at the low side if it runs upwards along the axis; it leaves at the high one.
+/// Face of the hit: a ray that ascends an axis enters at the low side and leaves at the high side.
 fn box_hit(ray: &Ray, t: f64, axis: usize, is_entry: bool) -> Hit {
     let high = (ray.direction[axis] > 0.0) != is_entry;
     Hit { t, face: 2 * axis + usize::from(high) }
 }
 
 fn sphere(ray: &Ray, centre: DVec3, radius: f64) -> Option<Hit> {
-    // The exit does not count: balls are solid and cameras stand in free space.
+    // The exit is ignored: balls are solid, and cameras are in free space.
     let (enter, _) = quadratic_sphere(ray, centre, radius)?;
     (enter > START).then_some(Hit { t: enter, face: 0 })
 }
@@ -270,7 +269,7 @@ fn cylinder(ray: &Ray, base: DVec3, radius: f64, height: f64) -> Option<Hit> {
             best = Some(Hit { t, face: 0 });
         }
     }
-    // The lid from above only: cylinders stand on something, so the base is never seen.
+    // Only the lid, from above: every cylinder has its base on another surface.
     if d.z < 0.0 && o.z > height {
         let t = (height - o.z) / d.z;
         let at = flat + d.truncate() * t;
@@ -281,7 +280,7 @@ fn cylinder(ray: &Ray, base: DVec3, radius: f64, height: f64) -> Option<Hit> {
     best
 }
 
-/// Sphere tracing of the distance function to within a micrometre, then Newton's method to rounding.
+/// Sphere traces the distance function to 1 µm, then refines by Newton's method to rounding.
 fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
     const CLOSE: f64 = 1e-6;
     const STEPS: usize = 96;
@@ -299,7 +298,7 @@ fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
                 let p = ray.at(t) - centre;
                 let normal = (p - p.with_z(0.0).normalize() * major).normalize();
                 let rate = normal.dot(ray.direction);
-                // Where a ray only touches the ring, a step of Newton's would fly off.
+                // A Newton step diverges where the ray is tangent to the ring.
                 if rate.abs() > 1e-3 * speed {
                     t -= distance(t) / rate;
                 }

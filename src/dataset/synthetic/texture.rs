@@ -1,13 +1,13 @@
-//! Surface colours: linear albedo as a function of the place on a surface.
+//! Surface colours: linear albedo as a function of the surface point.
 //!
-//! Details are blurred by `blur`, the width of a pixel on the surface in metres, so that they do not
-//! alias into something that no two views agree on.
+//! Details are blurred over `blur`, the footprint of a pixel in metres, since aliasing would differ between
+//! views.
 
 use super::fine_texture::FineTexture;
 use super::pattern::{Place, band, hash, line, noise2, noise3, step, wave};
 use glam::{Vec2, Vec3, vec3};
 
-/// What a surface looks like; colours are linear RGB.
+/// Material of a surface; colours are linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Texture {
     Walls,
@@ -26,22 +26,21 @@ pub(super) enum Texture {
     Drawers,
     Landscape,
     Abstract,
-    /// Shines by itself.
+    /// Emissive.
     Window,
-    /// Shines by itself, one radiance.
+    /// Emissive with uniform radiance.
     Glow(Vec3),
-    /// Detail of a millimetre, for the phone's scenes.
+    /// Millimetre detail, for the phone's scenes.
     Fine(FineTexture),
 }
 
 impl Texture {
-    /// Whether `albedo` is radiance instead.
+    /// True if `albedo` returns emitted radiance.
     pub fn is_emissive(&self) -> bool {
         matches!(self, Self::Window | Self::Glow(_))
     }
 
-    /// Share of light that the surface sends back there, linear RGB; radiance where it shines by
-    /// itself.
+    /// Albedo at a surface point, linear RGB; emitted radiance for emissive textures.
     pub fn albedo(&self, at: &Place) -> Vec3 {
         let metres = (at.uv * at.size).as_vec2();
         match *self {
@@ -87,7 +86,7 @@ impl Texture {
         }
     }
 
-    /// Whether a lidar often gets no echo from it: gloss, glass and black.
+    /// True if a lidar often gets no return: glossy, glass or black surfaces.
     pub fn is_poor_target(&self) -> bool {
         match *self {
             Self::Window | Self::Glaze(_) => true,
@@ -133,7 +132,7 @@ fn wall(m: Vec2, face: usize, at: &Place) -> Vec3 {
     panel.lerp(upper, above).lerp(Vec3::splat(0.80), rail)
 }
 
-/// A staggered lattice of diamonds with a dot in each.
+/// Staggered lattice of diamonds with a dot in each.
 fn damask(m: Vec2, blur: f32) -> f32 {
     let shifted = Vec2::new(m.x + 0.5 * (m.y.floor() as i32).rem_euclid(2) as f32, m.y);
     let p = (shifted - shifted.floor() - 0.5).abs();
@@ -146,7 +145,7 @@ fn damask(m: Vec2, blur: f32) -> f32 {
 fn wood(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
     let long = if at.size.x >= at.size.y { m } else { Vec2::new(m.y, m.x) };
     let bend = noise2(long * Vec2::new(1.5, 5.0), at.seed) * 0.06;
-    // Rings finer than a pixel would alias into others that no two views agree on.
+    // Rings finer than a pixel would alias differently in each view.
     let fade = (1.0 - at.blur / 0.02).clamp(0.0, 1.0);
     let rings = ((long.y + bend) * 240.0).sin() * 0.12 * fade;
     let grain = noise2(long * Vec2::new(6.0, 90.0), at.seed ^ 0x3) - 0.5;

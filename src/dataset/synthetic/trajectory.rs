@@ -1,32 +1,32 @@
-//! Where the synthetic camera goes: around the room, facing the table.
+//! Trajectory of the synthetic camera: around the room, facing the table.
 
 use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec3, dvec3};
 use std::f64::consts::TAU;
 
-/// Frames per turn around the room; longer trajectories make more turns at other heights.
+/// Frames per turn around the room; longer trajectories make more turns at varying heights.
 const FRAMES_PER_TURN: f64 = 48.0;
-/// Half axes of the path, metres.
+/// Semi-axes of the elliptic path, metres.
 const PATH: [f64; 2] = [1.75, 1.45];
-/// Middle and swing of the height, metres.
+/// Mean and amplitude of the camera height, metres.
 const HEIGHT: [f64; 2] = [1.4, 0.3];
-/// What the camera looks at, about.
+/// Mean target point of the camera, metres.
 const TARGET: DVec3 = dvec3(0.0, 0.0, 0.85);
-/// Stream of the phase; away from frames' and the furnishing's.
+/// Random stream of the phase; distinct from those of frames and furnishing.
 const PHASE: u64 = u64::MAX - 1;
 
-/// Poses of the training frames: smooth, one closed turn or several.
+/// Poses of the training frames: smooth, one or more closed turns.
 pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
-    // Whole turns, so that the walk closes.
+    // Whole turns close the path.
     let turns = (n_frames as f64 / FRAMES_PER_TURN).round().max(1.0);
     let phase = phase(seed);
     (0..n_frames).filter_map(|i| pose(phase + turns * i as f64 / n_frames as f64, turns)).collect()
 }
 
-/// Poses of the evaluation frames: another height and distance than any training frame.
+/// Poses of the evaluation frames, at a different radius and height profile than the training frames.
 pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
-    // Off the training frames of a usual number, so that no view is one that was learnt.
+    // The offset avoids training viewpoints at the usual frame counts.
     let phase = phase(seed) + 0.37 / FRAMES_PER_TURN;
     let between = |i: usize| {
         let turn = phase + i as f64 / n_frames as f64;
@@ -37,11 +37,11 @@ pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
 }
 
 fn phase(seed: u64) -> f64 {
-    // Seed 0 is the demo, whose first view was chosen.
+    // Seed 0 is the demo, whose first view was chosen by hand.
     if seed == 0 { 0.89 } else { Rng::new(seed, Purpose::Synthetic, PHASE).uniform() }
 }
 
-/// `None` never happens: the path stays away from the vertical through the target.
+/// Never `None`: the path avoids the vertical through the target.
 fn pose(turn: f64, turns: f64) -> Option<Pose> {
     let swing = (TAU * turn * (1.0 + 1.0 / turns)).sin();
     let eye = place(turn, 1.0, HEIGHT[0] + HEIGHT[1] * swing);
@@ -53,7 +53,7 @@ fn place(turn: f64, reach: f64, height: f64) -> DVec3 {
     dvec3(PATH[0] * reach * cos, PATH[1] * reach * sin, height)
 }
 
-/// The gaze wanders, so that floor and ceiling are seen too.
+/// The target oscillates, so that floor and ceiling become visible as well.
 fn target(turn: f64) -> DVec3 {
     let sway = TAU * turn;
     TARGET + dvec3(0.25 * (2.0 * sway).sin(), 0.2 * (3.0 * sway).cos(), 0.35 * (5.0 * sway).sin())

@@ -1,9 +1,9 @@
 //! Ray casting of one view.
 //!
-//! One ray through each pixel's centre, without supersampling: colour and depth of a pixel are
-//! those of one place on one surface, so that a loader can be tested on every pixel; textures
-//! blur themselves by the width of a pixel instead. Pixels are cast in tiles, each with the few
-//! solids whose projected boxes reach it, nearest first.
+//! One ray passes through each pixel centre, without supersampling: colour and depth of a pixel belong to
+//! the same surface point, so a loader can be tested on every pixel. Textures are prefiltered over the
+//! footprint of a pixel instead. Pixels are cast in tiles; each tile tests only solids whose projected
+//! bounding boxes overlap it, nearest first.
 
 use super::light::LightMaps;
 use super::pattern::Place;
@@ -20,35 +20,35 @@ use std::ops::Range;
 pub struct SyntheticView {
     /// sRGB-encoded, opaque.
     pub color: Image<[u8; 4]>,
-    /// Depth along the optical axis, metres; positive everywhere, the room is closed.
+    /// Depth along the optical axis, metres. Positive in every pixel, since the room is closed.
     pub depth_z: Image<f64>,
 }
 
-/// Pixels on a side of the tiles that share a list of solids in reach.
+/// Side of the tiles that share a list of candidate solids, pixels.
 const TILE: usize = 16;
 
-/// Images with fewer pixels are cast by one thread: frames of the demo are decoded in parallel.
+/// Images with fewer pixels are cast on one thread: demo frames are already decoded in parallel.
 const MIN_PARALLEL: usize = 1 << 18;
 
-/// Casts one ray through each pixel's centre.
+/// Renders colour and depth, with one ray through each pixel centre.
 pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> SyntheticView {
     let tone = ToneCurve::new();
-    // A camera outside the room may see nothing: black, and a hole.
+    // Rays of a camera outside the room may miss: black, and a depth hole.
     let view = trace(room, camera, ([0, 0, 0, 255], 0.0), |ray, solid, hit| {
         let light = shade(room, light, ray, solid, hit, &camera.intrinsics);
-        (tone.pixel(light), hit.t) // the ray's direction has z = 1 in the camera
+        (tone.pixel(light), hit.t) // the ray direction has z = 1 in the camera frame
     });
     SyntheticView { color: view.map(|(color, _)| *color), depth_z: view.map(|(_, z)| *z) }
 }
 
-/// Linear light that reaches each pixel through its centre.
+/// Renders linear radiance, with one ray through each pixel centre.
 pub(super) fn radiance(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> Image<Vec3> {
     trace(room, camera, Vec3::ZERO, |ray, solid, hit| {
         shade(room, light, ray, solid, hit, &camera.intrinsics)
     })
 }
 
-/// What `seen` makes of the first hit of each pixel's ray, by solid; `miss` without a hit.
+/// Maps each pixel's first hit (ray, index of the solid, hit) through `seen`; `miss` without a hit.
 pub(super) fn trace<T: Copy + Send + Sync>(
     room: &FurnishedRoom,
     camera: &Camera,
@@ -88,13 +88,13 @@ pub(super) fn trace<T: Copy + Send + Sync>(
     image
 }
 
-/// `in_reach` is sorted from near to far.
+/// Returns the first hit among `in_reach`, which is sorted from near to far.
 #[inline]
 fn nearest(room: &FurnishedRoom, in_reach: &[&Reach], ray: &Ray) -> Option<(usize, Hit)> {
     let mut best: Option<(usize, Hit)> = None;
     for reach in in_reach {
         let limit = best.map_or(f64::INFINITY, |(_, hit)| hit.t);
-        // Sorted by nearest depth: whatever follows lies behind the hit.
+        // Sorted by nearest depth: the remaining solids lie behind the hit.
         if reach.nearest_z > limit {
             break;
         }
@@ -119,7 +119,7 @@ fn shade(
     let world = ray.at(hit.t);
     let uv = shape.chart(world, hit.face);
     let size = shape.face_size(hit.face);
-    // Width of a pixel at that depth.
+    // Footprint of a pixel at this depth, metres.
     let blur = (hit.t / k.fx) as f32;
     let place = Place { world, uv, size, face: hit.face, blur, seed: room.seed };
     let albedo = texture.albedo(&place);
@@ -129,12 +129,12 @@ fn shade(
     }
 }
 
-/// Where in the image a solid can appear, by the projection of its bounding box.
+/// Image region that a solid can cover, from the projection of its bounding box.
 struct Reach {
     solid: usize,
     columns: Range<usize>,
     rows: Range<usize>,
-    /// No point of the solid in front of the camera has a smaller depth.
+    /// Lower bound on the depth of the solid's points in front of the camera, metres.
     nearest_z: f64,
 }
 
@@ -156,11 +156,11 @@ impl Reach {
             return Self { solid: index, columns: 0..0, rows: 0..0, nearest_z: f64::INFINITY };
         }
         if nearest_z < NEAR {
-            // The box reaches behind the camera, where projections mean nothing.
+            // The box extends behind the camera, where its projection is undefined.
             return Self { solid: index, columns: 0..width, rows: 0..height, nearest_z: 0.0 };
         }
-        // Casts saturate: what is left of the image gets 0..0.
-        // A pixel more on each side forgives the rounding of a projection.
+        // Float casts saturate: a box to the left of the image gets 0..0.
+        // One extra pixel per side covers the rounding of the projection.
         let range = |low: f64, high: f64, n: usize| {
             (low - 1.0).max(0.0) as usize..((high + 1.0).max(0.0) as usize).min(n)
         };
@@ -174,8 +174,8 @@ impl Reach {
     }
 }
 
-/// Linear light to display bytes: an exponential shoulder, then the sRGB curve, tabulated over the
-/// square root of the light because shadows need the finer steps.
+/// Tone curve from linear radiance to display bytes: an exponential shoulder, then the sRGB curve.
+/// Tabulated over the square root of radiance, for finer steps in the shadows.
 pub(super) struct ToneCurve {
     table: Vec<u8>,
 }
@@ -198,7 +198,6 @@ impl ToneCurve {
         Self { table: (0..=Self::STEPS).map(entry).collect() }
     }
 
-    /// Opaque display bytes of linear light.
     #[inline]
     pub fn pixel(&self, light: Vec3) -> [u8; 4] {
         let [r, g, b] = light.to_array().map(|channel| self.byte(channel));

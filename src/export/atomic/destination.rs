@@ -1,17 +1,16 @@
-//! What the name of a file that is to be written stands for.
+//! Resolution of an output path: a regular file behind any links, or a stream.
 
 use crate::export::error::Fault;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Links followed from one name to the next before they count as a circle, as Linux counts.
+/// Maximum number of links followed before a cycle is assumed; Linux uses the same limit.
 const MAX_LINKS: usize = 40;
 
-/// What a name stands for.
 pub(super) enum Destination {
-    /// A file that is there or will be, at the end of all links.
+    /// Existing or future regular file, with all links resolved.
     File(PathBuf),
-    /// A device, a FIFO, a socket.
+    /// Device, FIFO or socket.
     Stream,
 }
 
@@ -25,13 +24,13 @@ impl Destination {
                 Err(source) => Err(Fault::Io { action: "follow this link", source }),
             },
             Err(e) if path.is_symlink() => end_of_links(path, e).map(Self::File),
-            // Whatever else is wrong with the name is said where it is used.
+            // Any other problem with the path is reported when it is used.
             Ok(_) | Err(_) => Ok(Self::File(path.to_path_buf())),
         }
     }
 }
 
-/// The name that a link whose file is missing leads to.
+/// Resolves a symbolic link whose target file does not exist.
 fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
     let mut end = path.to_path_buf();
     for _ in 0..MAX_LINKS {

@@ -1,63 +1,62 @@
-//! What a save asks of the file system, one operation at a time.
+//! File-system operations of a save, behind a trait.
 //!
-//! Everything that changes a folder while a file is written goes through [`SaveDisk`], so that tests
-//! can let each operation fail, or let the process end there, one after the other: moments that
-//! sampling by chance would hardly ever meet.
+//! Every change to a folder during a save goes through [`SaveDisk`]. Tests can therefore fail each operation,
+//! or end the process there, one after another.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-/// Renames tried while another program holds the target open, and the wait between two of them.
+/// Attempts to rename while another program holds the target open, and the delay between them.
 const RENAME_TRIES: usize = 5;
 const RENAME_WAIT: Duration = Duration::from_millis(200);
 
-/// The operations that a save is made of. Each either happens or, by its error, does not.
+/// File-system operations of a save. An operation that returns an error had no effect.
 pub trait SaveDisk {
     /// Creates an empty file, open for writing.
     ///
     /// # Errors
-    /// [`io::ErrorKind::AlreadyExists`] if there is anything of that name.
+    /// [`io::ErrorKind::AlreadyExists`] if the name is taken.
     fn create(&self, path: &Path) -> io::Result<File>;
-    /// Gives a new file the permissions, and as far as it may the owner, of one that it will replace.
+    /// Copies the permissions and, if allowed, the owner of the file that will be replaced.
     ///
     /// # Errors
-    /// Permissions that could not be set.
+    /// The permissions could not be set.
     fn resemble(&self, file: &File, older: &Metadata) -> io::Result<()>;
-    /// Appends the first of these bytes, how many it says, as a file takes them.
+    /// Appends a prefix of `bytes` and returns its length.
     ///
     /// # Errors
     /// Nothing was written.
     fn write(&self, file: &File, bytes: &[u8]) -> io::Result<usize>;
-    /// Brings what was written to the disk.
+    /// Flushes written data to the storage device.
     ///
     /// # Errors
-    /// What was written may be lost.
+    /// Written data may be lost.
     fn sync(&self, file: &File) -> io::Result<()>;
-    /// Gives a file a second name, at which there is nothing.
+    /// Creates a hard link `second` to `file`; the name must be free.
     ///
     /// # Errors
-    /// Among others that this file system has no second names.
+    /// Also if the file system has no hard links.
     fn link(&self, file: &Path, second: &Path) -> io::Result<()>;
-    /// Gives a file another name, in place of whatever has it.
+    /// Renames a file, replacing any file at `to`.
     ///
     /// # Errors
-    /// Both names are as they were.
+    /// Both names are unchanged.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
-    /// Takes a name away.
+    /// Removes a name.
     ///
     /// # Errors
-    /// The name is still there, or never was.
+    /// The name still exists, or never did.
     fn remove(&self, path: &Path) -> io::Result<()>;
-    /// Makes the names in a folder durable.
+    /// Flushes the entries of a folder to the storage device.
     ///
     /// # Errors
-    /// Among others that this file system cannot.
+    /// Also if the file system does not support it.
     fn sync_folder(&self, folder: &Path) -> io::Result<()>;
 }
 
-/// The file system of the machine.
+/// The operating system's file system.
 #[derive(Clone, Copy, Debug)]
 pub struct SystemDisk;
 
@@ -70,14 +69,14 @@ impl SaveDisk for SystemDisk {
         #[cfg(unix)]
         {
             use std::os::unix::fs::MetadataExt;
-            // Before the permissions, of which a change of owner takes some away. Only root gives
-            // files to others, and whoever may not leaves them with the one who writes.
+            // Before the permissions: a change of owner clears some of them. Only root may change the owner;
+            // for other users it stays the writer.
             let _ = std::os::unix::fs::fchown(file, Some(older.uid()), Some(older.gid()));
             file.set_permissions(older.permissions())
         }
         #[cfg(not(unix))]
         {
-            // Here permissions are of the folder, and "read-only" would forbid the rename.
+            // On this platform permissions come from the folder, and "read-only" would block the rename.
             let _ = (file, older);
             Ok(())
         }
@@ -98,7 +97,7 @@ impl SaveDisk for SystemDisk {
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         for _ in 1..RENAME_TRIES {
             match std::fs::rename(from, to) {
-                // A viewer or a virus scanner often holds the target for a moment.
+                // A viewer or virus scanner often holds the target open for a moment.
                 Err(e) if cfg!(windows) && e.kind() == io::ErrorKind::PermissionDenied => {
                     std::thread::sleep(RENAME_WAIT);
                 }

@@ -1,9 +1,8 @@
-//! Files appear whole or not at all (`export.md`, Atomic writing).
+//! Atomic file replacement (`export.md`, Atomic writing).
 //!
-//! Written beside the target, brought to the disk, then renamed over it: at every moment the name
-//! stands for a whole file, the older or the newer one. Back-ups are second names of the older file
-//! rather than copies, where the file system has them, and are made when the newer file is whole: a
-//! save that fails changes nothing.
+//! The content is written to a temporary file in the same folder, synced, then renamed over the target: the
+//! name always refers to a complete file, old or new. A backup is a hard link to the older file (a copy where
+//! the file system has no links). It is made once the new file is complete, so a failed save changes nothing.
 
 mod destination;
 mod disk;
@@ -19,25 +18,22 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use temporary::Temporary;
 
-/// Bytes gathered before they are handed to the system.
 const BUFFER_BYTES: usize = 1 << 16;
-/// Back-ups tried while another process sweeps or saves in the same folder.
+/// Attempts to make a backup while another process cleans up or saves in the same folder.
 const BACK_UP_TRIES: usize = 5;
 
 /// Writes `path` through `write` and returns the number of bytes.
 ///
-/// The content goes to a temporary file in the same folder, reaches the disk, and then takes the
-/// target's name in one step. On any error the temporary is deleted and an older file of that name
-/// is untouched. The folder must exist: creating it is the caller's business.
+/// The content goes to a temporary file in the same folder, is synced, and then renamed over the target. On
+/// any error the temporary file is deleted and an existing target is untouched. The folder must exist.
 ///
-/// An older file's permissions are those of the new one. A symbolic link stays one: the file that it
-/// names is replaced, beside that file. Devices, FIFOs
-/// and whatever else is no file cannot be replaced by one without harm (`/dev/null`), so they are
-/// written to as they stand.
+/// The new file gets the permissions of the one it replaces. A symbolic link is preserved: the file it points
+/// to is replaced. Devices, FIFOs and sockets (such as `/dev/null`) are written to directly, since replacing
+/// them would destroy them.
 ///
 /// # Errors
-/// [`Fault::NoFolder`], [`Fault::IsFolder`], [`Fault::DiskFull`], or [`Fault::Io`] with the error
-/// of the system or of `write`.
+/// [`Fault::NoFolder`], [`Fault::IsFolder`], [`Fault::DiskFull`], or [`Fault::Io`] with the error of the
+/// system or of `write`.
 ///
 /// ```
 /// use std::io::{Error, Write};
@@ -57,11 +53,11 @@ pub fn write_atomic(
     write_on(&SystemDisk, path, false, write)
 }
 
-/// Like [`write_atomic`]; an older file of that name stays as `<name>.bak`.
+/// Writes like [`write_atomic`] and retains an existing target as `<name>.bak`.
 ///
 /// # Errors
-/// As [`write_atomic`], or [`Fault::Io`] if the folder takes no second name or copy; the older file is
-/// untouched then, and so is its `.bak`.
+/// As [`write_atomic`], or [`Fault::Io`] if neither a hard link nor a copy can be made. The older file and
+/// its `.bak` are then untouched.
 pub fn write_keeping_old(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -69,9 +65,10 @@ pub fn write_keeping_old(
     write_keeping_old_on(&SystemDisk, path, write)
 }
 
-/// [`write_keeping_old`] on a disk that may fail at any operation. At no moment is either name without
-/// a complete file once it had one, and neither is ever opened for writing: they may be two names of
-/// one file, and whoever writes to one would empty the other.
+/// Writes like [`write_keeping_old`], on any [`SaveDisk`].
+///
+/// Once either name has had a complete file, it always has one. Neither is ever opened for writing: both may
+/// be links to one file, and truncating one would empty the other.
 ///
 /// # Errors
 /// As [`write_keeping_old`].
@@ -97,12 +94,12 @@ fn write_on(
     written.map_err(|fault| fault.at(path))
 }
 
-/// Writes to what is there, without creating, emptying or replacing anything.
+/// Writes to an existing stream without creating, truncating or replacing anything.
 fn write_through(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, Fault> {
-    // Neither created nor emptied: the name may stand for something else since it was looked at.
+    // No create and no truncate: the name may have become a regular file since the check.
     let stream = std::fs::OpenOptions::new()
         .write(true)
         .open(path)
@@ -113,14 +110,14 @@ fn write_through(
     Ok(out.written)
 }
 
-/// Puts a complete file in the place of `path`, whose name is no link.
+/// Replaces `path`, which is no symbolic link, by a complete file.
 fn replace(
     disk: &dyn SaveDisk,
     path: &Path,
     keeps_old: bool,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, Fault> {
-    // `/` and what ends in `..` have no name of their own.
+    // `/` and paths that end in `..` have no file name.
     if path.file_name().is_none() {
         return Err(Fault::IsFolder);
     }
@@ -140,19 +137,18 @@ fn replace(
         disk.resemble(&file, older)
             .map_err(failed("keep the older file's permissions", written))?;
     }
-    // Before the rename: else a crash may leave the new name with content that never arrived.
-    disk.sync(&file).map_err(failed("bring the data to the disk", written))?;
+    // Before the rename: otherwise a crash may leave the new name with missing content.
+    disk.sync(&file).map_err(failed("flush the data to the disk", written))?;
     if keeps_old && older.is_some() {
         back_up(disk, path)?;
     }
     temporary.place(path).map_err(failed("put the finished file in place", written))?;
-    // Some file systems refuse to sync a folder; the file is complete and in place by then, so that
-    // is no failure.
+    // Some file systems cannot sync a folder. The file is complete and in place, so this is no error.
     let _ = disk.sync_folder(folder);
     Ok(written)
 }
 
-/// Keeps the file at `path` as `<name>.bak` too.
+/// Links the file at `path` as `<name>.bak` too.
 fn back_up(disk: &dyn SaveDisk, path: &Path) -> Result<(), Fault> {
     let kept = with_suffix(path, ".bak");
     for _ in 0..BACK_UP_TRIES {
@@ -160,7 +156,7 @@ fn back_up(disk: &dyn SaveDisk, path: &Path) -> Result<(), Fault> {
             return copy_to(disk, path, &kept);
         };
         match second.place(&kept) {
-            // Swept, between the two, by a process that begins in this folder.
+            // Another process that starts in this folder removed the link between the two calls.
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}
             done => return done.map_err(|source| Fault::Io { action: KEEP_OLD, source }),
         }
@@ -170,7 +166,7 @@ fn back_up(disk: &dyn SaveDisk, path: &Path) -> Result<(), Fault> {
 
 const KEEP_OLD: &str = "keep the older file as .bak";
 
-/// A copy under the name `kept`, complete or not at all, for file systems without second names.
+/// Copies `file` to `kept` atomically, for file systems without hard links.
 fn copy_to(disk: &dyn SaveDisk, file: &Path, kept: &Path) -> Result<(), Fault> {
     let mut old = File::open(file).map_err(|source| Fault::Io { action: KEEP_OLD, source })?;
     replace(disk, kept, false, |out| io::copy(&mut old, out).map(drop)).map(drop)
@@ -182,7 +178,7 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// What to say of an error after `written` bytes.
+/// Converts an I/O error after `written` bytes.
 pub(super) fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
     move |source| match source.kind() {
         _ if source.get_ref().is_some_and(|inner| inner.is::<Cancelled>()) => Fault::Cancelled,
@@ -191,7 +187,6 @@ pub(super) fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -
     }
 }
 
-/// A file written through the operations of a disk.
 struct DiskFile<'a> {
     disk: &'a dyn SaveDisk,
     file: &'a File,

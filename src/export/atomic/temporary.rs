@@ -1,8 +1,8 @@
-//! Files under names of their own until they are whole, and what a killed process leaves of them.
+//! Temporary files of atomic writes, and removal of those that a killed process left behind.
 //!
-//! A temporary is locked as long as its process writes it, and the system lifts the lock however the
-//! process ends: one that nobody holds is a leftover, on whichever machine and in whichever container
-//! its process ran. Process numbers alone would not tell, since two containers may share one.
+//! The writing process holds a lock on its temporary file, and the system releases it however the process
+//! ends. An unlocked temporary is therefore a leftover, on any machine or container. A process id would not
+//! be enough: two containers may share one.
 
 use super::destination::{Destination, folder_of};
 use super::disk::SaveDisk;
@@ -12,10 +12,10 @@ use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Names tried, of which the first is almost surely free.
+/// Number of names tried; the first is almost certainly free.
 const NAME_TRIES: usize = 10;
 
-/// A name beside a file; it is taken away again unless another file has got it by then.
+/// Temporary name beside a file, removed on drop unless it was moved into place.
 pub(super) struct Temporary<'a> {
     disk: &'a dyn SaveDisk,
     path: PathBuf,
@@ -23,7 +23,7 @@ pub(super) struct Temporary<'a> {
 }
 
 impl<'a> Temporary<'a> {
-    /// The first name that `make` finds free, and what it made there.
+    /// Creates an entry with `make` under the first free temporary name.
     fn first_free<T>(
         disk: &'a dyn SaveDisk,
         target: &Path,
@@ -41,14 +41,14 @@ impl<'a> Temporary<'a> {
         Err(io::ErrorKind::AlreadyExists.into())
     }
 
-    /// A new file, locked, in the folder of the target: across file systems a rename is a copy,
-    /// which may end half way.
+    /// Creates a locked file in the target's folder: across file systems a rename is a copy, which can be
+    /// interrupted.
     pub fn file(disk: &'a dyn SaveDisk, target: &Path) -> io::Result<(Self, File)> {
         Self::first_free(disk, target, "", |path| {
             let file = disk.create(path)?;
-            // A file system without locks keeps its leftovers; nothing else depends on them.
+            // On a file system without locks, leftovers are not removed; nothing else depends on the lock.
             let is_locked = file.lock().is_ok();
-            // Whoever sweeps may have come between the two.
+            // Another process may have removed the file between creation and lock.
             match is_locked && !path.exists() {
                 true => Err(io::ErrorKind::AlreadyExists.into()),
                 false => Ok(file),
@@ -56,16 +56,16 @@ impl<'a> Temporary<'a> {
         })
     }
 
-    /// A second name of a file. Nobody locks it: swept, it may be made anew by another process, but
-    /// then for the same file, since no other temporaries are named so.
+    /// Creates a hard link to a file. It is not locked: if another process removes it and creates it again,
+    /// it still refers to the same file, since only such links have this kind of name.
     pub fn second_name(disk: &'a dyn SaveDisk, file: &Path) -> io::Result<Self> {
         Ok(Self::first_free(disk, file, ".old", |path| disk.link(file, path))?.0)
     }
 
-    /// Gives it its name for good, in place of whatever has it.
+    /// Renames the temporary to its final name, replacing any file there.
     pub fn place(mut self, path: &Path) -> io::Result<()> {
         self.disk.rename(&self.path, path)?;
-        // Renaming onto another name of the same file does nothing and leaves both.
+        // Renaming onto another link to the same file does nothing and leaves both names.
         self.is_placed = !self.path.exists();
         Ok(())
     }
@@ -74,15 +74,15 @@ impl<'a> Temporary<'a> {
 impl Drop for Temporary<'_> {
     fn drop(&mut self) {
         if !self.is_placed {
-            // One that stays costs space and nothing else, until it is swept.
+            // A leftover only takes space until the next cleanup.
             let _ = self.disk.remove(&self.path);
         }
     }
 }
 
-/// `.NAME.PROCESS.RANDOM.tmp`, or `.NAME.PROCESS.RANDOM.old.tmp`.
+/// Returns `.NAME.PROCESS.RANDOM.tmp` or, for links, `.NAME.PROCESS.RANDOM.old.tmp`.
 fn new_name(target: &Path, kind: &str) -> PathBuf {
-    // The standard library's own source of randomness: another one in every process and at every call.
+    // `RandomState` is seeded differently in every process and at every call.
     let random = RandomState::new().build_hasher().finish();
     let mut name = OsString::from(".");
     name.push(target.file_name().unwrap_or_default());
@@ -90,8 +90,8 @@ fn new_name(target: &Path, kind: &str) -> PathBuf {
     folder_of(target).join(name)
 }
 
-/// Removes what processes that were killed while they wrote `path` have left beside it: each is as
-/// large as the file. What a process is writing at this moment stays.
+/// Removes temporary files of `path` left by killed processes; each is as large as the file. Files that a
+/// process is still writing stay.
 pub fn remove_leftovers(path: &Path) {
     let Ok(Destination::File(file)) = Destination::of(path) else { return };
     let Some(name) = file.file_name().and_then(|name| name.to_str()) else { return };
@@ -107,8 +107,8 @@ pub fn remove_leftovers(path: &Path) {
     }
 }
 
-/// Whether a file is named as temporaries of `name` and its `.bak` are, or as earlier versions named
-/// them.
+/// True if `found` is named like a temporary of `name` or of its `.bak`, in this or an earlier version of the
+/// program.
 fn is_temporary(found: &str, name: &str) -> bool {
     let rest = found.strip_prefix('.').unwrap_or(found).strip_prefix(name);
     let rest = rest.map(|rest| rest.strip_prefix(".bak").unwrap_or(rest));
@@ -136,7 +136,7 @@ mod tests {
         remove_leftovers(&path);
         assert!(left.iter().all(|name| !folder.path().join(name).exists()));
         assert!(kept.iter().all(|name| folder.path().join(name).exists()));
-        assert!(written.0.path.exists(), "somebody writes it");
+        assert!(written.0.path.exists(), "still being written");
         let second = Temporary::file(&SystemDisk, &path).unwrap();
         assert_ne!(second.0.path, written.0.path);
         drop((written, second));

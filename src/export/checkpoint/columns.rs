@@ -1,4 +1,4 @@
-//! Between rows of sums as the model keeps them and the columns of the file.
+//! Conversion between the model's rows of sums and the file's columns.
 
 use super::container::Section;
 use super::element::Stored;
@@ -9,10 +9,8 @@ use bytemuck::{Pod, pod_read_unaligned};
 
 /// First moments per component: space, then colour.
 pub(super) const N_FIRST: usize = 6;
-/// Second moments per component.
 pub(super) const N_SECOND: usize = 6;
 
-/// The sections of the initial means.
 pub(super) fn means(means: &InitialMeans) -> Section<'_> {
     match means {
         InitialMeans::F32 { space, color } => columns_of(space, color),
@@ -24,12 +22,11 @@ fn columns_of<'a, T: Stored>(space: &'a [[T; 3]], color: &'a [[T; 3]]) -> Sectio
     Section::new(tag::MEANS, space.as_flattened()).and(color.as_flattened())
 }
 
-/// The sections of the statistics.
 pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
     match totals {
         Totals::Fixed64 { rows, carries } => {
             let mut sections = split(rows);
-            // A carry may have come and gone: equal sums have equal bytes.
+            // Zero carries are left out, so that equal sums have equal bytes.
             let carries = carries.iter().filter(|carry| carry.limbs != [0; N_SUMS]);
             let ids: Vec<u32> = carries.clone().map(|carry| carry.id).collect();
             if !ids.is_empty() {
@@ -45,7 +42,7 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
 }
 
 fn split<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
-    // Columns rather than rows, because a section of the file holds numbers of one kind.
+    // Columns, not rows: a section holds numbers of one kind.
     let mut counts = Vec::with_capacity(rows.len());
     let mut first = Vec::with_capacity(rows.len() * N_FIRST);
     let mut second = Vec::with_capacity(rows.len() * N_SECOND);
@@ -61,13 +58,13 @@ fn split<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
     ]
 }
 
-/// The rows that [`split`] took apart, into memory reserved for them.
+/// Joins the columns made by [`split`] into rows, in already reserved memory.
 pub(super) fn join<T: Pod>(
     [counts, first, second]: [&[u8]; 3],
     mut rows: Vec<[T; N_SUMS]>,
 ) -> Vec<[T; N_SUMS]> {
     let size = size_of::<T>();
-    // Read unaligned: a file's bytes lie at any address, and an `i128` asks for one of 16.
+    // Unaligned reads: the file's bytes may start at any address, and an `i128` needs 16-byte alignment.
     let counts = counts.chunks_exact(size);
     let first = first.chunks_exact(N_FIRST * size);
     let second = second.chunks_exact(N_SECOND * size);
@@ -80,7 +77,7 @@ pub(super) fn join<T: Pod>(
     rows
 }
 
-/// Carries from their two sections, into memory reserved for them.
+/// Joins carries from their two sections, in already reserved memory.
 pub(super) fn carries(ids: &[u8], limbs: &[u8], mut carries: Vec<Carry>) -> Vec<Carry> {
     let limbs = limbs.chunks_exact(N_SUMS * size_of::<i32>()).map(pod_read_unaligned);
     let ids = ids.chunks_exact(size_of::<u32>()).map(pod_read_unaligned);

@@ -1,9 +1,9 @@
-//! Header, table of sections and checksums: the frame around a checkpoint's content.
+//! Container of a checkpoint: header, section table and checksums.
 //!
-//! Checks run from the outside in and take memory only for what the file is known to hold
-//! (`export.md`, Checkpoint container), so that no length in a damaged file can ask for memory.
-//! Sections lie at multiples of 64, a line of the cache, and in the order of the table with nothing
-//! but zeros between: a file has one form only.
+//! Checks run from the outside inwards and allocate only for what the file is known to hold (`export.md`,
+//! Checkpoint container). A length in a damaged file therefore cannot cause a large allocation. Sections
+//! start at multiples of 64 bytes (a cache line), in table order, with only zeros between: the encoding is
+//! unique.
 
 use super::super::error::{reserved, shorten};
 use super::element::{ElementType, Stored};
@@ -15,9 +15,9 @@ use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::io::{self, Read, Write};
 
-/// The line ends and the high bit show damage by transfers in text mode.
+/// Line endings and a byte with the high bit set reveal damage by text-mode transfers.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
-// Some forty tags are known. A bound keeps the table small whatever a header claims.
+// About 40 tags are known. The bound keeps the table small whatever a damaged header states.
 const MAX_SECTIONS: usize = 64;
 const ALIGNMENT: u64 = 64;
 const CRC_BYTES: usize = 4;
@@ -43,7 +43,6 @@ struct Entry {
     reserved: u32,
 }
 
-/// A section to be written.
 pub(super) struct Section<'a> {
     tag: [u8; 4],
     element: ElementType,
@@ -51,7 +50,7 @@ pub(super) struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
-    /// From one run of elements.
+    /// Borrows one run of elements.
     pub fn new<T: Stored>(tag: [u8; 4], elements: &'a [T]) -> Self {
         Self {
             tag,
@@ -60,22 +59,22 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// From elements made for the purpose.
+    /// Takes ownership of elements.
     pub fn owned<T: Stored>(tag: [u8; 4], elements: Vec<T>) -> Self {
         let bytes = match bytemuck::try_cast_vec(elements) {
             Ok(bytes) => bytes,
-            // Memory of another alignment cannot change hands.
+            // A vector of another alignment cannot be reinterpreted and is copied.
             Err((_, elements)) => bytemuck::cast_slice(&elements).to_vec(),
         };
         Self { tag, element: T::ELEMENT, parts: vec![Cow::Owned(bytes)] }
     }
 
-    /// From elements in several runs, each given as its bytes.
+    /// Borrows several runs of elements, each given as bytes.
     pub fn of_runs<T: Stored>(tag: [u8; 4], runs: impl Iterator<Item = &'a [u8]>) -> Self {
         Self { tag, element: T::ELEMENT, parts: runs.map(Cow::Borrowed).collect() }
     }
 
-    /// Appends more elements of the section's type.
+    /// Appends elements of the section's type.
     pub fn and<T: Stored>(mut self, elements: &'a [T]) -> Self {
         debug_assert!(T::ELEMENT == self.element);
         self.parts.push(Cow::Borrowed(bytemuck::cast_slice(elements)));
@@ -93,10 +92,9 @@ impl<'a> Section<'a> {
     }
 }
 
-/// Writes a whole file.
 pub(super) fn write(out: &mut dyn Write, sections: &[Section]) -> io::Result<()> {
     let mut end = (size_of::<Header>() + size_of::<Entry>() * sections.len() + CRC_BYTES) as u64;
-    // Offsets and checksums before any byte: the table is in front, and a pipe goes forward only.
+    // Offsets and checksums come first: the table precedes the sections, and a pipe cannot seek.
     let entries: Vec<Entry> = sections
         .iter()
         .map(|section| {
@@ -132,15 +130,15 @@ pub(super) fn write(out: &mut dyn Write, sections: &[Section]) -> io::Result<()>
     Ok(())
 }
 
-/// A file whose frame is sound; its content is still to be decoded.
+/// Parsed file with a valid container; section contents are not decoded yet.
 pub(super) struct Container<'a> {
     pub version: (u16, u16),
     sections: Vec<(Entry, &'a [u8])>,
 }
 
 impl<'a> Container<'a> {
-    /// Checks everything but what the sections mean, in order (`export.md`, Checkpoint container).
-    /// Takes memory for the table only, once the file is known to hold it.
+    /// Checks everything except the meaning of the sections, in the order of `export.md`, Checkpoint
+    /// container. Allocates only the section table, once the file is known to hold it.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
         let found = bytes.len() as u64;
         let head = size_of::<Header>();
@@ -154,7 +152,7 @@ impl<'a> Container<'a> {
         if header.major != VERSION.0 {
             return Err(Defect::Version { major: header.major, minor: header.minor });
         }
-        // Compared before the table is looked for: it sizes the table.
+        // Checked before the table is read, because it determines the table's size.
         let n = header.n_sections as usize;
         if n > MAX_SECTIONS {
             let expected = format!("at most {MAX_SECTIONS} sections");
@@ -165,7 +163,7 @@ impl<'a> Container<'a> {
         let Some((start, crc)) = start.and_then(|start| start.split_at_checked(table_end)) else {
             return Err(Defect::Truncated { expected: (table_end + CRC_BYTES) as u64, found });
         };
-        // From here on the table's numbers are what was written, not damage.
+        // From here on the table is as it was written.
         if crc32fast::hash(start).to_le_bytes() != crc {
             return Err(Defect::Checksum { place: "header".into() });
         }
@@ -181,31 +179,31 @@ impl<'a> Container<'a> {
             if crc32fast::hash(content) != entry.crc {
                 return Err(Defect::Checksum { place: tag_text(entry.tag) });
             }
-            // Later minor versions may add what can be passed over, under tags in lower case.
+            // Later minor versions may add optional sections, marked by tags in lower case.
             if !tag::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
                 return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
             }
-            // The second of two would never be read, whatever it holds.
+            // A duplicate would never be read and could hold anything.
             if sections.iter().any(|(other, _): &(Entry, &[u8])| other.tag == entry.tag) {
                 return Err(Defect::malformed(tag_text(entry.tag), "one such section", "two"));
             }
             sections.push((entry, content));
         }
         if end as u64 != header.file_bytes {
-            let trailing = format!("{} bytes more", header.file_bytes - end as u64);
+            let trailing = format!("{} more bytes", header.file_bytes - end as u64);
             return Err(Defect::malformed("header", "nothing after the last section", trailing));
         }
         Ok(Self { version, sections })
     }
 
-    /// Bytes and code of a section's elements.
+    /// Returns the bytes and the element code of a section.
     pub fn find(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
         let found = self.sections.iter().find(|(entry, _)| entry.tag == tag);
         found.map(|(entry, bytes)| (*bytes, entry.element))
     }
 }
 
-/// Neither cut short nor with anything behind.
+/// Compares the stated file length with the actual one.
 fn check_length(expected: u64, found: u64) -> Result<(), Defect> {
     match found.cmp(&expected) {
         Ordering::Less => Err(Defect::Truncated { expected, found }),
@@ -217,7 +215,7 @@ fn check_length(expected: u64, found: u64) -> Result<(), Defect> {
     }
 }
 
-/// Bytes of a section that must begin at or after `end`, with nothing but zeros between.
+/// Returns the bytes of a section, which must begin at or after `end` with only zeros in between.
 fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(format!("table entry `{}`", tag_text(entry.tag)), expected, found))
@@ -232,15 +230,15 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     if !entry.offset.is_multiple_of(ALIGNMENT) {
         return refuse(&format!("an offset divisible by {ALIGNMENT}"), entry.offset.to_string());
     }
-    // Sections that overlap could be read as two things at once.
+    // Overlapping sections would make the encoding ambiguous.
     if start < end {
         return refuse(&format!("an offset of {end} or more"), entry.offset.to_string());
     }
-    // Bytes between sections could hold anything, unseen by any checksum.
+    // No checksum covers bytes between sections.
     let is_padding =
         |gap: &[u8]| gap.len() < ALIGNMENT as usize && gap.iter().all(|&byte| byte == 0);
     if !bytes.get(end..start).is_some_and(is_padding) {
-        return refuse("zeros up to the next multiple of 64 before it", "something else".into());
+        return refuse("only zeros up to the next multiple of 64", "something else".into());
     }
     let size = ElementType::of_code(entry.element).map_or(1, ElementType::size);
     if !content.len().is_multiple_of(size) {
@@ -278,8 +276,8 @@ fn wrong_magic(bytes: &[u8]) -> Defect {
     Defect::NotACheckpoint { found }
 }
 
-/// Whether this was a checkpoint once: the name is there, the bytes around it are not. UTF-8
-/// decoding with replacement makes three bytes of the first one.
+/// True if the bytes are a checkpoint damaged by a text-mode transfer: the name is intact, the bytes around
+/// it are not. UTF-8 decoding with replacement turns the first byte into three.
 pub(super) fn is_text_damaged(bytes: &[u8]) -> bool {
     !bytes.starts_with(&MAGIC)
         && [&b"\x89VBGS"[..], b"\tVBGS", b"\xEF\xBF\xBDVBGS", b"\xC2\x89VBGS"]

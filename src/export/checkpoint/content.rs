@@ -1,42 +1,42 @@
-//! What a checkpoint holds, in memory.
+//! Contents of a checkpoint, in memory.
 
 use crate::model::stored::StoredModel;
 
-/// What a checkpoint holds. The JSON texts are opaque here: `pipeline` writes and reads them.
+/// Contents of a checkpoint. The JSON texts are opaque here; `pipeline` writes and reads them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// Every setting that shaped the run.
+    /// JSON: every setting that affects the result.
     pub config: String,
-    /// Program, time and dataset.
+    /// JSON: program, time and dataset.
     pub meta: String,
-    /// What the last bits of results depend on besides the settings.
+    /// JSON: everything besides the settings that affects the last bits of the result.
     pub numerics: String,
-    /// Reports of the frames so far.
+    /// JSON: reports of the frames trained on so far.
     pub history: Option<String>,
-    /// How far the run is.
+    /// Progress of the run.
     pub cursor: Cursor,
-    /// The model of either preset, all its statistics included.
+    /// Model of either preset, with all its sufficient statistics.
     pub model: StoredModel,
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Cursor {
-    /// Number of frames learnt.
+    /// Number of frames trained on.
     pub frames: u64,
-    /// Number of points learnt, over all frames.
+    /// Number of points trained on, over all frames.
     pub points: u64,
-    /// Positions in their split of the frames gone through, learnt or skipped, in order; each once.
+    /// Indices in their split of the frames visited (trained on or skipped), in order, each once.
     pub visited: Vec<u32>,
 }
 
-/// A checkpoint and the file it was read from.
+/// Checkpoint read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
-    /// What the file held, checked.
+    /// Validated contents.
     pub checkpoint: Checkpoint,
-    /// Version of the format, major and minor.
+    /// Format version, major and minor.
     pub version: (u16, u16),
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }

@@ -1,33 +1,32 @@
-//! What sections are made of.
+//! Element types of sections.
 
 use bytemuck::Pod;
 
-/// Type of a section's elements; the discriminant is its code in the file. The last three are this
-/// program's additions to the published codes (`export.md`, Checkpoint container).
+/// Type of a section's elements; the discriminant is its code in the file. The last three extend the
+/// published codes (`export.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ElementType {
-    /// Bytes of UTF-8 text: JSON.
+    /// UTF-8 text: JSON.
     Bytes = 0,
-    /// Floats of double precision, 8 bytes each.
+    /// 64-bit floats.
     F64 = 1,
-    /// Floats of single precision, 4 bytes each.
+    /// 32-bit floats.
     F32 = 2,
-    /// Unsigned integers of 4 bytes.
+    /// 32-bit unsigned integers.
     U32 = 3,
-    /// Unsigned integers of 8 bytes.
+    /// 64-bit unsigned integers.
     U64 = 4,
-    /// Signed integers of 8 bytes.
+    /// 64-bit signed integers.
     I64 = 5,
-    /// Signed 128-bit: the low 64 bits, then the high ones.
+    /// 128-bit signed integers, low 64 bits first.
     I128 = 6,
-    /// Signed integers of 4 bytes.
+    /// 32-bit signed integers.
     I32 = 7,
-    /// Unsigned integers of 2 bytes.
+    /// 16-bit unsigned integers.
     U16 = 8,
 }
 
-/// Rust types that are elements.
 pub(super) trait Stored: Pod {
     const ELEMENT: ElementType;
 }

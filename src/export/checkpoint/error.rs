@@ -1,26 +1,26 @@
-//! What can go wrong when a checkpoint is written or read.
+//! Errors of writing and reading checkpoints.
 
 use super::super::error::{ExportError, Fault};
 use super::version::VERSION;
 use std::path::PathBuf;
 
-/// A checkpoint that could not be written or read.
+/// Error of writing or reading a checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// The file itself.
+    /// The file could not be read or written.
     #[error(transparent)]
     File(#[from] ExportError),
-    /// The file can be read, but what it holds is no usable checkpoint.
+    /// The file is readable but is no usable checkpoint.
     #[error("{}: {defect}", path.display())]
     Content {
-        /// Path of the file that was read.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong and what to do about it.
+        /// What is wrong, and what to do about it.
         defect: Defect,
     },
-    /// What was to be written would be refused by whoever reads it.
+    /// The model would produce a file that `read` refuses.
     #[error(
-        "{}: not written, since it could not be read back: {}; a file of that name is as it was, export the splats to keep what was learnt",
+        "{}: not written, because it could not be read back: {}; an existing file of that name is unchanged; export the splats to save the result",
         path.display(), defect.finding()
     )]
     Unreadable {
@@ -31,22 +31,22 @@ pub enum CheckpointError {
     },
 }
 
-/// Why bytes are no usable checkpoint.
+/// Reason why bytes are no usable checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum Defect {
-    /// The file does not begin as a checkpoint does.
+    /// The magic bytes are missing.
     #[error("expected a checkpoint (.vbgs), found {found}; name a file that `train` wrote")]
     NotACheckpoint {
-        /// The first bytes.
+        /// Description of the first bytes.
         found: String,
     },
-    /// Line ends or high bits were changed on the way.
+    /// Line endings or high bits were changed in transfer.
     #[error(
         "expected a checkpoint, found one damaged by a transfer in text mode; copy it again in \
          binary mode"
     )]
     TextMode,
-    /// Another major version.
+    /// The major version is unsupported.
     #[error(
         "written by version {major}.{minor} of the format, this program reads {}; use a newer \
          program", VERSION.0
@@ -57,54 +57,54 @@ pub enum Defect {
         /// Minor version of the file.
         minor: u16,
     },
-    /// The file ends too early.
+    /// The file is truncated.
     #[error(
         "expected {expected} bytes, found {found}: the file is cut short; use another copy, such \
          as the .bak beside it"
     )]
     Truncated {
-        /// Bytes there must be at least.
+        /// Minimum length in bytes.
         expected: u64,
-        /// Bytes there are.
+        /// Actual length in bytes.
         found: u64,
     },
-    /// A CRC-32 does not match the bytes it stands for.
+    /// A CRC-32 does not match its bytes.
     #[error(
-        "{place}: the checksum does not match, so bytes are damaged; use another copy, such as the \
-         .bak beside it"
+        "{place}: the checksum does not match, so the data are damaged; use another copy, such as \
+         the .bak beside it"
     )]
     Checksum {
         /// The header, or the tag of the section.
         place: String,
     },
-    /// A section without which the file cannot be understood.
+    /// A required section is unknown.
     #[error(
-        "section `{tag}` is needed and unknown to this program, which reads version {}.{} and found \
-         {}.{}; use a newer program", VERSION.0, VERSION.1, version.0, version.1
+        "section `{tag}` is required but unknown to this program, which reads version {}.{} and \
+         found {}.{}; use a newer program", VERSION.0, VERSION.1, version.0, version.1
     )]
     UnknownSection {
-        /// Four-letter tag of the unknown section.
+        /// Four-letter tag of the section.
         tag: String,
         /// Version of the file.
         version: (u16, u16),
     },
-    /// Header, table or a section is not as the format says.
+    /// Header, table or a section violates the format.
     #[error("{place}: expected {expected}, found {found}; use another copy, or train again")]
     Malformed {
-        /// The header, a section, or a value in one.
+        /// The header, a section, or a value in a section.
         place: String,
-        /// What the format asks for.
+        /// What the format requires.
         expected: String,
         /// What the file holds.
         found: String,
     },
-    /// Memory ran out.
+    /// The allocation failed.
     #[error("{0}")]
     Memory(Fault),
 }
 
 impl Defect {
-    /// What is wrong, without what to do about a file.
+    /// Message without the advice about the file.
     fn finding(&self) -> String {
         match self {
             Self::Malformed { place, expected, found } => {
@@ -123,7 +123,6 @@ impl Defect {
     }
 }
 
-/// A tag as it may appear in a message.
 pub(super) fn tag_text(tag: [u8; 4]) -> String {
     tag.escape_ascii().to_string()
 }

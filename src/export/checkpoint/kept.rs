@@ -1,4 +1,4 @@
-//! The sections of frames that are still to be looked at a second time.
+//! Sections of frames retained for a second pose correction (`KEPT` and related tags).
 
 use super::container::Section;
 use super::error::Defect;
@@ -8,13 +8,12 @@ use crate::model::scene::kept::{KeptFrame, Shown, Taught};
 use crate::model::scene::sums::N_SUMS;
 use glam::DVec3;
 
-/// Numbers of a frame: frames before it, its place among corrected poses, the deviation of its place, and of how
-/// many components it shows and taught something.
+/// Numbers per frame: index among the trained frames, index among the corrected poses, standard deviation of
+/// the position, number of components shown, number of components updated.
 const N_FRAME: usize = 5;
-/// Numbers of what it shows of a component: place, colour and noise.
+/// Numbers per shown component: position, colour, depth noise.
 const N_SHOWN: usize = 7;
 
-/// All frames in a row; none without any.
 pub(super) fn sections(frames: &[KeptFrame]) -> Vec<Section<'_>> {
     if frames.is_empty() {
         return Vec::new();
@@ -39,7 +38,7 @@ pub(super) fn sections(frames: &[KeptFrame]) -> Vec<Section<'_>> {
     ]
 }
 
-/// Reads them; what they hold is checked with the scene.
+/// Reads the frames. Their values are checked with the scene.
 pub(super) fn read(sections: &Sections) -> Result<Vec<KeptFrame>, Defect> {
     if !sections.has(tag::KEPT) {
         return Ok(Vec::new());

@@ -1,4 +1,4 @@
-//! The sections of a mixture.
+//! Sections of a mixture.
 
 use super::super::error::reserved;
 use super::columns::{self, N_FIRST, N_SECOND};
@@ -13,7 +13,6 @@ use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::state::{InitialMeans, ModelState, Totals};
 use crate::model::stored::StoredModel;
 
-/// In the order of the file.
 pub(super) fn sections<'a>(
     normalization: &'a Normalization,
     hyper: &Hyper,
@@ -39,7 +38,6 @@ pub(super) fn sections<'a>(
     sections
 }
 
-/// Reads and checks all of them.
 pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
     let alpha_init: Vec<f64> = sections.elements(tag::ALPHA, None)?;
     let n = alpha_init.len();
@@ -97,7 +95,7 @@ fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2]
 
 fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
     let (_, form) = sections.find(tag::COUNTS)?;
-    // Carries extend 64-bit sums; beside wider ones they mean nothing.
+    // Carries extend 64-bit sums; with wider sums they have no meaning.
     if form != I64 && sections.has(tag::CARRY_IDS) {
         let expected = "I64 sums beside carries";
         return Err(wrong_type(tag::COUNTS, expected, form));

@@ -1,19 +1,19 @@
-//! Native checkpoints, `*.vbgs` (`export.md`, Checkpoint container): everything a run needs to go
-//! on as if it had never stopped, saved at a frame boundary.
+//! Native checkpoints, `*.vbgs` (`export.md`, Checkpoint container): the complete state of a run at a frame
+//! boundary, sufficient to resume it bit for bit.
 //!
-//! Little-endian. A header of 24 bytes (magic, version, number of sections, length of the file), a
-//! table with one entry of 32 bytes per section (tag, element type, offset, length, CRC-32), the
-//! CRC-32 of all that, then the sections at multiples of 64 with zeros between them.
+//! Little-endian. A header of 24 bytes (magic, version, number of sections, length of the file), a table with
+//! one 32-byte entry per section (tag, element type, offset, length, CRC-32), the CRC-32 of both, then the
+//! sections at multiples of 64 with zeros between them.
 //!
 //! | tag | elements | holds |
 //! |---|---|---|
-//! | `CONF` | bytes | JSON: every setting that shaped the run |
+//! | `CONF` | bytes | JSON: every setting that affects the result |
 //! | `META` | bytes | JSON: program, time, dataset and its fingerprint |
-//! | `NUMX` | bytes | JSON: what the last bits of results depend on besides the settings |
-//! | `CURS` | u64 | frames learnt, points learnt, then the frames gone through, in order |
-//! | `HIST` | bytes | JSON: the frames' reports; optional |
+//! | `NUMX` | bytes | JSON: everything else that affects the last bits of the result |
+//! | `CURS` | u64 | frames trained on, points trained on, then the visited frames in order |
+//! | `HIST` | bytes | JSON: reports of the frames; optional |
 //!
-//! A mixture has these:
+//! A mixture has these sections:
 //!
 //! | tag | elements | holds |
 //! |---|---|---|
@@ -27,22 +27,22 @@
 //! | `CARI` | u32 | components with carries, ascending; only if there are any |
 //! | `CARL` | i32 | their carries, in the order N, `STA1` of space, `STA2`, `STA1` of colour |
 //!
-//! Its integer statistics count quanta ([`crate::math::fixed`]). An `i128` is 16 bytes, low half
-//! first. A scene (version 1.1) has these in their place:
+//! Integer statistics count quanta ([`crate::math::fixed`]). An `i128` is 16 bytes, low half first. A scene
+//! (version 1.1) has these sections instead:
 //!
 //! | tag | elements | holds |
 //! |---|---|---|
 //! | `ORIG` | f64 | world position that seeds are relative to |
 //! | `SEED` | f32 | seeds, rows x y z, world units |
-//! | `COMP` | u32 | by seed its component; only where a budget made seeds share components |
-//! | `SUMS` | i32, f32 or f64 | sums about the seeds, rows of [`N_SUMS`]; integers count 2⁻¹⁵, and are 0 where `WIDI` names the component |
-//! | `WIDI` | u32 | components with 4,096 points or more, ascending; only beside integers, if there are any |
+//! | `COMP` | u32 | component of each seed; only if the component budget made seeds share components |
+//! | `SUMS` | i32, f32 or f64 | sums about the seeds, rows of [`N_SUMS`]; integers count 2⁻¹⁵, and are 0 where `WIDI` lists the component |
+//! | `WIDI` | u32 | components with 4,096 points or more, ascending; only with integer sums, if there are any |
 //! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
-//! | `LOOK` | u32 | rows of two: returns expected, in 64ths; frames in which the component was seen (low half) and seen through (high half) |
-//! | `EXPO` | f64 | where gains were fitted, by frame learnt: the camera's centre and unit direction in the world, and the gains of red, green and blue |
+//! | `LOOK` | u32 | rows of two: expected returns in 64ths; numbers of frames in which the component was seen (low half) and seen through (high half) |
+//! | `EXPO` | f64 | if gains were fitted, per trained frame: the camera's centre and unit direction in the world, and the gains of red, green and blue |
 //!
-//! What follows from these is not saved: the index, posteriors, and the state of random streams,
-//! which is their name ([`crate::math::rng`]).
+//! Derived data are not saved: the index, posteriors, and the state of random streams, which follows from
+//! their name ([`crate::math::rng`]).
 //!
 //! ```
 //! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, write};
@@ -98,5 +98,5 @@ pub use sections::MAX_JSON_BYTES;
 pub use version::VERSION;
 pub use write::{to_bytes, write, write_keeping_old};
 
-// Columns are written and read as they lie in memory.
+// Columns are written and read in their memory layout.
 const _: () = assert!(cfg!(target_endian = "little"), "checkpoints need a little-endian machine");

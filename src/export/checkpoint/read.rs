@@ -1,4 +1,4 @@
-//! Sections as a checkpoint.
+//! Decoding of checkpoint files.
 
 use super::super::error::Fault;
 use super::container::{Container, MAGIC, is_text_damaged};
@@ -11,25 +11,25 @@ use crate::model::stored::StoredModel;
 use std::io::Read;
 use std::path::Path;
 
-/// Whether a file is a checkpoint by its first bytes, or was one before a transfer in text mode
-/// damaged it. Files that cannot be read are none.
+/// True if the file begins like a checkpoint, or like one damaged by a text-mode transfer. False for
+/// unreadable files.
 pub fn is_checkpoint(path: &Path) -> bool {
     let mut start = Vec::new();
-    // What is no file may never end, or never begin.
+    // Only regular files: reading a FIFO or device may block.
     let is_read = path.is_file()
         && std::fs::File::open(path)
             .is_ok_and(|file| file.take(16).read_to_end(&mut start).is_ok());
     is_read && (start.starts_with(&MAGIC) || is_text_damaged(&start))
 }
 
-/// Reads a checkpoint and checks all of it.
+/// Reads a checkpoint and validates all of it.
 ///
 /// # Errors
-/// The file cannot be read, is none, is damaged, of another version, or holds values no model has;
-/// the [`Defect`] says where.
+/// The file cannot be read, is no checkpoint, is damaged, has another major version, or holds impossible
+/// values; the [`Defect`] states where.
 pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
     let bytes = read_file(path).map_err(|fault| {
-        // A missing checkpoint is not a missing model: the advice differs.
+        // The advice for a missing checkpoint differs from that for a missing model.
         let fault = match fault {
             Fault::Missing => Fault::NoCheckpoint,
             other => other,
@@ -39,14 +39,14 @@ pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
     parse(&bytes).map_err(|defect| CheckpointError::Content { path: path.to_owned(), defect })
 }
 
-/// Like [`read`], from the bytes of a file.
+/// Reads a checkpoint from the bytes of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// As [`read`], as a [`Defect`].
 pub fn parse(bytes: &[u8]) -> Result<Loaded, Defect> {
     let container = Container::parse(bytes)?;
     let sections = Sections(&container);
-    // By its sections: files of version 1.0 hold mixtures and name no preset.
+    // Detected by its sections: files of version 1.0 hold mixtures and name no preset.
     let model = match tag::OF_SCENES.iter().any(|tag| sections.has(*tag)) {
         true => StoredModel::Scene(scene::read(&sections)?),
         false => mixture::read(&sections)?,

@@ -1,4 +1,4 @@
-//! The sections of a scene.
+//! Sections of a scene.
 
 use super::container::Section;
 use super::error::Defect;
@@ -17,28 +17,23 @@ use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::Splat;
 use crate::model::splat::viewpoint::Viewpoint;
 
-/// Words of a component's visibility counts.
+/// Words per component in the visibility counts.
 const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
-/// Numbers of a frame's exposure.
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
-/// Numbers of a corrected pose without its rotation, which files of before scenes were held to their recorded
-/// poses do not have.
+/// Numbers of a corrected pose without its rotation. Older files do not store the rotation.
 const N_POSE: usize = 12;
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
-/// Numbers of a scale of depths.
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
-/// That of a photograph without depths.
+/// Placeholder scale of a photograph without depths.
 const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
-/// Numbers of a splat.
 const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
-/// Numbers of an appearance that are stored: gradient and directional colour. Observed directions are
-/// in the sums of the component.
+/// Stored numbers of an appearance: gradient and directional colour. The observed directions are part of the
+/// component's sums.
 const N_APPEARANCE: usize = 18;
 
-/// In the order of the file.
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     let mut sections = vec![
         Section::new(tag::ORIGIN, &state.origin),
@@ -47,7 +42,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     match &state.sums {
         StoredSums::Mixed { rows, wide } => {
             sections.push(Section::new(tag::SUMS, rows.as_flattened()));
-            // Few scenes spill; those that do not have no such section.
+            // Only large components are stored wide; without any, the sections are omitted.
             if !wide.is_empty() {
                 let ids = wide.iter().map(|row| row.id).collect();
                 let sums = wide.iter().flat_map(|row| row.sums).collect();
@@ -58,7 +53,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         StoredSums::F32(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
         StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
     }
-    // Scenes whose budget held what was asked for keep the bytes that files had before.
+    // Omitted if the component budget sufficed, so that such files keep their earlier bytes.
     if state.coarsened > 0 {
         sections.push(Section::owned::<u32>(tag::COARSENED, vec![state.coarsened]));
     }
@@ -68,9 +63,9 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     }
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
-    // Pairs of u16 as one word: hits in the low half, as little-endian machines have them.
+    // Pairs of u16 as one word: on little-endian machines hits are in the low half.
     sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.visibility)));
-    // Scenes without fitted gains keep the bytes that files had before gains existed.
+    // Omitted without fitted gains, so that such files keep their earlier bytes.
     if !state.exposures.is_empty() {
         let numbers = bytemuck::cast_slice(&state.exposures);
         sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
@@ -112,10 +107,10 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
         Section::new(tag::PHOTO_POINTS, &photometric.points),
         Section::new(tag::PHOTO_SEEN_THROUGH, &photometric.seen_through),
     ];
-    // Where none waits, files keep the bytes that they had before any could.
+    // Omitted if no photographs are buffered, so that such files keep their earlier bytes.
     if !photometric.waiting.is_empty() {
         let views: Vec<PhotographView> = photometric.waiting.iter().map(|w| w.view).collect();
-        // A word a pixel; as they lie, since there may be 64 MB of them.
+        // One word per pixel, borrowed: the buffer may hold 64 MB.
         let pixels = photometric.waiting.iter().map(|waiting| waiting.pixels.as_flattened());
         sections
             .push(Section::owned::<f64>(tag::PHOTO_WAITING, bytemuck::cast_slice(&views).to_vec()));
@@ -125,8 +120,8 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
     sections
 }
 
-/// Depths of photographs that wait, if they have any: scales of all, and the steps of those that have a
-/// scale.
+/// Depths of buffered photographs: the scales of all, and the steps of those that have depths. Empty if none
+/// has depths.
 fn depth_sections(waiting: &[WaitingPhotograph]) -> Vec<Section<'_>> {
     let depths = || waiting.iter().map(|waiting| waiting.depths.as_ref());
     if depths().all(|depths| depths.is_none()) {
@@ -141,18 +136,17 @@ fn depth_sections(waiting: &[WaitingPhotograph]) -> Vec<Section<'_>> {
     ]
 }
 
-/// Reads and checks all of them.
 pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     sections.refuse(&tag::OF_MIXTURES, "scene")?;
     let seeds = sections.rows::<f32, 3>(tag::SEEDS, None)?;
-    // None is right, too: a run may be saved before any frame had points.
+    // Zero seeds are valid: a run may be saved before any frame had points.
     check_size(tag::SEEDS, 0, seeds.len())?;
     let shares = sections.has(tag::SHARES).then(|| shares(sections, seeds.len())).transpose()?;
     let components = match sections.has(tag::COMPONENTS) {
         true => Some(sections.elements::<u32>(tag::COMPONENTS, Some(seeds.len()))?),
         false => None,
     };
-    // Seeds may share components; else each has its own.
+    // Without shared components, each seed has its own.
     let n = components.is_none().then_some(seeds.len());
     let visibility = sections.rows::<u32, N_LOOKS>(tag::LOOKS, n)?;
     let n = visibility.len();
@@ -192,7 +186,7 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     Ok(state)
 }
 
-/// Corrected poses; those of before scenes were held to their recorded ones do not know their rotation.
+/// Reads corrected poses. Older files lack the rotations, which are read as zero.
 fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
     let rows = sections.rows::<f64, N_POSE>(tag::POSES, None)?;
     let rotations = match sections.has(tag::POSE_ROTATIONS) {
@@ -206,7 +200,6 @@ fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
     Ok(rows.into_iter().zip(rotations).map(pose).collect())
 }
 
-/// Steps by which the structural scale grew.
 fn coarsened(sections: &Sections) -> Result<u32, Defect> {
     let steps = sections.elements::<u32>(tag::COARSENED, Some(1))?;
     match steps.first().copied().unwrap_or(0) {
@@ -218,7 +211,7 @@ fn coarsened(sections: &Sections) -> Result<u32, Defect> {
     }
 }
 
-/// One to 64 for every seed.
+/// Reads the shares of seeds, 1 to 64 each.
 fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
     let words: Vec<u32> = sections.elements(tag::SHARES, Some(n))?;
     let share = |(at, word): (usize, u32)| match u8::try_from(word) {
@@ -238,7 +231,7 @@ fn unobserved(stored: [f32; N_APPEARANCE]) -> Appearance {
 fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {
     let splats = sections.rows::<f32, N_SPLAT>(tag::PHOTO_SPLATS, Some(n))?;
     let appearance = sections.rows::<f32, N_APPEARANCE>(tag::PHOTO_APPEARANCE, Some(n))?;
-    // Files of before frames were judged by their points have neither.
+    // Older files have neither section.
     let usual = |tag| if sections.has(tag) { sections.numbers(tag) } else { Ok([0.0; 2]) };
     Ok(PhotometricState {
         splats: bytemuck::cast_vec(splats),
@@ -255,11 +248,11 @@ fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect
     })
 }
 
-/// Photographs that wait, each with the pixels that its numbers say.
+/// Reads buffered photographs; the pixel count of each follows from its view.
 fn waiting(sections: &Sections) -> Result<Vec<WaitingPhotograph>, Defect> {
     let views = sections.rows::<f64, N_VIEW>(tag::PHOTO_WAITING, None)?;
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);
-    // Before pixels are counted by them.
+    // Views are checked before they determine the number of pixels.
     check::waiting(views.iter())?;
     let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
     let words: Vec<u32> = sections.elements(tag::PHOTO_PIXELS, Some(n))?;
@@ -272,12 +265,12 @@ fn waiting(sections: &Sections) -> Result<Vec<WaitingPhotograph>, Defect> {
     Ok(views.into_iter().zip(depths).map(of).collect())
 }
 
-/// Their depths: of those that have a scale.
+/// Reads the depths of those photographs that have a scale.
 fn depths(
     sections: &Sections,
     views: &[PhotographView],
 ) -> Result<Vec<Option<WaitingDepths>>, Defect> {
-    // Files had none before depths were compared.
+    // Older files have no depths.
     if !sections.has(tag::PHOTO_SCALES) {
         return Ok(vec![None; views.len()]);
     }

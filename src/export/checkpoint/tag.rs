@@ -1,4 +1,4 @@
-//! Tags of the sections.
+//! Four-letter tags of the sections.
 
 pub const CONFIG: [u8; 4] = *b"CONF";
 pub const META: [u8; 4] = *b"META";
@@ -46,12 +46,12 @@ pub const PHOTO_PIXELS: [u8; 4] = *b"PHPX";
 pub const PHOTO_SCALES: [u8; 4] = *b"PHDS";
 pub const PHOTO_DEPTHS: [u8; 4] = *b"PHDP";
 
-/// What every checkpoint may have.
+/// Sections of every checkpoint.
 const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
-/// What only mixtures have.
+/// Sections of mixtures only.
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
-/// What only scenes have.
+/// Sections of scenes only.
 pub const OF_SCENES: [[u8; 4]; 29] = [
     ORIGIN,
     SEEDS,
@@ -84,7 +84,6 @@ pub const OF_SCENES: [[u8; 4]; 29] = [
     PHOTO_DEPTHS,
 ];
 
-/// Whether this program knows what a section means.
 pub fn is_known(tag: [u8; 4]) -> bool {
     [&OF_ALL[..], &OF_MIXTURES, &OF_SCENES].iter().any(|tags| tags.contains(&tag))
 }

@@ -1,4 +1,4 @@
-//! A checkpoint as sections.
+//! Encoding of checkpoint files.
 
 use super::super::atomic;
 use super::container::{self, Section};
@@ -9,27 +9,27 @@ use crate::model::stored::StoredModel;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes a checkpoint, whole or not at all (see [`atomic::write_atomic`]); returns the number of bytes.
+/// Writes a checkpoint atomically (see [`atomic::write_atomic`]); returns the number of bytes.
 ///
 /// # Errors
-/// Whatever writing a file can meet; a model that [`read`](super::read()) would refuse, before any file
-/// is touched.
+/// The file cannot be written, or [`read`](super::read()) would refuse the model. The latter is detected
+/// before any file is touched.
 pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
     check_readable(path, checkpoint)?;
     Ok(atomic::write_atomic(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Like [`write()`]; an older file of that name stays as `<name>.bak`.
+/// Writes like [`write()`] and retains an existing file as `<name>.bak`.
 ///
 /// # Errors
-/// As [`write()`]; the older file is untouched then.
+/// As [`write()`]; the older file is then untouched.
 pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
     check_readable(path, checkpoint)?;
     Ok(atomic::write_keeping_old(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Refuses what the reader would: a file that nothing opens must not take the place of one that is
-/// whole. Takes a few milliseconds for a million components.
+/// Refuses what the reader would refuse: an unreadable file must not replace a valid one. Takes a few
+/// milliseconds for a million components.
 fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
     let checked = match &checkpoint.model {
         StoredModel::Mixture { normalization, state, .. } => {
@@ -40,11 +40,11 @@ fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), Checkpoint
     checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }
 
-/// The bytes of the file.
+/// Returns the bytes of the file.
 pub fn to_bytes(checkpoint: &Checkpoint) -> Vec<u8> {
     let mut bytes = Vec::new();
     let written = write_to(&mut bytes, checkpoint);
-    debug_assert!(written.is_ok(), "memory takes all bytes");
+    debug_assert!(written.is_ok(), "a vector accepts all bytes");
     bytes
 }
 

@@ -1,8 +1,8 @@
-//! Attribute values behind accessors, buffer views and buffers, checked before any is read.
+//! Attribute values behind accessors, buffer views and buffers, validated before they are read.
 //!
-//! Everything a file says about places is compared with the bytes that are there before anything is
-//! read or reserved: files come from anywhere. The types that an attribute may have are a table
-//! after the extension's text, because a wrong `normalized` changes every value.
+//! Every offset and length is checked against the available bytes before anything is read or allocated,
+//! because files are untrusted. The permitted attribute types follow the extension's text exactly: a wrong
+//! `normalized` would change every value.
 
 use super::schema::{Accessor, Root};
 use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
@@ -14,8 +14,8 @@ const I16: u32 = 5122;
 const U16: u32 = 5123;
 const F32: u32 = 5126;
 
-/// What an attribute may look like: vector types with their widths, component types, and whether
-/// those must be normalised integers (`export.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1).
+/// Permitted types of an attribute: vector types with their widths, and component types with their
+/// `normalized` flag (`export.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1).
 struct Rule {
     kinds: &'static [(&'static str, usize)],
     components: &'static [(u32, bool)],
@@ -56,16 +56,15 @@ fn rule(semantic: &str) -> Rule {
     }
 }
 
-/// The values of one attribute.
 pub(super) struct Column<'a> {
-    /// From the first byte of the first row to the last byte of the last one.
+    /// Bytes from the start of the first row to the end of the last.
     bytes: &'a [u8],
     stride: usize,
     component: u32,
     normalized: bool,
     /// Number of rows, one per splat or point.
     pub count: usize,
-    /// Number and attribute of the accessor, as messages name it.
+    /// Index and attribute of the accessor, for messages.
     pub place: String,
 }
 
@@ -106,12 +105,11 @@ impl<'a> Column<'a> {
         Ok(Self { bytes, stride, component, normalized, count, place })
     }
 
-    /// Whether its integers have a sign.
     pub fn is_signed_integer(&self) -> bool {
         matches!(self.component, I8 | I16)
     }
 
-    /// The first `N` components of a row; the type has at least that many.
+    /// Returns the first `N` components of a row; the type must have at least `N`.
     pub fn get<const N: usize>(&self, row: usize) -> [f64; N] {
         let size = component_size(self.component);
         let row = self.bytes.get(row * self.stride..).unwrap_or_default();
@@ -120,8 +118,7 @@ impl<'a> Column<'a> {
     }
 
     fn component(&self, bytes: &[u8]) -> f64 {
-        // Largest positive value of the type, as glTF 2.0, 3.11 divides; −128 becomes −1 by the
-        // bound below.
+        // Divided by the largest positive value of the type, as in glTF 2.0, 3.11; −128 is clamped to −1.
         let (value, largest) = match (self.component, bytes) {
             (I8, &[a]) => (f64::from(a as i8), 127.0),
             (U8, &[a]) => (f64::from(a), 255.0),
@@ -134,7 +131,7 @@ impl<'a> Column<'a> {
     }
 }
 
-/// Content of a buffer view, and the distance of its rows where it is given.
+/// Returns the bytes of a buffer view and its stride, if stated.
 fn view_bytes<'a>(
     root: &Root,
     buffers: &'a [impl AsRef<[u8]>],
@@ -144,7 +141,7 @@ fn view_bytes<'a>(
     let view = root.buffer_views.get(index).ok_or_else(|| {
         Fault::malformed(place, "a bufferView of that number", format!("number {index}"))
     })?;
-    // Whatever packs bytes says so in its name, `EXT_meshopt_compression` for one.
+    // Compression extensions have it in their name, such as `EXT_meshopt_compression`.
     if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
         return Err(unsupported(format!("{place} is compressed ({})", shorten(name))));
     }
@@ -159,7 +156,7 @@ fn view_bytes<'a>(
     }
 }
 
-/// Bytes of one row, if the accessor's type is one the attribute may have.
+/// Returns the bytes per row, if the accessor's type is permitted for the attribute.
 fn row_bytes(accessor: &Accessor, semantic: &str, place: &str) -> Result<usize, Fault> {
     let rule = rule(semantic);
     let width = rule.kinds.iter().find(|(kind, _)| *kind == accessor.kind).map(|(_, n)| n);

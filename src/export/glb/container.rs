@@ -1,4 +1,4 @@
-//! The binary frame of a GLB: a header, a JSON chunk, a BIN chunk; lengths are multiples of 4.
+//! Binary container of a GLB: header, JSON chunk and BIN chunk, with lengths in multiples of 4.
 
 use crate::export::error::Fault;
 use std::io::{self, Write};
@@ -7,15 +7,14 @@ const MAGIC: u32 = 0x4654_6C67;
 const JSON: u32 = 0x4E4F_534A;
 const BIN: u32 = 0x004E_4942;
 
-/// Bytes of the file around JSON and BIN content.
+/// Bytes of the header and of both chunk headers.
 const FRAME: u64 = 12 + 8 + 8;
 
-/// Size of the file with a (padded) JSON and a BIN chunk.
 pub(super) fn file_size(json: usize, bin: u64) -> u64 {
     FRAME + json.next_multiple_of(4) as u64 + bin
 }
 
-/// Writes everything up to the content of the BIN chunk. The whole file must be below 4 GiB and
+/// Writes everything before the content of the BIN chunk. The file must be smaller than 4 GiB and
 /// `bin_length` a multiple of 4.
 pub(super) fn write_start(out: &mut dyn Write, json: &str, bin_length: u64) -> io::Result<()> {
     let padded = json.len().next_multiple_of(4);
@@ -24,20 +23,20 @@ pub(super) fn write_start(out: &mut dyn Write, json: &str, bin_length: u64) -> i
         out.write_all(&word.to_le_bytes())?;
     }
     out.write_all(json.as_bytes())?;
-    // Spaces after JSON, as glTF asks for. BIN needs no zeros: rows are multiples of 4.
+    // glTF requires JSON to be padded with spaces. BIN needs no padding: rows are multiples of 4.
     (json.len()..padded).try_for_each(|_| out.write_all(b" "))?;
     out.write_all(&(bin_length as u32).to_le_bytes())?;
     out.write_all(&BIN.to_le_bytes())
 }
 
-/// The JSON text and the content of the BIN chunk, if there is one.
+/// Splits a file into the JSON text and the BIN content, if any.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     let header = |at| word(bytes, at, "GLB header");
     let (version, total) = (header(4)?, header(8)?);
     if version != 2 {
         return Err(Fault::malformed("GLB header", "version 2", format!("version {version}")));
     }
-    // A longer file hides something, a shorter one was cut.
+    // Extra bytes could hide content, missing ones mean truncation.
     if u64::from(total) != bytes.len() as u64 {
         let found = format!("{} bytes", bytes.len());
         return Err(Fault::malformed("GLB header", format!("a file of {total} bytes"), found));
@@ -46,12 +45,12 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     if behind >= bytes.len() {
         return Ok((json, None));
     }
-    // What follows is some extension's: glTF has readers ignore chunks that they do not know.
+    // Chunks after BIN belong to extensions; glTF requires readers to ignore unknown chunks.
     let (bin, _) = chunk(bytes, behind, BIN, "BIN chunk")?;
     Ok((json, Some(bin)))
 }
 
-/// Content of the chunk at `start`, and where the next one starts.
+/// Returns the content of the chunk at `start` and the start of the next one.
 fn chunk<'a>(
     bytes: &'a [u8],
     start: usize,

@@ -1,8 +1,8 @@
-//! Splats or points of a glTF whose JSON and buffers are loaded.
+//! Import of splats or points from a parsed glTF with loaded buffers.
 //!
-//! If any primitive holds splats, those are the model and the rest is noted as skipped; else points
-//! are. All columns are opened and all rows counted before memory is taken, because many nodes may
-//! show one mesh and a small file may ask for any number of rows.
+//! If any primitive holds splats, those are the model and all others are noted as skipped; otherwise points
+//! are imported. All columns are opened and all rows counted before memory is allocated: many nodes may share
+//! one mesh, so a small file can request any number of rows.
 
 use super::accessor::Column;
 use super::nodes::{Placement, placed_meshes};
@@ -18,21 +18,19 @@ use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use crate::export::local_origin::EXTRA;
 use glam::{DMat3, DQuat, DVec3};
 
-/// `TRIANGLES`, the mode of a primitive that names none.
+/// `TRIANGLES`, the mode of a primitive that states none.
 const DEFAULT_MODE: u32 = 4;
 
-/// Most primitives imported from one scene. Nodes times primitives can ask for any number of them
-/// in a small file.
+/// Maximum number of primitives per scene. Nodes times primitives may be very large in a small file.
 const MAX_PARTS: usize = 100_000;
 
-/// A primitive of the scene and where it stands.
 struct Part<'a> {
     primitive: &'a Primitive,
     placement: Placement,
     place: String,
 }
 
-/// Everything of the scene that is splats, or points if there are no splats.
+/// Imports all splats of the scene, or its points if it has no splats.
 pub(super) fn model(
     root: &Root,
     buffers: &[impl AsRef<[u8]>],
@@ -50,7 +48,7 @@ pub(super) fn model(
         (ModelKind::Splats, splats)
     };
     if chosen.is_empty() {
-        let expected = format!("primitives with {EXTENSION} or of mode POINTS");
+        let expected = format!("primitives with {EXTENSION} or with mode POINTS");
         let found = format!("{n_parts} other primitives");
         return Err(Fault::malformed("scene", expected, found));
     }
@@ -86,7 +84,7 @@ fn parts(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {
             Fault::malformed(format!("mesh {index}"), "a mesh of that number", found)
         })?;
         for (i, primitive) in mesh.primitives.iter().enumerate() {
-            // Nodes share meshes, so a small file can ask for billions.
+            // Nodes share meshes, so a small file can request billions.
             if parts.len() == MAX_PARTS {
                 return Err(Fault::Unsupported {
                     feature: format!("more than {MAX_PARTS} primitives in the scene"),
@@ -100,7 +98,7 @@ fn parts(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {
     Ok(parts)
 }
 
-/// Rows of all parts, checked before memory is taken: many nodes may show one mesh.
+/// Returns the number of rows of all parts, or an error above `max_splats`.
 fn total(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
     let counts = columns.iter().map(|c| c.position.count as u64);
     let declared = counts.fold(0u64, u64::saturating_add);
@@ -110,18 +108,18 @@ fn total(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
     }
 }
 
-/// What the numbers of a file's scales are.
+/// Encoding of the scales in a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ScaleForm {
-    /// Standard deviations, as the ratified extension has them.
+    /// Standard deviations, as in the ratified extension.
     Linear,
-    /// Their natural logarithms, as in the drafts that were published for review.
+    /// Natural logarithms, as in the drafts published for review.
     Logarithmic,
 }
 
 impl ScaleForm {
-    /// Nothing in a file names its draft; but only drafts had integers with a sign, and deviations of
-    /// which most are not above 0 are none.
+    /// Infers the encoding, since files do not state their draft. Only drafts used signed integers, and
+    /// standard deviations are not mostly zero or negative.
     fn of(columns: &[Columns]) -> Self {
         let scales = || columns.iter().filter_map(|c| c.shape.as_ref()).map(|shape| &shape.scale);
         let components = || scales().flat_map(|s| (0..s.count).flat_map(|row| s.get::<3>(row)));
@@ -133,11 +131,11 @@ impl ScaleForm {
     }
 }
 
-/// The attributes of one part, all with as many rows as its positions.
+/// Attributes of one part, all with equal numbers of rows.
 struct Columns<'a> {
     position: Column<'a>,
     color: Color<'a>,
-    /// Absent in point clouds.
+    /// `None` for point clouds.
     shape: Option<Shape<'a>>,
 }
 
@@ -176,7 +174,7 @@ impl<'a> Columns<'a> {
             rotation: open(root, buffers, part, ROTATION, count)?,
             scale: open(root, buffers, part, SCALE, count)?,
             opacity: open(root, buffers, part, OPACITY, count)?,
-            // Not of linear colours: encoded, what is linear in the direction is so no more.
+            // Not for linear colours: after sRGB encoding they are no longer linear in the direction.
             degree_1: match has_degree_1(part) && !linear {
                 true => {
                     let [y, z, x] = SH_1.map(|name| open(root, buffers, part, name, count));
@@ -187,7 +185,7 @@ impl<'a> Columns<'a> {
         };
         let above_0 = |name: &&str| name.starts_with(SH_PREFIX) && *name != SH_0;
         let names = part.primitive.attributes.0.iter().map(|(name, _)| name.as_str());
-        // Harmonics above degree 1 are noted, not refused: the splat is right but for its sheen.
+        // Harmonics above degree 1 are noted, not refused: only the view-dependent colour is incomplete.
         let n_read = shape.degree_1.as_ref().map_or(0, |columns| columns.len());
         let n_coefficients = 3 * (names.filter(above_0).count() - n_read);
         if n_coefficients > 0 {
@@ -267,7 +265,7 @@ impl Shape<'_> {
 }
 
 impl Color<'_> {
-    /// sRGB-encoded colour of a row.
+    /// Returns the sRGB-encoded colour of a row.
     fn get(&self, row: usize) -> DVec3 {
         match self {
             Color::Sh { coefficient, linear } => {
@@ -280,7 +278,6 @@ impl Color<'_> {
     }
 }
 
-/// Whether degree 1 is there, and whole.
 fn has_degree_1(part: &Part) -> bool {
     SH_1.iter().all(|name| part.primitive.attributes.get(name).is_some())
 }
@@ -306,7 +303,7 @@ fn open<'a>(
     }
 }
 
-/// Checks the extension object; returns whether the coefficients are linear.
+/// Checks the extension object; returns true if coefficients are in linear colour.
 fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
     let primitive = part.primitive;
     let attributes = &primitive.attributes;
@@ -333,7 +330,7 @@ fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
         let found = format!("mode {mode}");
         return Err(Fault::malformed(&part.place, format!("mode {POINTS} (POINTS)"), found));
     }
-    // Extensions may add kernels and colour spaces; these are what their files fall back to.
+    // Further extensions may add kernels and colour spaces; readers fall back to ellipses in sRGB.
     if kernel != KERNEL || ![SRGB, LINEAR].contains(&color_space.as_str()) {
         note_once(notes, Note::UnknownKernel);
     }
@@ -346,9 +343,8 @@ fn note_once(notes: &mut Vec<Note>, note: Note) {
     }
 }
 
-/// Lines our writer kept in `asset.extras.comments`.
-/// What our own files name as the translation of their node: taken off it again, before it is rounded into
-/// positions.
+/// Reads the local origin from a file of this program. It is subtracted from the node translation before
+/// positions are rounded to f32.
 fn local_origin(root: &Root) -> DVec3 {
     let named = root.asset.extras.as_ref().and_then(|extras| extras.get(EXTRA));
     let numbers: Option<[f64; 3]> = named.and_then(|v| serde_json::from_value(v.clone()).ok());

@@ -1,4 +1,4 @@
-//! Triangle meshes as GLB: core glTF 2.0, which every viewer draws.
+//! Triangle meshes as GLB, in core glTF 2.0, which every viewer draws.
 
 use super::container;
 use super::schema::*;
@@ -18,20 +18,20 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const TRIANGLES: u32 = 4;
-/// Targets of buffer views: vertex attributes and indices.
+/// Buffer view targets: vertex attributes and indices.
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-/// Bytes of a position, of a colour with its alpha, and of a triangle.
+/// Bytes of a position, of a colour with alpha, and of a triangle.
 const ROW_BYTES: [usize; 3] = [12, 8, 12];
 
-/// A file before its columns.
 pub(in crate::export) struct MeshLayout {
     json: String,
     bin_length: u64,
 }
 
 impl MeshLayout {
-    /// For a mesh in the axes and units of the file, and its local origin in them; fails if it would not fit GLB's 32-bit lengths.
+    /// Prepares a file for a mesh and its local origin, both in the axes and units of the file. Fails if the
+    /// file would exceed GLB's 32-bit lengths.
     pub fn new(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Result<Self, Fault> {
         let (n, m) = (mesh.positions.len(), mesh.triangles.len());
         let bin_length = (n * (ROW_BYTES[0] + ROW_BYTES[1]) + m * ROW_BYTES[2]) as u64;
@@ -44,7 +44,6 @@ impl MeshLayout {
         Ok(Self { json, bin_length })
     }
 
-    /// The whole file.
     pub fn write(
         &self,
         out: &mut dyn Write,
@@ -75,7 +74,7 @@ fn root(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Root {
         component_type,
         count,
         kind: kind.to_owned(),
-        // Colours are shares; indices must not be.
+        // Colours are fractions; indices must stay integers.
         normalized: component_type == UNSIGNED_SHORT,
         min: (view == 0).then(|| positions().fold(Vec3::INFINITY, Vec3::min).to_array()),
         max: (view == 0).then(|| positions().fold(Vec3::NEG_INFINITY, Vec3::max).to_array()),

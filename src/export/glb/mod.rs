@@ -1,10 +1,10 @@
-//! glTF 2.0 with `KHR_gaussian_splatting` (`export.md`, GLB). Files are y-up; splats here are z-up:
-//! writing turns `(x, y, z)` into `(x, z, −y)` and reading always undoes that, whoever wrote it.
+//! glTF 2.0 with `KHR_gaussian_splatting` (`export.md`, GLB). Files are y-up, splats in memory z-up: writing
+//! maps `(x, y, z)` to `(x, z, −y)`, and reading always inverts that.
 
 mod accessor;
 mod container;
 mod import;
-#[expect(clippy::indexing_slicing, reason = "writes a mesh, counted by its own lists")]
+#[expect(clippy::indexing_slicing, reason = "all indices come from the mesh's own lists")]
 pub(super) mod mesh;
 mod nodes;
 pub(super) mod read;
@@ -27,9 +27,8 @@ const SH_PREFIX: &str = "KHR_gaussian_splatting:SH_DEGREE_";
 const EXTENSION: &str = "KHR_gaussian_splatting";
 /// The only kernel of the extension.
 const KERNEL: &str = "ellipse";
-/// Colour space of sRGB-encoded coefficients.
+/// Colour space name of sRGB-encoded coefficients.
 const SRGB: &str = "srgb_rec709_display";
-/// Colour space of linear coefficients.
+/// Colour space name of linear coefficients.
 const LINEAR: &str = "lin_rec709_display";
-/// Primitive mode of points.
 const POINTS: u32 = 0;

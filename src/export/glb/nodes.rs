@@ -1,4 +1,4 @@
-//! The node tree of a glTF scene, flattened into placed meshes.
+//! Node tree of a glTF scene, flattened into placed meshes.
 
 use super::schema::{Node, Root};
 use crate::export::error::Fault;
@@ -9,27 +9,27 @@ use glam::{DMat3, DMat4, DQuat, DVec3, Vec4Swizzles};
 /// Largest cosine between two columns that still counts as a right angle.
 const SHEAR_TOLERANCE: f64 = 1e-4;
 
-/// Where a mesh stands.
+/// Affine transform from a mesh to the scene.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placement {
     linear: DMat3,
     translation: DVec3,
 }
 
-/// Every mesh of the scene, once per node that shows it.
+/// Returns every mesh of the scene, once per node that uses it.
 pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Fault> {
     let mut meshes = Vec::new();
     let mut seen = vec![false; root.nodes.len()];
     let mut stack: Vec<(usize, DMat4)> =
         start_nodes(root)?.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
-    // A stack, not recursion: a file may nest nodes as deep as it is long.
+    // A stack instead of recursion: a file may nest nodes arbitrarily deep.
     while let Some((index, scene_from_parent)) = stack.pop() {
         let place = || format!("node {index}");
         let (Some(node), Some(is_seen)) = (root.nodes.get(index), seen.get_mut(index)) else {
             let found = format!("{} nodes", root.nodes.len());
             return Err(Fault::malformed(place(), "a node of that number", found));
         };
-        // A node reached twice is a cycle or a lattice; following it may never end.
+        // A node reached twice means a cycle or a shared child; the traversal might not end.
         if std::mem::replace(is_seen, true) {
             return Err(Fault::malformed(place(), "a tree of nodes", "a node with two parents"));
         }
@@ -37,13 +37,13 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
         if let Some(mesh) = node.mesh {
             meshes.push((Placement::checked(scene_from_node, &place())?, mesh));
         }
-        // Backwards, since a stack gives back the last first: meshes come as the file lists them.
+        // Reversed, since a stack is last in, first out: meshes keep the order of the file.
         stack.extend(node.children.iter().rev().map(|&child| (child, scene_from_node)));
     }
     Ok(meshes)
 }
 
-/// Roots of the default scene; of the whole file if it has no scenes.
+/// Returns the roots of the default scene, or of the whole file if it has no scenes.
 fn start_nodes(root: &Root) -> Result<Vec<usize>, Fault> {
     let index = root.scene.unwrap_or(0);
     match root.scenes.get(index) {
@@ -69,7 +69,7 @@ fn local_matrix(node: &Node) -> DMat4 {
     if let Some(matrix) = &node.matrix {
         return DMat4::from_cols_array(matrix);
     }
-    // A quaternion rounded to few digits would scale the splats.
+    // Normalised, because a quaternion rounded to few digits would scale the splats.
     let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
     DMat4::from_scale_rotation_translation(
         DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
@@ -88,13 +88,12 @@ impl Placement {
                 advice: "apply the node's transform before exporting",
             })
         };
-        // A last row other than (0, 0, 0, 1) is a perspective, which moves points but no splat can
-        // follow.
+        // Any other last row than (0, 0, 0, 1) is a perspective, which splats cannot represent.
         if !matrix.is_finite() || matrix.row(3).xyz() != DVec3::ZERO {
             return fault("a matrix that is not finite or not affine");
         }
         let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
-        // A mirrored rotation is no rotation, and a flat one cannot be undone.
+        // A mirrored matrix is no rotation, and a singular one cannot be inverted.
         if linear.determinant() <= 0.0 {
             return fault("a negative or zero scale, which mirrors or flattens splats");
         }
@@ -103,34 +102,33 @@ impl Placement {
                 != Some(std::cmp::Ordering::Less)
         };
         if sheared(x, y) || sheared(y, z) || sheared(x, z) {
-            return fault("shear, which splats cannot follow");
+            return fault("shear, which splats cannot represent");
         }
         Ok(Self { linear, translation: matrix.w_axis.xyz() })
     }
 
-    /// The same place told relative to another origin of the scene.
+    /// Subtracts an origin from the translation.
     pub fn relative_to(self, origin: DVec3) -> Self {
         Self { translation: self.translation - origin, ..self }
     }
 
-    /// A position in the scene.
     pub fn position(&self, p: DVec3) -> DVec3 {
         self.linear * p + self.translation
     }
 
-    /// A change of colour per unit direction in the scene.
+    /// Transforms a change of colour per unit direction to the scene.
     pub fn directional(&self, w: DMat3) -> DMat3 {
-        // The columns are orthogonal: without their lengths they are the rotation.
+        // The columns are orthogonal: normalised, they are the rotation.
         let m = self.linear;
         let rotation =
             DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
         w * rotation.transpose()
     }
 
-    /// Scales and rotation of `M Σ Mᵀ` for `Σ` of the given scales and rotation.
+    /// Returns scales and rotation of `M Σ Mᵀ`, where `Σ` has the given scales and rotation.
     pub fn shape(&self, scale: DVec3, rotation: DQuat) -> (DVec3, DQuat) {
         if self.linear == DMat3::IDENTITY {
-            return (scale, rotation); // nothing to lose digits over
+            return (scale, rotation); // avoids rounding
         }
         let factor = self.linear * DMat3::from_quat(rotation) * DMat3::from_diagonal(scale);
         let covariance = Sym3::from_mat3(factor * factor.transpose());

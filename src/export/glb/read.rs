@@ -1,4 +1,4 @@
-//! From the bytes of a GLB or `.gltf` to its JSON and buffers.
+//! Parsing of a GLB or `.gltf` into JSON and buffers.
 
 use super::schema::{Buffer, Root};
 use super::{EXTENSION, container, import, uri};
@@ -7,14 +7,13 @@ use crate::export::imported::Imported;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// Longest JSON read from a GLB (`export.md`, Limits).
+/// Maximum size of the JSON in a GLB (`export.md`, Limits).
 const MAX_JSON_BYTES: usize = 64 << 20;
-/// Deepest nesting of JSON arrays and objects (`export.md`, Limits).
+/// Maximum nesting of JSON arrays and objects (`export.md`, Limits).
 const MAX_JSON_DEPTH: usize = 64;
-/// Extensions a file may require: ours, and those that do not change what is imported.
+/// Extensions that a file may require: the splat extension, and those that do not affect the import.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
 
-/// Reads the model in a GLB of at most `max_splats` splats.
 pub(in crate::export) fn glb(
     bytes: &[u8],
     folder: &Path,
@@ -32,7 +31,7 @@ pub(in crate::export) fn glb(
     document(json, bin, folder, max_splats)
 }
 
-/// Reads the model in a `.gltf`, whose buffers are `data:` URIs or files in `folder`.
+/// Reads the model of a `.gltf`, whose buffers are `data:` URIs or files in `folder`.
 pub(in crate::export) fn gltf(
     json: &[u8],
     folder: &Path,
@@ -47,7 +46,7 @@ fn document(
     folder: &Path,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
-    // Before the parser, whose own limit has a message that names neither file nor cause.
+    // Checked before parsing: the parser's own limit reports neither file nor cause.
     check_nesting(json)?;
     let root: Root = serde_json::from_slice(json)
         .map_err(|e| Fault::malformed("JSON", "glTF 2.0", shorten_error(&e)))?;
@@ -55,7 +54,7 @@ fn document(
         let found = format!("\"{}\"", shorten(&root.asset.version));
         return Err(Fault::malformed("asset.version", "2.0", found));
     }
-    // An extension that a file requires changes what its data mean.
+    // A required extension changes the meaning of the data.
     let unknown = |name: &&String| !KNOWN_EXTENSIONS.contains(&name.as_str());
     if let Some(name) = root.extensions_required.iter().find(unknown) {
         return Err(Fault::Unsupported {
@@ -87,7 +86,7 @@ fn buffer<'a>(
         let found = format!("{} bytes", bytes.len());
         return Err(Fault::malformed(place, format!("{length} bytes"), found));
     }
-    // The BIN chunk may be padded, a file longer: nothing behind byteLength belongs to the buffer.
+    // Bytes after byteLength do not belong to the buffer: the BIN chunk may be padded, a file longer.
     match &mut bytes {
         Cow::Borrowed(slice) => *slice = slice.get(..length).unwrap_or(slice),
         Cow::Owned(vec) => vec.truncate(length),
@@ -95,7 +94,7 @@ fn buffer<'a>(
     Ok(bytes)
 }
 
-/// serde_json has a recursion limit of its own; this one is ours and comes with a message.
+/// Limits nesting with a clear message; serde_json's own recursion limit has none.
 fn check_nesting(json: &[u8]) -> Result<(), Fault> {
     let (mut depth, mut in_string, mut escaped) = (0usize, false, false);
     for &byte in json {
@@ -115,7 +114,7 @@ fn check_nesting(json: &[u8]) -> Result<(), Fault> {
     Ok(())
 }
 
-/// A parser's message can quote long strings of the file; its end says where they are.
+/// Shortens a parser error, which may quote long strings of the file, to its position.
 fn shorten_error(error: &serde_json::Error) -> String {
     let text = error.to_string();
     if text.len() <= 120 {

@@ -1,14 +1,13 @@
-//! The JSON of glTF as far as splats need it. Fields stand in the order they are written in.
+//! JSON structures of glTF, as far as splats need them. Fields are in the order of writing.
 //!
-//! Own structs rather than the `gltf` crate, which takes only core attribute names and those with
-//! an underscore: `KHR_gaussian_splatting:SCALE` fails its validation and loses its name. One set
-//! of structs reads and writes, so that a file of ours is always one we read.
+//! The `gltf` crate is not used: it only accepts core attribute names and those with an underscore, so
+//! `KHR_gaussian_splatting:SCALE` fails its validation and loses its name. The same structs read and write,
+//! so files of this program are always readable.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Extension objects by name.
 pub(super) type Extensions = BTreeMap<String, Value>;
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -55,7 +54,7 @@ pub(super) struct Node {
     pub mesh: Option<usize>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub children: Vec<usize>,
-    /// Columns one after the other.
+    /// Column-major.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub matrix: Option<[f64; 16]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -75,7 +74,7 @@ pub(super) struct Mesh {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Primitive {
     pub attributes: Attributes,
-    /// Of points there are none, and no mesh is read.
+    /// Only written, for meshes; points have no indices.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub indices: Option<usize>,
     pub mode: Option<u32>,
@@ -97,7 +96,7 @@ impl PrimitiveExtensions {
     }
 }
 
-/// Accessor numbers by semantic, in file order when written.
+/// Accessor indices by semantic, written in this order.
 #[derive(Debug)]
 pub(super) struct Attributes(pub Vec<(String, usize)>);
 
@@ -120,7 +119,7 @@ impl<'de> Deserialize<'de> for Attributes {
     }
 }
 
-/// The extension object of a primitive. Missing strings read as empty: drafts lack some.
+/// Extension object of a primitive. Missing strings are read as empty, since drafts lack some.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct GaussianSplatting {

@@ -3,7 +3,7 @@
 use crate::export::error::{Fault, shorten};
 use std::path::{Component, Path, PathBuf};
 
-/// The bytes a buffer's URI stands for; `length` of them are needed.
+/// Loads the buffer of a URI, of which `length` bytes are needed.
 pub(super) fn load(uri: &str, length: usize, folder: &Path, place: &str) -> Result<Vec<u8>, Fault> {
     if let Some(data) = uri.strip_prefix("data:") {
         let bytes = data.split_once(";base64,").and_then(|(_, text)| decode_base64(text));
@@ -24,17 +24,17 @@ fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Faul
         Ok(_) => return Err(Fault::malformed(place, expected(), "something that is no file")),
         Err(e) => return Err(Fault::malformed(place, expected(), e.to_string())),
     };
-    // Asked before reading: a buffer may be a file of any size.
+    // Checked before reading: the file may have any size.
     if size < length as u64 {
         return Err(Fault::malformed(place, expected(), format!("{size} bytes")));
     }
-    std::fs::read(path).map_err(|source| Fault::Io { action: "read its buffer file", source })
+    std::fs::read(path).map_err(|source| Fault::Io { action: "read the buffer file", source })
 }
 
-/// The relative path a URI names, if it stays in the folder of the glTF.
+/// Decodes a URI into a relative path, if it stays inside the folder of the glTF.
 fn sibling(uri: &str) -> Option<PathBuf> {
     let decoded = decode_percent(uri)?;
-    // Schemes, drive letters, separators of another system, names that end early.
+    // Excludes schemes, drive letters, foreign separators and embedded NUL bytes.
     let foreign = decoded.is_empty() || decoded.contains([':', '\\', '\0']);
     let path = PathBuf::from(decoded);
     let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
@@ -57,7 +57,7 @@ fn hex(digit: u8) -> Option<u8> {
     char::from(digit).to_digit(16).map(|value| value as u8)
 }
 
-/// Standard alphabet (RFC 4648 §4), padding optional.
+/// Decodes base64 with the standard alphabet (RFC 4648 §4), padding optional.
 fn decode_base64(text: &str) -> Option<Vec<u8>> {
     let digits = text.trim_end_matches('=').as_bytes();
     let mut bytes = Vec::with_capacity(digits.len() / 4 * 3 + 2);

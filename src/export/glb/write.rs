@@ -1,9 +1,8 @@
-//! Splats as GLB: floats, one tightly packed buffer view per attribute.
+//! Splats as GLB: one tightly packed buffer view per attribute.
 //!
-//! Attributes are described by one table of columns, each with its declaration and its encoder, so
-//! that accessor, buffer view and bytes cannot disagree. Rows are encoded column by column, each computed
-//! again for each column: memory stays at a block of rows whatever the size of the model.
-//! Everything that can be refused is refused before a file is created.
+//! One table of columns holds both the declaration and the encoder of each attribute, so accessor, buffer
+//! view and bytes cannot disagree. Rows are computed again for each column, so memory stays at one block of
+//! rows for any model size. Everything that can be refused is refused before a file is created.
 
 use super::schema::*;
 use super::{
@@ -26,12 +25,11 @@ use std::io::{self, Write};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
-/// `ARRAY_BUFFER`, the target of a buffer view of vertex attributes (glTF 2.0, 5.11.5).
+/// `ARRAY_BUFFER`, the target of buffer views with vertex attributes (glTF 2.0, 5.11.5).
 const VERTEX_DATA: u32 = 34962;
-/// The program and its version.
 pub(super) const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
-/// One attribute: how it is declared and how a splat becomes its bytes.
+/// Attribute with its declaration and its encoder.
 struct Column {
     semantic: &'static str,
     kind: &'static str,
@@ -51,7 +49,7 @@ impl Column {
     }
 }
 
-/// What every file has.
+/// Columns of every file.
 const COLUMNS: [Column; 6] = [
     Column::floats(POSITION, "VEC3", 3, |g, row| put_floats(row, &g.mean.to_array())),
     Column {
@@ -69,19 +67,20 @@ const COLUMNS: [Column; 6] = [
     }),
 ];
 
-/// What files have besides where colour depends on the direction.
+/// Additional columns for view-dependent colour.
 const DEGREE_1: [Column; 3] = [
     Column::floats(SH_1[0], "VEC3", 3, |g, row| put_degree_1(g, 0, row)),
     Column::floats(SH_1[1], "VEC3", 3, |g, row| put_degree_1(g, 1, row)),
     Column::floats(SH_1[2], "VEC3", 3, |g, row| put_degree_1(g, 2, row)),
 ];
 
-#[expect(clippy::indexing_slicing, reason = "called for 0, 1 and 2")]
+#[expect(clippy::indexing_slicing, reason = "called with 0, 1 and 2")]
 fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
     put_floats(row, &harmonics::of_directional(splat.directional)[coefficient].to_array());
 }
 
-/// What viewers without the extension draw. 16 bits, because linear values in 8 band in the darks.
+/// Encodes the colour drawn by viewers without the extension. 16 bits, because linear 8-bit values show
+/// banding in dark areas.
 fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
     let [r, g, b] = splat.color.to_array().map(srgb_to_linear);
     for channel in [r, g, b, splat.opacity] {
@@ -89,7 +88,7 @@ fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
     }
 }
 
-/// A file before its columns.
+/// Prepared file: JSON, columns and lengths.
 pub(in crate::export) struct GlbLayout {
     pub(in crate::export) json: String,
     columns: Vec<&'static Column>,
@@ -97,7 +96,7 @@ pub(in crate::export) struct GlbLayout {
 }
 
 impl GlbLayout {
-    /// For these splats; fails if the file would not fit GLB's 32-bit lengths.
+    /// Prepares a file for these splats. Fails if it would exceed GLB's 32-bit lengths.
     pub fn new(rows: &impl SplatRows, options: &WriteOptions) -> Result<Self, Fault> {
         let n = rows.n_rows();
         let columns: Vec<&Column> = match rows.has_directions() {
@@ -108,7 +107,7 @@ impl GlbLayout {
         let json = serde_json::to_string(&root)
             .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
         let bin_length = n as u64 * columns.iter().map(|c| c.row_bytes as u64).sum::<u64>();
-        // GLB counts in 32 bits; a wrapped length would be a broken file without an error.
+        // GLB lengths have 32 bits; a wrapped length would silently give a broken file.
         let needed = container::file_size(json.len(), bin_length);
         if needed > u64::from(u32::MAX) {
             return Err(Fault::TooLargeForGlb { n_splats: n, needed });
@@ -116,12 +115,11 @@ impl GlbLayout {
         Ok(Self { json, columns, bin_length })
     }
 
-    /// Number of columns, each of which takes all rows.
+    /// Number of columns, each of which iterates over all rows.
     pub fn n_columns(&self) -> usize {
         self.columns.len()
     }
 
-    /// The whole file.
     pub fn write(
         &self,
         out: &mut dyn Write,
@@ -136,7 +134,7 @@ impl GlbLayout {
     }
 }
 
-/// Exact extremes of the positions as written: validators compare them with the data.
+/// Returns the exact f32 bounds of the positions; validators compare them with the data.
 fn extremes(rows: &impl SplatRows) -> ([f32; 3], [f32; 3]) {
     let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let positions = (0..rows.n_rows()).into_par_iter().map(|i| rows.row(i).mean.as_vec3());
@@ -164,7 +162,7 @@ fn root(
             component_type: column.component,
             count: n,
             kind: column.kind.to_owned(),
-            // The only integers written are colours, which glTF reads as shares.
+            // The only integers written are colours, which glTF reads as fractions.
             normalized: column.component != FLOAT,
             min: is_position.then_some(min),
             max: is_position.then_some(max),
@@ -188,11 +186,11 @@ fn root(
             extras: extras(options, origin),
         },
         extensions_used: vec![EXTENSION.to_owned()],
-        // Not required: viewers without the extension then draw `COLOR_0` as points.
+        // Not required, so that viewers without the extension draw `COLOR_0` as points.
         extensions_required: Vec::new(),
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
-        // No transform to y-up here, since some readers ignore a node's: the rows are turned already.
+        // No y-up transform in the node, because some readers ignore it: the rows are already rotated.
         nodes: vec![root_node(origin)],
         meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,
@@ -218,17 +216,17 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-/// The node of the only mesh, which stands where the local origin lies in the axes and units of the file.
+/// Node of the only mesh, translated by the local origin in the axes and units of the file.
 pub(super) fn root_node(origin: DVec3) -> Node {
     let translation = (origin != DVec3::ZERO).then_some(origin.to_array());
     Node { mesh: Some(0), translation, ..Node::default() }
 }
 
-/// What `asset.extras` says: how the file stands, its unit where it is known, its local origin in its axes
-/// and units, and its comments.
+/// Content of `asset.extras`: up axis, unit if known, comments, and the local origin in the axes and units of
+/// the file. `None` without metadata.
 pub(super) fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
-    // Of scaled lengths only the caller knows the unit.
+    // The unit of scaled lengths is unknown here.
     if options.metric && options.unit_scale == 1.0 {
         extras.insert("units".to_owned(), json!("metres"));
     }
@@ -239,9 +237,9 @@ pub(super) fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json
         extras.insert(local_origin::EXTRA.to_owned(), json!(origin.to_array()));
     }
     if extras.is_empty() {
-        return None; // of splats that nothing is known of
+        return None; // no metadata
     }
-    // As every glTF file; said because splat tools have other habits.
+    // Redundant in glTF, but other splat formats differ.
     extras.insert("up".to_owned(), json!("y"));
     Some(extras.into())
 }

@@ -1,13 +1,12 @@
-//! Signed distances to the surface, known only near evidence.
+//! Signed distance field, defined only near evidence.
 //!
-//! Each component is a piece of a plane: at a point of space it says how far the plane is, with a weight
-//! that falls with the distance along the plane, as the component's own Gaussian does, and across it. The
-//! distance there is the weighted mean; where the weights do not add up to a few points, nothing is
-//! known, and no surface comes of it. The planes have the side that cameras saw: two sheets of a thin wall
-//! stay apart.
+//! Each component is a plane segment that contributes its signed distance to nearby grid corners. Its weight
+//! decreases along the plane, as the component's Gaussian does, and across it. The distance at a corner is
+//! the weighted mean, undefined where the weights sum to too few points. Normals face the cameras, so the two
+//! sides of a thin wall stay separate.
 //!
-//! Space is divided into blocks, each computed by itself from the components that reach it: the result
-//! does not depend on the number of threads.
+//! Space is divided into blocks, each computed from the components that reach it. The result therefore does
+//! not depend on the number of threads.
 
 use crate::export::error::Fault;
 use crate::math::sym3::Sym3;
@@ -15,62 +14,60 @@ use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// A piece of a surface.
+/// Oriented plane segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
-    /// Its middle, world units.
+    /// Centre, world units.
     pub mean: DVec3,
-    /// Unit normal, towards the cameras that saw it.
+    /// Unit normal, facing the observing cameras.
     pub normal: DVec3,
-    /// Of its points, world units²; how far it reaches along the plane is from this.
+    /// Covariance of its points, world units²; determines its extent along the plane.
     pub covariance: Sym3,
     /// sRGB-encoded colour.
     pub color: DVec3,
-    /// Points behind it.
+    /// Number of points.
     pub evidence: f64,
 }
 
-/// Corners of a block along each axis.
+/// Grid corners of a block along each axis.
 pub(super) const BLOCK: i32 = 8;
-/// Most blocks: about 1 GB.
+/// Maximum number of blocks: about 1 GB.
 const MAX_BLOCKS: usize = 100_000;
-/// Distance across the plane, cells, beyond which a component says nothing: the corners of a cell that
-/// the plane cuts are nearer.
+/// Maximum distance across the plane, in cells. The corners of a cell that the plane cuts are closer.
 const REACH: f64 = 2.5;
-/// Distance along the plane, standard deviations, beyond which it says nothing.
+/// Maximum distance along the plane, in standard deviations.
 const WIDTH: f64 = 2.5;
-/// Added to the deviation along the plane, cells: between components of few points there is no hole.
+/// Added to the deviation along the plane, in cells, to close holes between components with few points.
 const SPREAD: f64 = 0.5;
-/// Weights that add up to less than so many points are no evidence.
+/// Minimum sum of weights, in points, for a defined distance.
 const MIN_WEIGHT: f64 = 1.0;
-/// Components with less than this share of the median's points say nothing: they stand at the rims of
-/// what was seen, where pixels mix what is near and what is far.
+/// Minimum number of points of a component, relative to the median. Components below it lie at the rims of
+/// observed regions, where depth pixels mix foreground and background.
 const MIN_SHARE: f64 = 0.3;
-/// More points than this make a component no more certain: a wall seen in every frame must not
-/// outweigh the edge of what stands before it.
+/// Maximum number of points that count as weight. A wall seen in every frame must not outweigh the edge of an
+/// object in front of it.
 const MAX_EVIDENCE: f64 = 64.0;
 
-/// What is known at a corner of the grid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// To the surface, cells; positive on the side of the cameras.
+    /// Distance to the surface in cells, positive on the side of the cameras.
     pub distance: f64,
     /// sRGB-encoded.
     pub color: DVec3,
 }
 
-/// The corners of a block, x first; `None` where nothing is known.
+/// Corners of a block, x fastest; `None` where undefined.
 pub(super) type Samples = Vec<Option<Sample>>;
 
-/// Signed distances on a grid.
+/// Signed distances on a sparse grid.
 pub(super) struct Field {
-    /// Blocks by their place, in order of it.
+    /// Blocks, sorted by position.
     pub blocks: Vec<(IVec3, Samples)>,
     index: HashMap<IVec3, usize>,
 }
 
 impl Field {
-    /// Of these surfels, on cells of this width.
+    /// Computes the field of surfels on cells of width `cell`.
     pub fn new(surfels: &[Surfel], cell: f64) -> Result<Self, Fault> {
         let reached = reached(surfels, cell)?;
         let groups: Vec<&[(Place, u32)]> = reached.chunk_by(|a, b| a.0 == b.0).collect();
@@ -84,28 +81,27 @@ impl Field {
         Ok(Self { blocks, index })
     }
 
-    /// What is known at a corner.
     pub fn at(&self, corner: IVec3) -> Option<Sample> {
         let place = corner.div_euclid(IVec3::splat(BLOCK));
         self.blocks[*self.index.get(&place)?].1[in_block(corner - BLOCK * place)]
     }
 }
 
-/// Number of a corner among those of its block.
+/// Index of a corner within its block.
 fn in_block(corner: IVec3) -> usize {
     (corner.x + BLOCK * (corner.y + BLOCK * corner.z)) as usize
 }
 
 type Place = [i32; 3];
 
-/// Blocks and the surfels that reach them, in order.
+/// Returns pairs of block and surfel that reach each other, sorted.
 fn reached(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
     let mut reached = Vec::new();
     let least = MIN_SHARE * median_evidence(surfels);
     for (i, surfel) in surfels.iter().enumerate().filter(|(_, s)| s.evidence >= least) {
         let (lo, hi) = corners(surfel, cell);
         let [lo, hi] = [lo, hi].map(|corner| corner.div_euclid(IVec3::splat(BLOCK)));
-        // Before anything is listed: a cell far too small would ask for all memory there is.
+        // Checked before the list grows: a far too small cell would exhaust the memory.
         let n_blocks = (hi.as_dvec3() - lo.as_dvec3() + 1.0).element_product();
         if reached.len() as f64 + n_blocks > 8.0 * MAX_BLOCKS.max(surfels.len()) as f64 {
             return Err(too_small(cell));
@@ -137,7 +133,7 @@ fn too_small(cell: f64) -> Fault {
     }
 }
 
-/// The lowest and the highest corner of the grid that a surfel reaches.
+/// Lowest and highest grid corner within reach of a surfel.
 fn corners(surfel: &Surfel, cell: f64) -> (IVec3, IVec3) {
     let [xx, _, _, yy, _, zz] = along(surfel, cell).to_array();
     let deviation = DVec3::new(xx, yy, zz).max(DVec3::ZERO).map(f64::sqrt);
@@ -146,7 +142,7 @@ fn corners(surfel: &Surfel, cell: f64) -> (IVec3, IVec3) {
     (lo.ceil().as_ivec3(), hi.floor().as_ivec3())
 }
 
-/// The covariance by which a surfel reaches along its plane.
+/// Covariance that determines the reach of a surfel along its plane.
 fn along(surfel: &Surfel, cell: f64) -> Sym3 {
     surfel.covariance.add_scaled(1.0, Sym3::diagonal((SPREAD * cell).powi(2)))
 }
@@ -181,7 +177,7 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
     sums.into_iter().map(sample).collect()
 }
 
-/// Weight and distance in cells that a surfel gives a point.
+/// Weight and signed distance, in cells, of a surfel at a point.
 fn said(surfel: &Surfel, inverse: DMat3, at: DVec3, cell: f64) -> (f64, f64) {
     let offset = at - surfel.mean;
     let across = offset.dot(surfel.normal);

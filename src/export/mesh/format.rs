@@ -1,25 +1,25 @@
-//! Formats of meshes.
+//! File formats of meshes.
 
 use crate::export::error::{ExportError, Fault};
 use crate::export::local_origin::OriginCarrier;
 use std::path::Path;
 
-/// A file format for meshes.
+/// File format of meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
     /// Binary PLY with `red green blue`.
     Ply,
-    /// glTF 2.0 with linear `COLOR_0`, y up.
+    /// glTF 2.0 with linear `COLOR_0`, y-up.
     Glb,
-    /// Text, colours behind the coordinates as MeshLab and Blender read them.
+    /// Text; colours follow the coordinates, as MeshLab and Blender read them.
     Obj,
 }
 
 impl MeshFormat {
-    /// Every format.
+    /// All formats.
     pub const ALL: [MeshFormat; 3] = [MeshFormat::Ply, MeshFormat::Glb, MeshFormat::Obj];
 
-    /// The usual file name extension, without a dot.
+    /// File extension, without the dot.
     pub fn extension(self) -> &'static str {
         match self {
             MeshFormat::Ply => "ply",
@@ -28,7 +28,7 @@ impl MeshFormat {
         }
     }
 
-    /// How it says what its positions are relative to.
+    /// How files of this format store the local origin.
     pub fn origin_carrier(self) -> OriginCarrier {
         match self {
             MeshFormat::Glb => OriginCarrier::Transform,
@@ -36,10 +36,10 @@ impl MeshFormat {
         }
     }
 
-    /// The format a file name asks for; case does not matter.
+    /// Derives the format from a file extension, case-insensitive.
     ///
     /// # Errors
-    /// [`Fault::UnknownMeshExtension`] for a name of none.
+    /// [`Fault::UnknownMeshExtension`] for any other extension.
     pub fn from_path(path: &Path) -> Result<Self, ExportError> {
         let found = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let known = Self::ALL.into_iter().find(|format| format.extension() == found);

@@ -1,5 +1,5 @@
-//! A triangle mesh of what a scene's components say of its surfaces (`export.md`, Mesh): planes with
-//! colours, weighed by the points behind them.
+//! Triangle mesh from the plane segments of a scene's components (`export.md`, Mesh), weighted by their
+//! points.
 //!
 //! ```
 //! use glam::{DMat3, DVec3};

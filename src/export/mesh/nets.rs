@@ -1,9 +1,9 @@
-//! The surface between positive and negative distances, one vertex a cell that it cuts.
+//! Zero level set of the distance field as a triangle mesh, by surface nets.
 //!
-//! "Surface nets": a vertex is the mean of the cuts through the edges of its cell, and each edge that is
-//! cut joins the four cells around it. Only cells all of whose corners are known have one, so the mesh ends
-//! where evidence does. Crates for this take dense arrays in which everything is known; with blocks and
-//! holes, their input is more code than the method.
+//! Each cell that the surface cuts has one vertex, the mean of the cuts through its edges; each cut edge
+//! joins the four cells around it. Only cells with all corners defined have a vertex, so the mesh ends where
+//! the evidence does. Existing crates take dense arrays without undefined values; adapting blocks with holes
+//! to them would take more code than the method.
 
 use super::field::{BLOCK, Field, Sample, Surfel};
 use crate::export::error::Fault;
@@ -11,21 +11,21 @@ use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// A mesh in world units.
+/// Triangle mesh in world units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriangleMesh {
-    /// Vertices.
+    /// Vertex positions.
     pub positions: Vec<DVec3>,
-    /// sRGB-encoded colour of each, in `[0, 1]`.
+    /// sRGB-encoded vertex colours in `[0, 1]`.
     pub colors: Vec<DVec3>,
-    /// Counter-clockwise seen from the side of the cameras.
+    /// Vertex indices, counter-clockwise seen from the side of the cameras.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// The surface of `surfels` on cells of width `cell`, world units.
+/// Triangulates the surface of `surfels` on cells of width `cell`, in world units.
 ///
 /// # Errors
-/// [`Fault::Setting`] for a cell that is not above 0 or too small for the memory it would take.
+/// [`Fault::Setting`] if the cell is not above 0, or so small that it would need too much memory.
 pub fn triangulate(surfels: &[Surfel], cell: f64) -> Result<TriangleMesh, Fault> {
     if !(cell.is_finite() && cell > 0.0) {
         let expected = "a width above 0".to_owned();
@@ -78,15 +78,15 @@ fn offset(corner: usize) -> IVec3 {
     IVec3::new(corner as i32 & 1, corner as i32 >> 1 & 1, corner as i32 >> 2)
 }
 
-/// The two triangles across the edge from `corner` along `axis`, if it is cut and all four cells
-/// around it have vertices.
+/// The two triangles across the edge from `corner` along `axis`, if it is cut and all four cells around it
+/// have vertices.
 fn quad(field: &Field, numbers: &HashMap<IVec3, u32>, corner: IVec3, axis: usize) -> Vec<[u32; 3]> {
     let [along, right, up] = [axis, (axis + 1) % 3, (axis + 2) % 3].map(|i| IVec3::AXES[i]);
     let ends = field.at(corner).zip(field.at(corner + along));
     let Some((from, to)) = ends.filter(|(a, b)| (a.distance < 0.0) != (b.distance < 0.0)) else {
         return Vec::new();
     };
-    // Around the edge, counter-clockwise seen from its end.
+    // Counter-clockwise around the edge, seen from its end.
     let around = [corner - right - up, corner - up, corner, corner - right];
     let mut vertices = [0; 4];
     for (vertex, cell) in vertices.iter_mut().zip(around) {
@@ -96,7 +96,7 @@ fn quad(field: &Field, numbers: &HashMap<IVec3, u32>, corner: IVec3, axis: usize
         }
     }
     let [a, b, c, d] = vertices;
-    // Cameras stand where distances are positive.
+    // The cameras are on the side of positive distances.
     match from.distance < to.distance {
         true => vec![[a, b, c], [a, c, d]],
         false => vec![[a, c, b], [a, d, c]],

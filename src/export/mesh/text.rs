@@ -7,7 +7,7 @@ use crate::math::image::unit_to_byte;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// Binary PLY: vertices with bytes of colour, and faces.
+/// Writes a binary PLY with 8-bit vertex colours and triangles.
 pub(super) fn ply(
     out: &mut dyn Write,
     mesh: &TriangleMesh,
@@ -34,7 +34,7 @@ pub(super) fn ply(
     })
 }
 
-/// OBJ: colours stand behind the coordinates, numbers start at 1.
+/// Writes an OBJ: colours follow the coordinates, indices start at 1.
 pub(super) fn obj(
     out: &mut dyn Write,
     mesh: &TriangleMesh,

@@ -1,4 +1,4 @@
-//! A mesh into a file.
+//! Writing of meshes to files.
 
 use super::field::Surfel;
 use super::format::MeshFormat;
@@ -14,23 +14,23 @@ use crate::export::source::{check_frame, origin, turn};
 use glam::DVec3;
 use std::path::Path;
 
-/// What was written.
+/// Summary of a written mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeshSummary {
-    /// Vertices of the mesh.
+    /// Number of vertices.
     pub n_vertices: usize,
-    /// Triangles between them.
+    /// Number of triangles.
     pub n_triangles: usize,
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// Triangulates surfels on cells of width `cell`, world units, and writes the mesh whole or not at all.
-/// Of the options axes, what is up, unit, comments and progress count; GLB is y-up.
+/// Triangulates surfels on cells of width `cell`, in world units, and writes the mesh atomically. Of the
+/// options only axes, up, local origin, unit scale, comments and progress apply; GLB is y-up.
 ///
 /// # Errors
-/// [`Fault::NoSurface`] where no surface is found, [`Fault::Setting`] for options without a meaning,
-/// [`Fault::TooLargeForGlb`], [`Fault::Cancelled`], and whatever writing the file can meet.
+/// [`Fault::NoSurface`] if no surface is found, [`Fault::Setting`] for invalid options,
+/// [`Fault::TooLargeForGlb`], [`Fault::Cancelled`], or an error of writing the file.
 pub fn write_mesh(
     path: &Path,
     surfels: &[Surfel],
@@ -60,7 +60,7 @@ pub fn write_mesh(
     Ok(MeshSummary { n_vertices, n_triangles, bytes })
 }
 
-/// The surface and its local origin in the axes and units of the file.
+/// Triangulates and returns the mesh and its local origin in the axes and units of the file.
 fn in_file_axes(
     surfels: &[Surfel],
     cell: f64,

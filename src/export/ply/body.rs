@@ -1,20 +1,19 @@
-//! The rows behind a PLY header, in any of the three encodings.
+//! Rows of a PLY, in any of its three encodings.
 //!
-//! Every value becomes an f64 whatever its type, which holds all of them exactly; which columns
-//! matter is for the caller to say. Counts are compared with the bytes left before rows are
-//! reserved: a header costs nothing to forge.
+//! Every value becomes an f64, which represents all property types exactly. Row counts are checked against
+//! the remaining bytes before rows are allocated, because headers are untrusted.
 
 use super::header::{Encoding, Kind, PlyElement, Property, Scalar};
 use crate::export::error::{Fault, shorten};
 
-/// Reads values one after the other.
+/// Sequential reader of values.
 #[derive(Clone)]
 pub(super) struct Body<'a> {
     encoding: Encoding,
     rest: &'a [u8],
 }
 
-/// What stands where a value should be.
+/// Description of the unexpected content.
 type Found = String;
 
 impl<'a> Body<'a> {
@@ -22,7 +21,7 @@ impl<'a> Body<'a> {
         Self { encoding, rest }
     }
 
-    /// Passes over a whole element, lists included.
+    /// Skips an element, including lists.
     pub fn skip(&mut self, element: &PlyElement) -> Result<(), Fault> {
         if element.properties.is_empty() {
             return Ok(());
@@ -31,7 +30,7 @@ impl<'a> Body<'a> {
             self.rest = self.rest.get(self.checked_size(element, row)?..).unwrap_or_default();
             return Ok(());
         }
-        // Each row takes at least one byte, so a false count ends at the end of the file.
+        // Each row takes at least one byte, so a wrong count stops at the end of the file.
         for row in 0..element.count {
             for property in &element.properties {
                 self.skip_property(property).map_err(|found| broken(element, row, found))?;
@@ -46,7 +45,7 @@ impl<'a> Body<'a> {
             Kind::List { length, item } => (length, item),
         };
         let n = self.value(length)?;
-        // Text may hold any number where a length should be.
+        // In ASCII files, any number may appear as a length.
         if n.is_nan() || n < 0.0 {
             return Err(format!("a list of length {n}"));
         }
@@ -59,23 +58,22 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
-    /// Number of rows of an element without lists, once the file is known to hold them all.
+    /// Number of rows of an element without lists, after checking that the file is large enough.
     pub fn n_rows(&self, element: &PlyElement) -> Result<usize, Fault> {
         let row = row_size(element).ok_or_else(|| Fault::Unsupported {
             feature: format!("a list among the properties of element {}", element.name),
-            advice: "export the vertices without lists",
+            advice: "export the vertices without list properties",
         })?;
-        // In text a value takes one character and the white space before it.
+        // In ASCII a value takes at least one character and one white space.
         let ascii = self.encoding == Encoding::Ascii;
-        // Even the shortest text has that many bytes a row, so a false count shows before memory is
-        // taken.
+        // This minimum exposes wrong counts before memory is allocated.
         let row = if ascii { 2 * element.properties.len() } else { row };
         self.checked_size(element, row)?;
         Ok(element.count as usize)
     }
 
     fn checked_size(&self, element: &PlyElement, row: usize) -> Result<usize, Fault> {
-        // The last row of a text may end without a line break.
+        // The last row of an ASCII file may lack a line break.
         let slack = usize::from(self.encoding == Encoding::Ascii);
         let size = element.count.checked_mul(row as u64);
         match size.and_then(|size| usize::try_from(size).ok()) {
@@ -88,7 +86,7 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Fills `values` with row number `row` of an element without lists, one value per property.
+    /// Reads row `row` of an element without lists, one value per property.
     pub fn read_row(
         &mut self,
         element: &PlyElement,
@@ -122,7 +120,6 @@ impl<'a> Body<'a> {
         number.ok_or_else(|| format!("\"{}\"", shorten(&String::from_utf8_lossy(token))))
     }
 
-    /// The next binary value.
     fn binary(&mut self, kind: Scalar) -> Result<f64, Found> {
         let (value, rest) = self.rest.split_at_checked(kind.size()).ok_or_else(end_of_file)?;
         self.rest = rest;
@@ -146,13 +143,13 @@ impl<'a> Body<'a> {
     }
 }
 
-/// What stands in some columns of a row, which were found among its properties.
+/// Returns the values of some columns, which must be indices of the row's properties.
 #[expect(clippy::indexing_slicing, reason = "a row has a value for every property")]
 pub(super) fn pick<const N: usize>(values: &[f64], columns: [usize; N]) -> [f64; N] {
     columns.map(|column| values[column])
 }
 
-/// Bytes of a binary row, if it has no lists.
+/// Bytes of a binary row; `None` for elements with lists.
 fn row_size(element: &PlyElement) -> Option<usize> {
     element
         .properties

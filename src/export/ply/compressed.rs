@@ -1,6 +1,6 @@
-//! PlayCanvas' compressed PLY (`export.md`, Compressed PLY): splats in chunks of 256, each number a
-//! share of the way between the chunk's extremes, packed into four words; harmonics as bytes in an
-//! element of their own.
+//! PlayCanvas' compressed PLY (`export.md`, Compressed PLY). Splats form chunks of 256; each value is
+//! quantised between the bounds of its chunk and packed into four words. Harmonics are bytes in a separate
+//! element.
 
 use super::N_REST_DEGREE_1;
 use super::body::{Body, pick};
@@ -12,15 +12,15 @@ use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
 use std::f64::consts::SQRT_2;
 
-/// The element of the chunks' extremes, by which the form is known.
+/// Name of the element with the chunk bounds, which identifies the format.
 pub(super) const CHUNK: &str = "chunk";
 const CHUNK_SPLATS: usize = 256;
-/// Numbers of coefficients of whole degrees, over all channels.
+/// Numbers of coefficients of degrees 1 to 3, over all channels.
 const SH_COUNTS: [usize; 3] = [9, 24, 45];
-/// Harmonics lie within plus and minus this.
+/// Harmonics are quantised between plus and minus this value.
 const SH_RANGE: f64 = 4.0;
 
-/// Reads the splats behind a header that has an element [`CHUNK`].
+/// Reads the splats of a file whose header has an element [`CHUNK`].
 pub(super) fn read(
     mut body: Body,
     header: PlyHeader,
@@ -72,7 +72,7 @@ pub(super) fn read(
     rows.finish(ModelKind::Splats, notes, header.comments)
 }
 
-/// The extremes of the splats of each chunk.
+/// Bounds of the splats of each chunk.
 struct Chunks {
     rows: Vec<Extremes>,
 }
@@ -107,7 +107,7 @@ impl Chunks {
         };
         let position = between("", ["x", "y", "z"])?;
         let scale = between("scale_", ["x", "y", "z"])?;
-        // The first files had none: colours were shares of 1.
+        // Early files have no colour bounds; colours are fractions of 1.
         let color = between("", ["r", "g", "b"]).ok();
         let n = body.n_rows(element)?;
         if n > max_splats.div_ceil(CHUNK_SPLATS) {
@@ -128,7 +128,6 @@ impl Chunks {
     }
 }
 
-/// The packed words of each splat.
 struct Words<'a> {
     body: Body<'a>,
     element: &'a PlyElement,
@@ -153,14 +152,13 @@ impl<'a> Words<'a> {
         Ok(Self { body: body.clone(), element, n_rows, columns, values })
     }
 
-    /// Position, rotation, scale and colour of the next row, which is number `i`.
+    /// Reads position, rotation, scale and colour of the next row, number `i`.
     fn row(&mut self, i: usize) -> Result<[u32; 4], Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
         Ok(pick(&self.values, self.columns).map(|word| word as u32))
     }
 }
 
-/// Harmonics above degree 0.
 struct Harmonics<'a> {
     body: Body<'a>,
     element: &'a PlyElement,
@@ -187,7 +185,7 @@ impl<'a> Harmonics<'a> {
         Ok(Self { body: body.clone(), element, n_rows, degree_1, values: vec![0.0; n] })
     }
 
-    /// The change of colour with the direction of the next row, which is number `i`.
+    /// Reads the view-dependent colour of the next row, number `i`.
     fn directional(&mut self, i: usize) -> Result<DMat3, Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
         let value = |byte: f64| match byte {
@@ -212,7 +210,7 @@ fn find(element: &PlyElement, name: &str) -> Result<usize, Fault> {
     })
 }
 
-/// Parts of a word as shares of their largest value; the first stands in the uppermost bits.
+/// Splits a word into fractions of each field's maximum; the first field is in the highest bits.
 fn shares<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
     let mut shift: u32 = bits.iter().sum();
     bits.map(|n| {
@@ -222,8 +220,8 @@ fn shares<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
     })
 }
 
-/// `w x y z` of a packed rotation: which of them is the largest in the upper two bits, then the other
-/// three as shares of the way from −√½ to √½.
+/// Unpacks a rotation to `w x y z`: the upper two bits give the index of the largest component, the rest the
+/// other three as fractions from −√½ to √½.
 fn smallest_three(word: u32) -> [f64; 4] {
     let [a, b, c] = shares(word & 0x3FFF_FFFF, [10, 10, 10]).map(|s| (s - 0.5) * SQRT_2);
     let largest = (1.0 - a * a - b * b - c * c).max(0.0).sqrt();

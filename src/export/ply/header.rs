@@ -1,21 +1,19 @@
-//! The text at the start of a PLY: elements, properties, comments.
+//! PLY header: elements, properties, comments.
 //!
-//! A hand-written parser, because messages must name the line and because the size of a header is
-//! bounded before it is searched for its end.
+//! Parsed by hand, so that messages state the line and the header size is bounded before its end is searched
+//! for.
 
 use crate::export::error::{Fault, shorten};
 
-/// Longest header read: SuperSplat's limit too (`export.md`, PLY of splats); 62 properties take 1.5
-/// KB.
+/// Maximum header size, equal to SuperSplat's limit (`export.md`, PLY of splats); 62 properties take 1.5 KB.
 const MAX_HEADER_BYTES: usize = 128 * 1024;
 
-/// A parsed header: what the rows hold and where they start.
 #[derive(Debug)]
 pub(super) struct PlyHeader {
     pub encoding: Encoding,
     pub elements: Vec<PlyElement>,
     pub comments: Vec<String>,
-    /// Where the rows start.
+    /// Byte offset of the rows.
     pub body_offset: usize,
 }
 
@@ -26,7 +24,7 @@ pub(super) enum Encoding {
     BigEndian,
 }
 
-/// A table: its name, number of rows and columns.
+/// Element: a table with a name, a number of rows and columns.
 #[derive(Debug)]
 pub(super) struct PlyElement {
     pub name: String,
@@ -40,7 +38,7 @@ pub(super) struct Property {
     pub kind: Kind,
 }
 
-/// One value per row, or a length and that many values.
+/// One value per row, or a length followed by that many values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     Scalar(Scalar),
@@ -74,7 +72,6 @@ impl Scalar {
         })
     }
 
-    /// Bytes of a binary value.
     pub fn size(self) -> usize {
         match self {
             Scalar::I8 | Scalar::U8 => 1,
@@ -84,7 +81,7 @@ impl Scalar {
         }
     }
 
-    /// The value that stands for 1 when the property is a colour channel.
+    /// Value of a full colour channel of this type.
     pub fn full_channel(self) -> f64 {
         match self {
             Scalar::F32 | Scalar::F64 => 1.0,
@@ -121,8 +118,7 @@ impl PlyHeader {
                     let text = line.text.trim_start().trim_start_matches("comment");
                     header.comments.push(text.trim().to_owned());
                 }
-                // Old scanners write `obj_info`, editors leave empty lines; neither says anything
-                // of the rows.
+                // Old scanners write `obj_info`, editors leave empty lines; both are irrelevant.
                 Some("obj_info") | None => {}
                 Some("element") => header.elements.push(line.element()?),
                 Some("property") => match header.elements.last_mut() {
@@ -198,7 +194,7 @@ impl Line<'_> {
     }
 }
 
-/// The line at `offset`, without its end; moves `offset` behind it.
+/// Returns the line at `offset` without its end, and moves `offset` past it.
 fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
     let end = bytes.len().min(MAX_HEADER_BYTES).max(*offset);
     let searched = bytes.get(*offset..end).unwrap_or_default();
@@ -211,6 +207,6 @@ fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow
         return Err(Fault::malformed("header", "a line \"end_header\"", found));
     };
     *offset += line.len() + 1;
-    // Comments come in any encoding; none may keep a model from being read.
+    // Comments may have any encoding, which must not prevent reading the model.
     Ok(String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(line)))
 }

@@ -1,4 +1,4 @@
-//! PLY: splats in the 3DGS layout and plain coloured points.
+//! PLY files: splats in the 3DGS layout and coloured points.
 
 mod body;
 mod compressed;
@@ -7,7 +7,7 @@ pub(super) mod points;
 pub(super) mod read;
 pub(super) mod write;
 
-/// Coefficients per channel above degree 0 when degree 1 is all there is.
+/// Coefficients per channel above degree 0, up to degree 1.
 const N_REST_DEGREE_1: usize = 3;
-/// Coefficients per channel above degree 0 of the full degree 3.
+/// Coefficients per channel above degree 0, up to degree 3.
 const N_REST_DEGREE_3: usize = 15;

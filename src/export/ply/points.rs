@@ -1,4 +1,4 @@
-//! Centres as a coloured point cloud (`export.md`, Point cloud).
+//! Splat centres as a coloured point cloud (`export.md`, Point cloud).
 
 use super::write::{end_header, header_start, push_property};
 use crate::export::error::Fault;
@@ -11,7 +11,6 @@ use crate::math::image::unit_to_byte;
 use glam::DVec3;
 use std::io::{self, Write};
 
-/// The header of `n` points.
 pub(in crate::export) fn header(n: usize, options: &WriteOptions) -> Result<String, Fault> {
     let mut header = header_start(n, options);
     let mut put = |kind, names: &[&str]| {
@@ -31,7 +30,6 @@ pub(in crate::export) fn header(n: usize, options: &WriteOptions) -> Result<Stri
     end_header(header)
 }
 
-/// Header and rows.
 pub(in crate::export) fn points(
     out: &mut dyn Write,
     header: &str,
@@ -40,7 +38,7 @@ pub(in crate::export) fn points(
     steps: &mut Steps,
 ) -> io::Result<()> {
     out.write_all(header.as_bytes())?;
-    // Cameras stand in the model's world, so normals and colours are found there.
+    // Camera positions are in the model's world, so normals and colours are computed there.
     let (cameras, confidence) = (options.camera_centres, options.confidence);
     let (uncertainty, unit) = (options.selection.uncertainty, options.unit_scale);
     let of = |list: &[f64], i: usize| list.get(source.splat_of(i)).copied().unwrap_or(f64::NAN);
@@ -51,7 +49,7 @@ pub(in crate::export) fn points(
         if let Some(camera) = camera {
             put_floats(row, &source.direction(normal(&point, camera)).to_array());
         }
-        // A point has one colour: what the nearest camera saw is what was there to be seen.
+        // A point has one colour: the one seen by the nearest camera.
         let color = camera.map_or(point.color, |camera| point.color_from(camera));
         row.extend_from_slice(&color.to_array().map(|c| unit_to_byte(c as f32)));
         if let Some(confidence) = confidence {
@@ -68,7 +66,7 @@ fn nearest(point: DVec3, camera_centres: &[DVec3]) -> Option<DVec3> {
     distances.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, centre)| centre)
 }
 
-/// The axis along which the splat is thinnest, on the side of a camera.
+/// Axis along which the splat is thinnest, facing the camera.
 #[expect(clippy::indexing_slicing, reason = "one of three axes")]
 fn normal(splat: &Gaussian, camera: DVec3) -> DVec3 {
     let axis = splat.rotation * DVec3::AXES[splat.scale.min_position()];

@@ -1,8 +1,6 @@
-//! PLY of other programs and our own: splats if there are scales and rotations, points otherwise.
+//! Import of PLY files from any program: splats if there are scales and rotations, otherwise points.
 //!
-//! Properties are found by name and never by place: programs write them in any order and with any
-//! of their own between. A vertex is a splat if it has scales and a rotation, whatever the file is
-//! called.
+//! Properties are found by name, because programs write them in any order and add their own.
 
 use super::N_REST_DEGREE_1;
 use super::body::{Body, pick};
@@ -14,17 +12,15 @@ use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DQuat, DVec3};
 
-/// The third scale of flat splats, as a fraction of the larger of the other two (`export.md`, PLY
-/// of splats).
+/// Third scale of flat splats, as a fraction of the larger of the other two (`export.md`, PLY of splats).
 const FLATNESS: f64 = 1e-6;
-/// Properties that a message names at most, and characters of it for them.
+/// Maximum number of properties in a message, and of characters for them.
 const MOST_NAMED: usize = 20;
 const MOST_NAMED_CHARS: usize = 300;
 
 /// Highest degree of harmonics that trainers write.
 const MAX_DEGREE: usize = 4;
 
-/// Reads the model in a PLY of at most `max_splats` vertices.
 pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
     let header = PlyHeader::parse(bytes)?;
     let mut body = Body::new(header.encoding, bytes.get(header.body_offset..).unwrap_or_default());
@@ -50,7 +46,7 @@ fn vertices(
     let columns = Columns { element };
     let mut notes = Vec::new();
     let layout = Layout::find(&columns, &mut notes)?;
-    // After the layout was found: a wrong kind of file is the better message.
+    // Checked after the layout, because a wrong kind of file gives the more useful message.
     if n_rows > max_splats {
         return Err(Fault::TooMany { declared: element.count, cap: max_splats });
     }
@@ -61,12 +57,11 @@ fn vertices(
         let gaussian = layout.decode(&values, &mut rows);
         rows.push(gaussian);
     }
-    // By what its columns are, not by its name.
+    // Determined by the columns, not by the file name.
     let kind = if layout.shape.is_some() { ModelKind::Splats } else { ModelKind::PointCloud };
     rows.finish(kind, notes, comments)
 }
 
-/// Finds properties of the vertex element by name.
 struct Columns<'a> {
     element: &'a PlyElement,
 }
@@ -84,11 +79,11 @@ impl Columns<'_> {
         Ok(columns)
     }
 
-    /// The coefficients of degree 1, by coefficient, then channel; the rest is noted as ignored.
+    /// Columns of degree 1, by coefficient, then channel. All other coefficients are noted as ignored.
     fn degree_1(&self, notes: &mut Vec<Note>) -> Option<[[usize; 3]; N_REST_DEGREE_1]> {
         let names = self.element.properties.iter().map(|p| p.name.as_str());
         let n = names.filter(|name| name.starts_with("f_rest_")).count();
-        // Channel by channel, each with the coefficients of whole degrees.
+        // Channel by channel, each with the coefficients of complete degrees.
         let mut counts = (1..=MAX_DEGREE).map(|degree| (degree + 1) * (degree + 1) - 1);
         let found = counts.find(|per_channel| 3 * per_channel == n).and_then(|k| {
             let column = |i, channel| self.find(&format!("f_rest_{}", channel * k + i));
@@ -113,18 +108,18 @@ impl Columns<'_> {
     }
 }
 
-/// Where the fields of a splat or point stand in a row.
+/// Columns of the fields of a splat or point.
 struct Layout {
     mean: [usize; 3],
     color: Color,
-    /// Absent in point clouds.
+    /// `None` for point clouds.
     shape: Option<Shape>,
 }
 
 struct Shape {
     opacity: usize,
     scale: [usize; 2],
-    /// Absent in flat splats.
+    /// `None` for flat splats.
     scale_2: Option<usize>,
     /// w x y z.
     rotation: [usize; 4],
@@ -164,7 +159,6 @@ impl Layout {
         Ok(Self { mean, color, shape: Some(shape) })
     }
 
-    /// A row's values as a splat.
     fn decode(&self, values: &[f64], rows: &mut Rows) -> Gaussian {
         let vector = |columns: [usize; 3]| DVec3::from_array(pick(values, columns));
         let point = Gaussian {
@@ -203,7 +197,7 @@ impl Shape {
 }
 
 impl Color {
-    /// Coefficients of degree 0 win over red, green, blue, which some files add as a preview.
+    /// Prefers coefficients of degree 0 over red, green, blue, which some files add as a preview.
     fn find(columns: &Columns) -> Result<Self, Fault> {
         if columns.find("f_dc_0").is_some() {
             return Ok(Color::Sh(columns.need(["f_dc_0", "f_dc_1", "f_dc_2"])?));

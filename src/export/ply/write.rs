@@ -13,16 +13,15 @@ use crate::export::stream::{SplatRows, put_floats, write_rows};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// antimatter15/splat reads headers up to 10 KB, others more; 4 KB leaves room (`export.md`, PLY of
-/// splats).
+/// Maximum header size: antimatter15/splat reads up to 10 KB, others more (`export.md`, PLY of splats).
 const MAX_HEADER_BYTES: usize = 4096;
 
-// Without `red green blue`: spark would then read bare points, and brush let them win over `f_dc`.
+// Without `red green blue`: otherwise spark would read bare points, and brush would prefer them over `f_dc`.
 const BEFORE_REST: [&str; 9] = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
 const AFTER_REST: [&str; 8] =
     ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
 
-/// A file of splats before its rows.
+/// Prepared file: header and number of coefficients.
 pub(in crate::export) struct PlyLayout {
     header: String,
     /// Coefficients per channel above degree 0.
@@ -30,7 +29,6 @@ pub(in crate::export) struct PlyLayout {
 }
 
 impl PlyLayout {
-    /// For these splats.
     pub fn new(rows: &impl SplatRows, options: &WriteOptions) -> Result<Self, Fault> {
         let n_rest = match (options.sh3_padding, rows.has_directions()) {
             (true, _) => N_REST_DEGREE_3,
@@ -46,7 +44,6 @@ impl PlyLayout {
         Ok(Self { header: end_header(header)?, n_rest })
     }
 
-    /// Header and rows.
     pub fn write(
         &self,
         out: &mut dyn Write,
@@ -59,15 +56,15 @@ impl PlyLayout {
 
     #[expect(
         clippy::indexing_slicing,
-        reason = "channels are three, and rests no longer than that"
+        reason = "three channels, and at most N_REST_DEGREE_3 coefficients"
     )]
     fn encode_row(&self, row: &mut Vec<u8>, gaussian: &Gaussian) {
         let mut put = |values: &[f64]| put_floats(row, values);
         put(&gaussian.mean.to_array());
-        put(&[0.0; 3]); // normals: readers of this layout skip them
+        put(&[0.0; 3]); // normals, ignored by readers of this layout
         put(&harmonics::of_color(gaussian.color).to_array());
         let degree_1 = harmonics::of_directional(gaussian.directional);
-        // Channel by channel, each filled up by itself: that is how readers count the coefficients.
+        // Channel by channel, each padded, as readers expect.
         for channel in 0..3 {
             let mut rest = [0.0; N_REST_DEGREE_3];
             rest[..N_REST_DEGREE_1].copy_from_slice(&degree_1.map(|f| f[channel]));
@@ -79,7 +76,7 @@ impl PlyLayout {
     }
 }
 
-/// Everything up to the first property of the vertex element.
+/// Header up to the first property of the vertex element.
 pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
     let up = turn(options).vector(options.up);
@@ -100,7 +97,7 @@ pub(super) fn push_property(header: &mut String, kind: &str, name: &str) {
 
 pub(super) fn end_header(mut header: String) -> Result<String, Fault> {
     header.push_str("end_header\n");
-    // Comments are the caller's and of any length; a header too long opens nowhere.
+    // The caller's comments may have any length, and viewers reject a header that is too long.
     if header.len() < MAX_HEADER_BYTES {
         return Ok(header);
     }

@@ -1,24 +1,24 @@
-//! What the columns of a file hold and how wide they are.
+//! Header of an SPZ, and names and widths of its columns.
 
 use crate::export::error::Fault;
 
-/// The first bytes of a file, or of what its gzip holds.
+/// First bytes of a file, or of its gzip content.
 pub(super) const MAGIC: &[u8] = b"NGSP";
-/// Highest degree of harmonics that a file may have.
+/// Highest permitted degree of harmonics.
 const MAX_DEGREE: u8 = 4;
-/// Most bits behind the point of a coordinate: it has 24 in all.
+/// Maximum number of fraction bits of a 24-bit coordinate.
 const MAX_FRACTION_BITS: u8 = 24;
-/// Bit of the flags: records of extensions are in the file.
+/// Flag bit: the file has extension records.
 const HAS_EXTENSIONS: u8 = 2;
 
-/// The fields that every version's header starts with, behind magic and version.
+/// Header fields common to all versions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpzHeader {
     pub version: u32,
     pub n_splats: u32,
     /// Degree of the harmonics, 0 to 4.
     pub degree: u8,
-    /// Bits behind the point of coordinates.
+    /// Fraction bits of coordinates.
     pub fraction_bits: u8,
     pub flags: u8,
     /// Number of compressed streams; 0 before version 4.
@@ -29,7 +29,7 @@ pub(super) struct SpzHeader {
 pub(super) const HEADER_BYTES: usize = 16;
 
 impl SpzHeader {
-    /// From the first 16 bytes of a file, or of what its gzip holds.
+    /// Parses the first 16 bytes of a file, or of its gzip content.
     pub fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Self, Fault> {
         let &[magic @ .., v0, v1, v2, v3, n0, n1, n2, n3, degree, fraction_bits, flags, n_streams] =
             bytes;
@@ -51,7 +51,7 @@ impl SpzHeader {
             return fault(format!("harmonics of degree 0 to {MAX_DEGREE}"), degree.to_string());
         }
         if fraction_bits > MAX_FRACTION_BITS {
-            let expected = format!("at most {MAX_FRACTION_BITS} bits behind the point");
+            let expected = format!("at most {MAX_FRACTION_BITS} fraction bits");
             return fault(expected, fraction_bits.to_string());
         }
         Ok(header)
@@ -61,7 +61,7 @@ impl SpzHeader {
         self.flags & HAS_EXTENSIONS != 0
     }
 
-    /// Bytes a splat of each column, in file order: position, opacity, colour, scale, rotation and
+    /// Bytes per splat of each column, in file order: position, opacity, colour, scale, rotation and
     /// harmonics above degree 0.
     pub fn widths(&self) -> [usize; 6] {
         let position = if self.version == 1 { 6 } else { 9 };
@@ -77,6 +77,5 @@ impl SpzHeader {
 }
 
 pub(super) const HEADER: &str = "SPZ header";
-/// The columns as messages name them.
 pub(super) const COLUMN_NAMES: [&str; 6] =
     ["positions", "opacities", "colours", "scales", "rotations", "harmonics"];

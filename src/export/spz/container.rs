@@ -1,37 +1,36 @@
-//! From the bytes of a file to its columns, nothing reserved before it is known to be there.
+//! Decompression of an SPZ file into its columns.
 //!
-//! What a file says of sizes costs nothing to forge, and both compressions reach ratios of a thousand
-//! and more: memory grows with what was really unpacked and ends one byte behind what the number of
-//! splats needs.
+//! Sizes in a file are untrusted, and both compressions exceed ratios of a thousand. Memory therefore grows
+//! only with the data actually unpacked, and unpacking stops one byte after the size needed for the splats.
 
 use super::columns::{COLUMN_NAMES, HEADER, HEADER_BYTES, SpzHeader};
 use crate::export::error::Fault;
 use flate2::bufread::GzDecoder;
 use std::io::{Read, Result as IoResult};
 
-/// Bytes of version 4 before extensions and table.
+/// Bytes of the version 4 header before extensions and table.
 pub(super) const NGSP_BYTES: usize = 32;
-/// Bytes of the table of version 4 for each stream: its compressed and its unpacked length.
+/// Bytes per stream in the table of version 4: compressed and uncompressed length.
 const ENTRY_BYTES: usize = 16;
-/// Largest window of a Zstandard stream, as a power of two: what the program `zstd` takes unasked.
+/// Largest Zstandard window, as a power of two; the default limit of the `zstd` program.
 const MAX_WINDOW_LOG: u32 = 27;
 
-/// A file's columns, unpacked.
+/// Decompressed columns of a file.
 pub(super) struct Unpacked {
     pub header: SpzHeader,
-    /// As [`SpzHeader::widths`] lists them, each as long as the splats need.
+    /// Columns in the order of [`SpzHeader::widths`], with exactly the bytes of all splats.
     pub columns: [Vec<u8>; 6],
 }
 
-/// Unpacks a file that starts as gzip does.
+/// Unpacks a file with gzip magic bytes.
 pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     one_stream(GzDecoder::new(bytes), max_splats)
 }
 
-/// Unpacks a file that starts with its magic, [`super::columns::MAGIC`].
+/// Unpacks a file with the magic bytes [`super::columns::MAGIC`].
 pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
-    // Up to version 3 nothing is compressed but by the gzip that this file lacks.
+    // Before version 4 the only compression is the outer gzip, which this file lacks.
     if header.version < 4 { one_stream(bytes, max_splats) } else { streams(bytes, max_splats) }
 }
 
@@ -43,7 +42,7 @@ fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
     Ok(header)
 }
 
-/// Versions 1 to 3: header and columns behind each other.
+/// Reads versions 1 to 3: header and columns in one stream.
 fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut source)?)?;
     check_count(&header, max_splats)?;
@@ -51,7 +50,7 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
         let found = format!("version {}", header.version);
         return Err(Fault::malformed(HEADER, "version 1 to 3 inside gzip", found));
     }
-    // Where the records stand changed from one writer to the next, and all behind them with it.
+    // The position of the records differs between writers, and with it all that follows.
     if header.has_extensions() {
         return Err(Fault::Unsupported {
             feature: format!("extensions in SPZ version {}", header.version),
@@ -62,15 +61,15 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
     for ((column, width), name) in columns.iter_mut().zip(header.widths()).zip(COLUMN_NAMES) {
         *column = exactly(&mut source, header.n_splats as usize * width, name)?;
     }
-    // Also reads the checksum behind the last column.
+    // This read also verifies the checksum after the last column.
     match source.read(&mut [0]) {
         Ok(0) => Ok(Unpacked { header, columns }),
-        Ok(_) => Err(Fault::malformed("SPZ", "an end behind the last column", "more bytes")),
-        Err(e) => Err(Fault::malformed("SPZ", "an end behind the last column", damage(&e))),
+        Ok(_) => Err(Fault::malformed("SPZ", "an end after the last column", "more bytes")),
+        Err(e) => Err(Fault::malformed("SPZ", "an end after the last column", damage(&e))),
     }
 }
 
-/// Version 4: a plain header, a table, and a Zstandard stream for each column.
+/// Reads version 4: an uncompressed header, a table, and one Zstandard stream per column.
 fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     check_count(&header, max_splats)?;
@@ -97,9 +96,9 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
 }
 
 struct Table<'a> {
-    /// Compressed and unpacked length of each stream.
+    /// Compressed and uncompressed length of each stream.
     entries: Vec<(u64, u64)>,
-    /// Everything behind the table.
+    /// All bytes after the table.
     streams: &'a [u8],
 }
 
@@ -117,7 +116,7 @@ impl<'a> Table<'a> {
         let behind = bytes.get(start..).filter(|_| start >= NGSP_BYTES);
         let split = behind.and_then(|behind| behind.split_at_checked(n * ENTRY_BYTES));
         let Some((table, streams)) = split else {
-            let expected = format!("a table of {} bytes behind byte {NGSP_BYTES}", n * ENTRY_BYTES);
+            let expected = format!("a table of {} bytes after byte {NGSP_BYTES}", n * ENTRY_BYTES);
             let found = format!("byte {start} of {}", bytes.len());
             return Err(Fault::malformed(HEADER, expected, found));
         };
@@ -145,7 +144,7 @@ fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault>
     }
 }
 
-/// The next `needed` bytes; memory grows only with what comes.
+/// Reads exactly `needed` bytes; memory grows only with the data received.
 fn exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
     let mut bytes = Vec::new();
     let read: IoResult<usize> = source.by_ref().take(needed as u64).read_to_end(&mut bytes);
@@ -157,7 +156,7 @@ fn exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec<u8>,
     Err(Fault::malformed(format!("SPZ {name}"), format!("{needed} bytes"), found))
 }
 
-/// What a decoder says, on one line.
+/// Formats a decoder error on one line.
 fn damage(error: &std::io::Error) -> String {
     crate::export::error::shorten(&error.to_string())
 }

@@ -1,11 +1,11 @@
-//! SPZ (`export.md`, SPZ): one column of bytes an attribute, compressed together by gzip up to version
-//! 3 and each by itself with Zstandard in version 4. Files are y-up, x right and z backward, as
-//! glTF's are; splats here are z-up.
+//! SPZ (`export.md`, SPZ): one column of bytes per attribute. Up to version 3 all are compressed together
+//! with gzip; in version 4 each is a Zstandard stream. Files are y-up with x right and z backward, as in
+//! glTF; splats in memory are z-up.
 
 mod columns;
 mod container;
-#[expect(clippy::indexing_slicing, reason = "places among four, of two bits each")]
+#[expect(clippy::indexing_slicing, reason = "indices are two bits, into arrays of four")]
 mod quantise;
 pub(super) mod read;
-#[expect(clippy::indexing_slicing, reason = "writes splats in an order of their own numbers")]
+#[expect(clippy::indexing_slicing, reason = "writes splats in a permutation of their own indices")]
 pub(super) mod write;

@@ -1,33 +1,33 @@
-//! Numbers as a file's bytes hold them.
+//! Quantisation of values to and from SPZ bytes.
 
 use crate::export::harmonics;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// A byte of colour stands for this much of the coefficient of degree 0, times 255: wider than
-/// `[0, 1]`, for colours that harmonics bring back.
+/// Bytes of colour encode the coefficient of degree 0 times 0.15 · 255. The range exceeds `[0, 1]`, because
+/// harmonics can bring such colours back into it.
 const COLOR_SCALE: f64 = 0.15;
-/// Steps of a scale's logarithm, and the logarithm of byte 0.
+/// Steps per unit of a scale's logarithm, and the logarithm of byte 0.
 const SCALE_STEPS: f64 = 16.0;
 const SCALE_START: f64 = -10.0;
-/// Steps of a coefficient of degree 1 when writing.
+/// Number of steps for coefficients of degree 1 when writing.
 const COEFFICIENT_STEPS: f64 = 32.0;
-/// Largest magnitude of a rotation's 9 bits, which stands for √½.
+/// Largest 9-bit magnitude of a rotation component; represents √½.
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
-/// Numbers of a turn that differ by less are as large, whatever rounding says.
+/// Tolerance within which quaternion components count as equally large, despite rounding.
 const AS_LARGE: f64 = 1e-5;
-/// Turns that differ by less, in any number, are one: above the rounding of single precision.
+/// Tolerance within which rotations count as equal; above f32 rounding.
 const SAME_TURN: f64 = 1e-6;
 
-/// A coordinate of 24 bits.
+/// Decodes a 24-bit fixed-point coordinate.
 pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
-    // Into the upper bytes and back: the sign comes along.
+    // Shifted up and back to extend the sign.
     let value = i32::from_le_bytes([0, bytes[0], bytes[1], bytes[2]]) >> 8;
     f64::from(value) * 0.5f64.powi(fraction_bits.into())
 }
 
-/// A coordinate of version 1, IEEE 754 with half precision.
+/// Decodes a coordinate of version 1, an IEEE 754 half.
 pub(super) fn half(bytes: [u8; 2]) -> f64 {
     let bits = u16::from_le_bytes(bytes);
     let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
@@ -40,26 +40,26 @@ pub(super) fn half(bytes: [u8; 2]) -> f64 {
     if bits >> 15 == 1 { -magnitude } else { magnitude }
 }
 
-/// The sRGB-encoded colour of three bytes.
+/// Decodes three bytes to an sRGB-encoded colour.
 pub(super) fn color(bytes: [u8; 3]) -> DVec3 {
     let byte = DVec3::from_array(bytes.map(f64::from));
     harmonics::to_color((byte / 255.0 - 0.5) / COLOR_SCALE)
 }
 
-/// Standard deviations of three bytes.
+/// Decodes three bytes to standard deviations.
 pub(super) fn scale(bytes: [u8; 3]) -> DVec3 {
     let byte = DVec3::from_array(bytes.map(f64::from));
     (byte / SCALE_STEPS + SCALE_START).exp()
 }
 
-/// `w x y z` of versions 1 and 2: x, y and z, the rest positive.
+/// Decodes `w x y z` of versions 1 and 2: x, y and z are stored, w is positive.
 pub(super) fn first_three(bytes: [u8; 3]) -> [f64; 4] {
     let [x, y, z] = bytes.map(|b| f64::from(b) / 127.5 - 1.0);
     [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z]
 }
 
-/// `w x y z` from version 3 on: which of x, y, z, w is the largest in the upper two bits, then sign and
-/// magnitude of the other three.
+/// Decodes `w x y z` of version 3 and later: the upper two bits give the index of the largest of x, y, z, w;
+/// the rest are sign and magnitude of the other three.
 pub(super) fn smallest_three(bytes: [u8; 4]) -> [f64; 4] {
     let bits = u32::from_le_bytes(bytes);
     let largest = (bits >> 30) as usize;
@@ -75,12 +75,12 @@ pub(super) fn smallest_three(bytes: [u8; 4]) -> [f64; 4] {
     [w, x, y, z]
 }
 
-/// A coefficient above degree 0.
+/// Decodes a coefficient above degree 0.
 pub(super) fn coefficient(byte: u8) -> f64 {
     (f64::from(byte) - 128.0) / 128.0
 }
 
-/// Inverse of [`fixed`], to the nearest and within 24 bits.
+/// Inverse of [`fixed`], rounded to the nearest value and limited to 24 bits.
 pub(super) fn to_fixed(v: f64, fraction_bits: u8) -> [u8; 3] {
     let largest = f64::from((1 << 23) - 1);
     let value = (v * 2f64.powi(fraction_bits.into())).round().clamp(-largest, largest);
@@ -88,7 +88,6 @@ pub(super) fn to_fixed(v: f64, fraction_bits: u8) -> [u8; 3] {
     [a, b, c]
 }
 
-/// Opacity as a byte.
 pub(super) fn to_opacity(opacity: f64) -> u8 {
     nearest(255.0 * opacity)
 }
@@ -99,13 +98,13 @@ pub(super) fn to_color(color: DVec3) -> [u8; 3] {
     coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
 }
 
-/// Inverse of [`scale`]: steps of a sixteenth of a power of e, from 4.5·10⁻⁵ to 376.
+/// Inverse of [`scale`]: steps of 1/16 of the logarithm, from 4.5·10⁻⁵ to 376.
 pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
     scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
 }
 
-/// Inverse of [`smallest_three`]. The largest number is left out, the first of those as large, or another one
-/// with which the turn comes back better: a turn that was read from a file is written as it stood there.
+/// Inverse of [`smallest_three`]. Omits the largest component, by default the first among equals, or another
+/// one if that decodes more accurately. A rotation read from a file is therefore written unchanged.
 pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     let xyzw = rotation.to_array();
     let most = xyzw.iter().fold(0.0f64, |most, v| most.max(v.abs()));
@@ -121,33 +120,33 @@ pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     (0..4).map(candidate).fold(candidate(first), better).0
 }
 
-/// Largest difference of two turns' numbers; a turn and its negative are one.
+/// Largest component difference of two rotations, where `q` and `−q` are equal.
 fn difference(a: DQuat, b: DQuat) -> f64 {
     let b = if a.dot(b) < 0.0 { -b } else { b };
     (a - b).to_array().iter().fold(0.0, |most, v| most.max(v.abs()))
 }
 
-/// A turn of which one number follows from the others.
+/// Encodes a rotation without component `left_out`.
 fn without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
     let mut bits = left_out as u32;
     for i in (0..4).filter(|&i| i != left_out) {
         let magnitude = (LARGEST_MAGNITUDE * xyzw[i].abs() / FRAC_1_SQRT_2).round();
         let magnitude = magnitude.min(LARGEST_MAGNITUDE) as u32;
-        // Nought has no sign: a turn and its negative are one, and make the same file.
+        // Zero has no sign: `q` and `−q` are the same rotation and give the same bytes.
         let is_negative = magnitude > 0 && (xyzw[i] < 0.0) != (xyzw[left_out] < 0.0);
         bits = bits << 10 | u32::from(is_negative) << 9 | magnitude;
     }
     bits.to_le_bytes()
 }
 
-/// Inverse of [`coefficient`], with fewer steps: as many as the format's own writer keeps.
+/// Inverse of [`coefficient`], with as many steps as the format's reference writer uses.
 pub(super) fn to_coefficient(f: f64) -> u8 {
     let step = 256.0 / COEFFICIENT_STEPS;
     nearest(((128.0 * f) / step).round() * step + 128.0)
 }
 
 fn nearest(v: f64) -> u8 {
-    // The cast ends at 0 and 255.
+    // The cast saturates at 0 and 255.
     v.round() as u8
 }
 
@@ -172,7 +171,7 @@ mod tests {
     fn turns_whose_largest_numbers_tie_keep_their_bytes() {
         let half = FRAC_1_SQRT_2;
         let quarter = [half, 0.0, 0.0, half];
-        // Rounded, another number is larger than the one that was.
+        // After rounding, another component is the largest.
         let near = [0.7, 0.1, 0.0, 0.70005];
         for q in [quarter, [0.0, -half, half, 0.0], [0.5, 0.5, -0.5, 0.5], near] {
             let bytes = to_smallest_three(DQuat::from_array(q).normalize());

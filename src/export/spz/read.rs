@@ -1,4 +1,4 @@
-//! SPZ of versions 1 to 4 into splats.
+//! Import of SPZ versions 1 to 4.
 
 use super::columns::MAGIC;
 use super::container::{self, Unpacked};
@@ -9,17 +9,15 @@ use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
 
-/// Whether a file starts as gzip does.
 pub(in crate::export) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1F, 0x8B])
 }
 
-/// Whether a file starts as version 4 does, or an older one without its gzip.
+/// True for version 4, or an older version without its gzip.
 pub(in crate::export) fn is_plain(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-/// Reads the model in an SPZ of at most `max_splats` splats.
 pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
     let file = match is_gzip(bytes) {
         true => container::gzip(bytes, max_splats)?,
@@ -46,7 +44,6 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
 /// Coefficients per channel of degree 1.
 const N_DEGREE_1: usize = 3;
 
-/// The splat of row `i` in the file's axes.
 fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
     let header = &file.header;
     let [positions, opacities, colors, scales, rotations, harmonics] = &file.columns;
@@ -83,7 +80,7 @@ fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
     }
 }
 
-/// Row `i` of a column that has as many rows as the file has splats.
+/// Row `i` of a column with one row per splat.
 fn row<const N: usize>(column: &[u8], i: usize) -> [u8; N] {
     column.as_chunks().0.get(i).copied().unwrap_or([0; N])
 }

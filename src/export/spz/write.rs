@@ -1,9 +1,8 @@
 //! Splats as SPZ version 4.
 //!
-//! Splats are written along a curve that stays near itself in space: neighbours have coordinates, sizes
-//! and colours alike, and what repeats within a stream is not written twice. A coordinate has as many
-//! bits behind the point as its place in a file needs: an eighth of the size of a small splat moves
-//! nothing that is seen, and every bit more is noise that does not compress.
+//! Splats are written along a space-filling curve, so that neighbours are similar and compress well.
+//! Coordinates have enough fraction bits for an eighth of a small splat's size: this moves nothing visibly,
+//! and any further bit is incompressible noise.
 
 use super::columns::{COLUMN_NAMES, MAGIC};
 use super::container::NGSP_BYTES;
@@ -19,24 +18,24 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::io::{self, Write};
 
-/// Zstandard's level: higher ones take twice as long for a hundredth.
+/// Zstandard level: higher ones take twice as long for 1 %.
 const LEVEL: i32 = 9;
-/// Coordinates are rounded to this share of a small splat's middle deviation.
+/// Rounding step of coordinates, relative to a small splat's middle standard deviation.
 const STEP_OF_DEVIATION: f64 = 1.0 / 8.0;
-/// The small splat: smaller is this share of all.
+/// Quantile of the middle standard deviations that counts as a small splat.
 const SMALL_QUANTILE: f64 = 0.1;
-/// Splats looked at for it.
+/// Number of splats sampled for the quantile.
 const N_SAMPLED: usize = 4096;
 /// Bits of a coordinate without its sign.
 const COORDINATE_BITS: i32 = 23;
-/// Most bits behind the point, as many as every reader takes.
+/// Maximum number of fraction bits that every reader accepts.
 const MAX_FRACTION_BITS: i32 = 20;
-/// Bits of a coordinate along the curve: three of them fill a word.
+/// Bits per coordinate along the curve; three fill a word.
 const CURVE_BITS: u32 = 21;
 
-/// A file before its columns.
+/// Prepared file: order of rows and formats.
 pub(in crate::export) struct SpzLayout {
-    /// The rows in the order they are written in.
+    /// Rows in order of writing.
     order: Vec<u32>,
     fraction_bits: u8,
     /// Degree of the harmonics.
@@ -44,7 +43,7 @@ pub(in crate::export) struct SpzLayout {
 }
 
 impl SpzLayout {
-    /// For these splats; fails where coordinates are too far from the origin for 24 bits.
+    /// Prepares a file for these splats. Fails if coordinates are too large for 24 bits.
     pub fn new(rows: &impl SplatRows) -> Result<Self, Fault> {
         let largest = (0..rows.n_rows())
             .into_par_iter()
@@ -55,12 +54,13 @@ impl SpzLayout {
         Ok(Self { order, fraction_bits, degree: u8::from(rows.has_directions()) })
     }
 
-    /// Number of columns, each of which takes all rows.
+    /// Number of columns, each of which iterates over all rows.
     pub fn n_columns(&self) -> usize {
         if self.degree == 0 { COLUMN_NAMES.len() - 1 } else { COLUMN_NAMES.len() }
     }
 
-    /// The whole file. Its columns are kept compressed until all are: their lengths stand before them.
+    /// Writes the complete file. All columns are compressed in memory first, because their lengths precede
+    /// them.
     pub fn write(
         &self,
         out: &mut dyn Write,
@@ -88,15 +88,15 @@ impl SpzLayout {
         let mut header = MAGIC.to_vec();
         header.extend(4u32.to_le_bytes());
         header.extend((self.order.len() as u32).to_le_bytes());
-        // No flag: opacities are as drawn, without the compensation that the flag of antialiasing asks
-        // viewers for.
+        // No flags. The antialiasing flag would make viewers compensate opacities, for which these splats
+        // were not made.
         header.extend([self.degree, self.fraction_bits, 0, n_streams as u8]);
         header.extend((NGSP_BYTES as u32).to_le_bytes());
         header.resize(NGSP_BYTES, 0);
         header
     }
 
-    /// How a splat becomes the bytes of each column, and how many.
+    /// Encoder and bytes per row of each column.
     fn encoders(&self) -> Vec<(Encode, usize)> {
         let bits = self.fraction_bits;
         let mut encoders: Vec<(Encode, usize)> = vec![
@@ -125,18 +125,18 @@ impl SpzLayout {
 type Encode = Box<dyn Fn(&Gaussian, &mut Vec<u8>) + Sync>;
 
 fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
-    // The whole part takes so many of the bits.
+    // Bits left after the integer part.
     let room = COORDINATE_BITS - largest.max(f64::MIN_POSITIVE).log2().floor() as i32 - 1;
     if room < 0 {
         return Err(Fault::Setting {
             setting: "SPZ",
             expected: format!("coordinates below {}", 1 << COORDINATE_BITS),
-            found: format!("{largest}; give a smaller unit scale or export PLY"),
+            found: format!("{largest}; use a smaller unit scale or export PLY"),
         });
     }
     let step = rows.n_rows().div_ceil(N_SAMPLED).max(1);
     let middle = |i: usize| {
-        // As the file holds it: what is read of a file gets its bits again.
+        // Quantised as in the file, so that a file that was read gets the same fraction bits again.
         let [a, b, c] = scale(to_scale(rows.row(i).scale)).to_array();
         a.max(b).min(a.max(c)).min(b.max(c))
     };
@@ -147,8 +147,8 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
     Ok(needed.clamp(0, MAX_FRACTION_BITS).min(room) as u8)
 }
 
-/// The rows along a Morton curve through the cube of all coordinates that the file can hold, as it holds
-/// them: what is read of a file is written in its order.
+/// Orders the rows along a Morton curve through the cube of all representable coordinates. Quantised
+/// coordinates are used, so that a file that was read keeps its order.
 fn curve(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
     let cell = |v: f64| {
         let held = (fixed(to_fixed(v, fraction_bits), 0) as i64 + (1 << COORDINATE_BITS)) as u64;
@@ -164,7 +164,7 @@ fn curve(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
     keys.into_iter().map(|(_, i)| i).collect()
 }
 
-/// The lower 21 bits, two zeros between each and the next.
+/// Spreads the lower 21 bits, with two zeros between neighbours.
 fn spread(v: u64) -> u64 {
     let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
     let v = (v | v << 16) & 0x001F_0000_FF00_00FF;

@@ -1,7 +1,7 @@
-//! Vectors of AVX2.
+//! AVX2 vectors.
 //!
-//! Safety: [`Avx2`] cannot be named outside this file, so its methods run below [`run`] only, and
-//! [`run`] is reached through an [`super::isa::Isa`] that exists only where [`is_available`] said so.
+//! Safety: [`Avx2`] is private to this file, so its methods run only within [`run`]. [`run`] is called
+//! only through an [`super::isa::Isa`], which exists only if [`is_available`] returned true.
 
 #![allow(unsafe_code)]
 
@@ -9,7 +9,7 @@ use super::vector::{Kernel, LANES, SET_LANES, Vector};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
 
-/// Whether this processor has all that [`run`] is compiled for.
+/// True if the CPU supports all features that [`run`] is compiled for.
 pub(super) fn is_available() -> bool {
     is_x86_feature_detected!("avx2")
         && is_x86_feature_detected!("bmi1")
@@ -17,10 +17,10 @@ pub(super) fn is_available() -> bool {
         && is_x86_feature_detected!("popcnt")
 }
 
-/// Runs a kernel compiled for AVX2. FMA is left out on purpose: fused operations round otherwise.
+/// Runs a kernel compiled for AVX2. FMA is deliberately disabled: fused operations round differently.
 #[inline]
 pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
-    // SAFETY: an `Isa` with AVX2 is made by `Isa::avx2` only, which asks `is_available`.
+    // SAFETY: an `Isa` with AVX2 is created only by `Isa::avx2`, which checks `is_available`.
     unsafe { run_with_features(kernel) }
 }
 
@@ -39,7 +39,7 @@ macro_rules! operator {
 
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                // SAFETY: below `run` the processor has AVX2.
+                // SAFETY: within `run` the CPU has AVX2.
                 Self(unsafe { $intrinsic(self.0, other.0) })
             }
         }
@@ -51,8 +51,8 @@ operator!(Sub, sub, _mm256_sub_ps);
 operator!(Mul, mul, _mm256_mul_ps);
 operator!(Div, div, _mm256_div_ps);
 
-// SAFETY of every block below: below `run` the processor has AVX2; loads and stores go through
-// slices checked to hold eight values.
+// SAFETY of every block below: within `run` the CPU has AVX2; loads and stores use slices whose
+// length is checked to be eight.
 impl Vector for Avx2 {
     #[inline(always)]
     fn splat(value: f32) -> Self {
@@ -69,7 +69,7 @@ impl Vector for Avx2 {
     fn load_even(values: &[f32]) -> Self {
         let (low, high) = (Self::load(values), Self::load(&values[LANES..]));
         unsafe {
-            // Of both halves of either; then their pairs change places.
+            // Even lanes of each 128-bit half, then the middle pairs are swapped.
             let mixed = _mm256_shuffle_ps::<0b10_00_10_00>(low.0, high.0);
             let pairs = _mm256_permute4x64_pd::<0b11_01_10_00>(_mm256_castps_pd(mixed));
             Self(_mm256_castpd_ps(pairs))
@@ -165,8 +165,8 @@ impl Vector for Avx2 {
     fn transposed(rows: [Self; LANES]) -> [Self; LANES] {
         let mut columns = [rows[0]; LANES];
         unsafe {
-            // Pairs of rows, then fours of them, each within halves of four lanes; then halves change
-            // places. Spelled out in loops: closures over vectors are not compiled for AVX2.
+            // Interleaves pairs of rows, then fours, within 128-bit halves; then swaps halves. Written as
+            // loops because closures over vectors are not compiled for AVX2.
             let mut fours = [[rows[0].0; 4]; 2];
             for (half, fours) in fours.iter_mut().enumerate() {
                 let [a, b] = [rows[4 * half].0, rows[4 * half + 1].0];

@@ -1,4 +1,4 @@
-//! The choice of instructions at run time.
+//! Selection of the instruction set at run time.
 
 #[cfg(target_arch = "x86_64")]
 use super::avx2;
@@ -6,10 +6,10 @@ use super::portable::Portable;
 use super::vector::Kernel;
 use std::sync::LazyLock;
 
-/// Name of the environment variable that forces an instruction set: `portable` or `avx2`.
+/// Environment variable that forces an instruction set: `portable` or `avx2`.
 pub const FORCE_VARIABLE: &str = "VBGS_SIMD";
 
-/// An instruction set this machine has.
+/// An instruction set supported by this machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Isa(Kind);
 
@@ -21,10 +21,10 @@ enum Kind {
 }
 
 impl Isa {
-    /// What every machine has: pairs of 128-bit vectors on x86-64 and 64-bit ARM.
+    /// Available everywhere: pairs of 128-bit vectors on x86-64 and 64-bit ARM.
     pub const PORTABLE: Self = Self(Kind::Portable);
 
-    /// AVX2, if this machine has it.
+    /// Returns AVX2 if this machine supports it.
     pub fn avx2() -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
         if avx2::is_available() {
@@ -33,19 +33,19 @@ impl Isa {
         None
     }
 
-    /// The best instruction set of this machine, or the one that [`FORCE_VARIABLE`] names where the
-    /// machine has it. Looked up once.
+    /// Returns the best instruction set of this machine, or the one named by [`FORCE_VARIABLE`] if the
+    /// machine supports it. Determined once.
     pub fn best() -> Self {
         static BEST: LazyLock<Isa> =
             LazyLock::new(|| match std::env::var(FORCE_VARIABLE).as_deref() {
-                // `avx2` and anything unknown mean the best there is: no name may stop the program.
+                // `avx2` and unknown names select the best available: a wrong name must not stop the program.
                 Ok("portable") => Isa::PORTABLE,
                 _ => Isa::avx2().unwrap_or(Isa::PORTABLE),
             });
         *BEST
     }
 
-    /// As reports spell it.
+    /// Returns the name used in reports.
     pub fn name(self) -> &'static str {
         match self.0 {
             Kind::Portable => "portable",

@@ -1,8 +1,7 @@
-//! Eight f32 lanes, and the choice at run time of the instructions behind them. This folder is the
-//! one place with code for a particular processor.
+//! Vectors of eight f32 lanes and run-time selection of the instruction set. All code for a specific
+//! CPU is in this folder.
 //!
-//! Every operation gives equal bits on every instruction set: nothing is fused, nothing
-//! approximated.
+//! Every operation is bitwise equal on all instruction sets: no fused operations, no approximations.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;

@@ -1,11 +1,11 @@
-//! Vectors of `wide`: what the compiler may use everywhere.
+//! Portable vectors, based on the `wide` crate.
 
 use super::vector::{LANES, SET_LANES, Vector};
 use std::ops::{Add, Div, Mul, Sub};
 use wide::bytemuck::cast;
 use wide::{f32x8, i32x8, u32x8};
 
-/// Eight lanes of whatever the target has at least.
+/// Eight lanes in the target's baseline instruction set.
 #[derive(Clone, Copy)]
 pub(super) struct Portable(f32x8);
 
@@ -56,7 +56,7 @@ impl Vector for Portable {
 
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        // `min` would look for NaN, which no kernel needs and AVX2 does not do.
+        // `min` handles NaN, which no kernel needs and AVX2 does not do.
         Self(self.0.fast_min(other.0))
     }
 

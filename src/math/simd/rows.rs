@@ -1,8 +1,8 @@
-//! Rows of numbers in memory to and from vectors that hold a row in each lane.
+//! Conversion between rows in memory and vectors that hold one row per lane.
 
 use super::vector::{LANES, Vector};
 
-/// Vectors of the lanes of each row.
+/// Loads each row into one vector.
 #[inline(always)]
 pub fn load_rows<V: Vector, const N: usize>(rows: &[[f32; LANES]; N]) -> [V; N] {
     let mut lanes = [V::splat(0.0); N];
@@ -12,13 +12,13 @@ pub fn load_rows<V: Vector, const N: usize>(rows: &[[f32; LANES]; N]) -> [V; N] 
     lanes
 }
 
-/// A row in each lane: vector `i` holds number `i` of all rows, which have eight numbers or more.
+/// Loads one row per lane: vector `i` holds element `i` of all rows. `N` is at least eight.
 #[inline(always)]
 pub fn gather_rows<V: Vector, const N: usize>(rows: [&[f32; N]; LANES]) -> [V; N] {
     const { assert!(N >= LANES) }
     let mut lanes = [V::splat(0.0); N];
     for first in (0..N).step_by(LANES) {
-        // The last block begins within the one before.
+        // The last block may overlap the one before.
         let first = first.min(N - LANES);
         let mut block = [V::splat(0.0); LANES];
         for (block, row) in block.iter_mut().zip(rows) {
@@ -29,7 +29,7 @@ pub fn gather_rows<V: Vector, const N: usize>(rows: [&[f32; N]; LANES]) -> [V; N
     lanes
 }
 
-/// Overwrites some rows of a table by what [`gather_rows`] gives of them, the first lanes in order.
+/// Inverse of [`gather_rows`]: writes lane `i` to row `rows[i]` of a table.
 #[inline(always)]
 pub fn scatter_rows<V: Vector, const N: usize>(
     lanes: &[V; N],

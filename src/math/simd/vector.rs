@@ -1,55 +1,55 @@
-//! What a kernel is written in: eight lanes of f32, whatever the instructions behind them.
+//! Traits for kernels: eight f32 lanes, independent of the instruction set.
 
 use std::ops::{Add, Div, Mul, Sub};
 
 /// Lanes of a [`Vector`].
 pub const LANES: usize = 8;
 
-/// A lane of a mask that is set.
+/// Value of a lane that is set in a mask.
 pub const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
 
 /// Eight f32 lanes.
 pub trait Vector:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// One value in every lane.
+    /// Puts one value into every lane.
     fn splat(value: f32) -> Self;
-    /// The first eight values.
+    /// Loads the first eight values.
     fn load(values: &[f32]) -> Self;
-    /// Every other of the first sixteen values, from the first on.
+    /// Loads the values at even indices of the first sixteen.
     fn load_even(values: &[f32]) -> Self;
-    /// Overwrites the first eight values.
+    /// Stores to the first eight values.
     fn store(self, values: &mut [f32]);
-    /// The smaller of each pair; of no use where a lane is NaN.
+    /// Minimum per lane; undefined for NaN.
     fn min(self, other: Self) -> Self;
-    /// The larger of each pair; of no use where a lane is NaN.
+    /// Maximum per lane; undefined for NaN.
     fn max(self, other: Self) -> Self;
-    /// Square root of each lane, rounded correctly.
+    /// Square root per lane, correctly rounded.
     fn sqrt(self) -> Self;
-    /// Lane `i` sets bit `i` if it is at most that of `other`.
+    /// Bit `i` is set if lane `i` is at most that of `other`.
     fn at_most(self, other: Self) -> u32;
-    /// In every lane the bits of `kept`, with `added` in place of the others.
+    /// In every lane, retains the bits in `kept` and sets those of `added`.
     fn tag(self, kept: u32, added: u32) -> Self;
-    /// Lane `i` sets bit `i` if it agrees with that of `other` in the bits of `mask`.
+    /// Bit `i` is set if lane `i` equals that of `other` in the bits of `mask`.
     fn agrees(self, other: Self, mask: u32) -> u32;
-    /// The lanes whose bit is set in `mask` come first, in order; the others say nothing.
+    /// Moves the lanes selected by `mask` to the front, in order; the remaining lanes are undefined.
     fn compress(self, mask: u32) -> Self;
-    /// A mask: lanes that are at most those of `other` have every bit set, the others none.
+    /// Mask of lanes that are at most those of `other`: all bits set or none.
     fn mask_at_most(self, other: Self) -> Self;
-    /// The bits that both have.
+    /// Bitwise and.
     fn and(self, other: Self) -> Self;
-    /// Lanes of `yes` where the mask is set, those of `no` elsewhere.
+    /// Lanes of `yes` where the mask is set, of `no` elsewhere.
     fn select(mask: Self, yes: Self, no: Self) -> Self;
-    /// Lane `i` sets bit `i` if its sign bit is set, as it is where a mask is.
+    /// Bit `i` is the sign bit of lane `i`, which is set in masks.
     fn signs(self) -> u32;
-    /// Lanes without what is behind the point; says nothing of lanes beyond an `i32`.
+    /// Truncates to integers; undefined for lanes out of range of `i32`.
     fn truncated(self) -> [i32; LANES];
-    /// Adds the integer in the bits of each lane of `exponent` to the exponent of the lane: times a
-    /// power of two, as long as the result is a normal number.
+    /// Adds the integer in the bits of each lane of `exponent` to the lane's exponent, which multiplies
+    /// by a power of two if the result is a normal number.
     fn scale_by_bits(self, exponent: Self) -> Self;
-    /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
+    /// Transposes: lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transposed(rows: [Self; LANES]) -> [Self; LANES];
-    /// The sum of each of eight vectors' lanes, added first to last, in the lane of its number.
+    /// Sums each vector's lanes, first to last; lane `i` of the result belongs to vector `i`.
     #[inline(always)]
     fn lane_sums(rows: [Self; LANES]) -> Self {
         let lanes = Self::transposed(rows);
@@ -59,7 +59,7 @@ pub trait Vector:
         }
         sums
     }
-    /// The lanes as an array, first to last.
+    /// Returns the lanes as an array.
     #[inline(always)]
     fn to_array(self) -> [f32; LANES] {
         let mut lanes = [0.0; LANES];
@@ -68,12 +68,12 @@ pub trait Vector:
     }
 }
 
-/// For every mask of eight lanes the set ones, ascending, then zeros.
+/// Indices of the set lanes of every 8-bit mask, ascending, padded with zeros.
 pub(super) const SET_LANES: [[u32; LANES]; 256] = {
     let mut table = [[0; LANES]; 256];
     let mut mask = 0;
     while mask < 256 {
-        // `while`, because a constant cannot loop over an iterator.
+        // `while`, because `for` is not available in constants.
         let (mut lane, mut n) = (0, 0);
         while lane < LANES {
             if mask >> lane & 1 == 1 {
@@ -87,11 +87,11 @@ pub(super) const SET_LANES: [[u32; LANES]; 256] = {
     table
 };
 
-/// A computation on vectors of any instruction set. `run` must be `#[inline(always)]`, and so must
-/// everything hot below it: what is not inlined is compiled for the baseline.
+/// A computation generic over the instruction set. `run` and all hot functions it calls must be
+/// `#[inline(always)]`: code that is not inlined is compiled for the baseline.
 pub trait Kernel {
-    /// What it gives.
+    /// Result type.
     type Output;
-    /// Runs on the vectors `V`.
+    /// Runs with vectors of type `V`.
     fn run<V: Vector>(self) -> Self::Output;
 }

@@ -1,4 +1,4 @@
-//! The Dirichlet law of the mixture weights (`model.md`, Dirichlet).
+//! Dirichlet distribution of the mixture weights (`model.md`, Dirichlet).
 
 use crate::math::special::{digamma, ln_gamma};
 
@@ -8,7 +8,7 @@ pub fn expected_ln_weights(alpha: &[f64]) -> Vec<f64> {
     alpha.iter().map(|&a| digamma(a) - total).collect()
 }
 
-/// `KL(Dir(a) ‖ Dir(b))`; the slices must have equal length.
+/// Returns `KL(Dir(a) ‖ Dir(b))`; the slices must have equal length.
 pub fn kl(a: &[f64], b: &[f64]) -> f64 {
     let (sum_a, sum_b): (f64, f64) = (a.iter().sum(), b.iter().sum());
     let psi_sum = digamma(sum_a);

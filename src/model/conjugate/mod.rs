@@ -1,5 +1,5 @@
-//! The conjugate laws that both presets share: Normal-Inverse-Wishart over position and colour,
-//! Dirichlet over weights, their hyper-parameters, sufficient statistics and posterior.
+//! Conjugate distributions shared by both presets: Normal-Inverse-Wishart over position and colour, Dirichlet
+//! over weights; with hyper-parameters, sufficient statistics and posterior.
 
 pub mod dirichlet;
 pub mod niw;

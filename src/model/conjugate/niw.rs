@@ -1,4 +1,4 @@
-//! The Normal-Wishart law of one Gaussian block (`model.md`, Normal-Wishart), D = 3.
+//! Normal-Wishart distribution of one Gaussian block (`model.md`, Normal-Wishart), D = 3.
 
 use crate::math::special::{mv_digamma3, mv_ln_gamma3};
 use crate::math::sym3::Sym3;
@@ -7,7 +7,7 @@ use std::f64::consts::{LN_2, TAU};
 
 const D: f64 = 3.0;
 
-/// Why parameters are no Normal-Wishart law.
+/// Reasons why parameters do not define a Normal-Wishart distribution.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NiwError {
     /// κ must be positive.
@@ -43,7 +43,7 @@ pub struct Niw {
 }
 
 impl Niw {
-    /// Checks the parameters; `scale` is the Wishart scale `U`, so that `E[Λ] = νU`.
+    /// Validates the parameters; `scale` is the Wishart scale `U`, so that `E[Λ] = νU`.
     pub fn new(mean: DVec3, kappa: f64, scale: Sym3, nu: f64) -> Result<Self, NiwError> {
         if kappa.is_nan() || kappa <= 0.0 {
             return Err(NiwError::Kappa(kappa));
@@ -55,22 +55,22 @@ impl Niw {
         Ok(Self { mean, kappa, scale, nu, ln_det_scale })
     }
 
-    /// `ln |U|` of the Wishart scale `U`, found once when the law was made.
+    /// Returns `ln |U|` of the Wishart scale `U`, computed once in `new`.
     pub fn ln_det_scale(&self) -> f64 {
         self.ln_det_scale
     }
 
-    /// `E[ln |Λ|] = D ln 2 + ln |U| + ψ_D(ν/2)`.
+    /// Returns `E[ln |Λ|] = D ln 2 + ln |U| + ψ_D(ν/2)`.
     pub fn expected_ln_det_precision(&self) -> f64 {
         D * LN_2 + self.ln_det_scale + mv_digamma3(0.5 * self.nu)
     }
 
-    /// `E[μᵀΛμ] = ν mᵀUm + D/κ`.
+    /// Returns `E[μᵀΛμ] = ν mᵀUm + D/κ`.
     pub fn expected_mean_precision_mean(&self) -> f64 {
         self.nu * self.scale.quadratic_form(self.mean) + D / self.kappa
     }
 
-    /// `E[ln N(x | μ, Λ⁻¹)]` in the distance form.
+    /// Returns `E[ln N(x | μ, Λ⁻¹)]`, from the distance `x − m` (the square is not expanded).
     pub fn expected_ln_likelihood(&self, x: DVec3) -> f64 {
         let distance = self.nu * self.scale.quadratic_form(x - self.mean);
         0.5 * (self.expected_ln_det_precision() - D * TAU.ln() - D / self.kappa - distance)
@@ -84,11 +84,11 @@ impl Niw {
             + mv_ln_gamma3(0.5 * self.nu)
     }
 
-    /// `KL(self ‖ other)` (`model.md`, Divergences).
+    /// Returns `KL(self ‖ other)` (`model.md`, Divergences).
     pub fn kl(&self, other: &Self) -> f64 {
         let (q, p) = (self, other);
         let ratio = p.kappa / q.kappa;
-        // The Cholesky factor of U_p was found in `new`, so the inverse exists.
+        // `new` found a Cholesky factor of U_p, so the inverse exists.
         let trace = p.scale.inverse().map_or(f64::NAN, |inverse| {
             (inverse.to_mat3() * q.scale.to_mat3())
                 .to_cols_array_2d()

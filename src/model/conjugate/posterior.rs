@@ -1,9 +1,8 @@
-//! Posterior of a component in the cancellation-free form (`model.md`, Posterior), and its splat.
+//! Posterior of a component without cancellation (`model.md`, Posterior), and its splat.
 //!
-//! The textbook form `U⁻¹ = U₀⁻¹ + Σ s sᵀ − κ m mᵀ` subtracts numbers of the size of squared
-//! coordinates to leave a prior of 4e-15; centred sums never form them. Nothing of the posterior
-//! feeds back into training (`model.md`, Three models): it is found on demand, for what is drawn,
-//! stored or shown.
+//! The textbook form `U⁻¹ = U₀⁻¹ + Σ s sᵀ − κ m mᵀ` subtracts numbers of the size of squared coordinates to
+//! obtain a prior of 4e-15. Sums centred about the initial mean avoid that. The posterior never feeds back
+//! into training (`model.md`, Three models); it is computed on demand for rendering, storage and inspection.
 
 use super::prior::Hyper;
 use super::statistics::Moments;
@@ -13,7 +12,7 @@ use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Posterior parameters of one component, normalised coordinates.
+/// Posterior parameters of one component, in normalised coordinates.
 ///
 /// ```
 /// use glam::DVec3;
@@ -31,7 +30,7 @@ use serde::{Deserialize, Serialize};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComponentPosterior {
-    /// `N_k`, the sum of responsibilities of the points received.
+    /// `N_k`, the sum of the responsibilities of all points.
     pub count: f64,
     /// Dirichlet concentration `α_k = α_0 + N_k`.
     pub alpha: f64,
@@ -50,7 +49,7 @@ pub struct ComponentPosterior {
 }
 
 impl ComponentPosterior {
-    /// Prior (mean 0) plus the statistics of a component whose initial mean is `mean_init`.
+    /// Combines the prior (mean 0) with the statistics of a component whose initial mean is `mean_init`.
     pub fn new(hyper: &Hyper, mean_init: DVec3, moments: &Moments) -> Self {
         let n = moments.count;
         let kappa_space = hyper.kappa0_space + n;
@@ -59,7 +58,7 @@ impl ComponentPosterior {
         let (mean_space, inverse_scale) = if n > 0.0 {
             let offset = moments.first / n;
             let data_mean = mean_init + offset;
-            // The one subtraction left: both terms are of the size of a cell, not of the world.
+            // The only subtraction left: both terms have the size of a cell, not of the world.
             let scatter = moments.second.add_scaled(-n, Sym3::outer(offset));
             let shrinkage = hyper.kappa0_space * n / kappa_space;
             (
@@ -67,7 +66,7 @@ impl ComponentPosterior {
                 prior_scale.add_scaled(1.0, scatter).add_scaled(shrinkage, Sym3::outer(data_mean)),
             )
         } else {
-            // The prior's mean, not `mean_init`: the reference draws unused components there.
+            // The prior's mean, not `mean_init`: the reference implementation draws unused components there.
             (DVec3::ZERO, prior_scale)
         };
         Self {
@@ -77,51 +76,51 @@ impl ComponentPosterior {
             nu_space: hyper.nu0 + n,
             kappa_color,
             mean_space,
-            // f32 sums of few points can leave less than the prior: see `definite`.
+            // f32 sums of few points can yield less than the prior: see `definite`.
             inverse_scale: definite(inverse_scale, 1.0 / hyper.u0_space),
             mean_color: moments.color / kappa_color,
         }
     }
 
-    /// `E[Σ^s] = U⁻¹ / (ν − D − 1)`.
+    /// Returns `E[Σ^s] = U⁻¹ / (ν − D − 1)`.
     pub fn expected_covariance(&self) -> Sym3 {
-        // The mean of an inverse Wishart law in D = 3: ν − D − 1, which the prior's ν = 5 keeps
-        // positive.
+        // Mean of an inverse Wishart distribution in D = 3: ν − D − 1 is positive because the prior has ν =
+        // 5.
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
 
-    /// `E[Σ^s]` in world units².
+    /// Returns `E[Σ^s]` in world units².
     pub fn world_covariance(&self, normalization: &Normalization) -> Sym3 {
         self.expected_covariance().scaled_axes(DVec3::from_array(normalization.scale))
     }
 
-    /// Standard deviation of the mean's position in world units, `√(tr(A E[Σ^s] A) / κ)`: under the
-    /// normal-inverse-Wishart law (`model.md`, Posterior) the mean, given `Σ`, has the covariance
-    /// `Σ/κ`, so `E[Σ]/κ` is its covariance altogether; `A` holds the world units per axis.
+    /// Returns the standard deviation of the mean's position in world units, `√(tr(A E[Σ^s] A) / κ)`, with
+    /// the world units per axis on the diagonal of `A`. Under the normal-inverse-Wishart distribution
+    /// (`model.md`, Posterior) the mean given `Σ` has covariance `Σ/κ`, hence `E[Σ]/κ` marginally.
     pub fn mean_deviation(&self, normalization: &Normalization) -> f64 {
         (self.world_covariance(normalization).trace() / self.kappa_space).sqrt()
     }
 }
 
-/// Share of the largest eigenvalue below which f64 does not tell one from zero.
+/// Eigenvalues below this share of the largest one are not distinguishable from zero in f64.
 const RESOLUTION: f64 = 16.0 * f64::EPSILON;
 
-/// The matrix itself where it is positive definite. `U⁻¹` is the prior's plus terms that are not
-/// negative, but the rounding of f32 sums outweighs the prior where a component has few points;
-/// then eigenvalues below the prior's are raised to it.
+/// Returns the matrix, made positive definite if it is not. `U⁻¹` is the prior's plus terms that are not
+/// negative, but with few points the rounding of f32 sums outweighs the prior; eigenvalues below the prior's
+/// are then raised to it.
 fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
     if inverse_scale.cholesky().is_some() {
         return inverse_scale;
     }
     let eigen = inverse_scale.eigen();
-    // A smaller one would be rounded away again when the matrix is put together.
+    // A smaller value would be lost to rounding when the matrix is reassembled.
     let floor = prior.max(RESOLUTION * eigen.values.x);
     let raised = eigen.values.max(DVec3::splat(floor));
     let rebuilt = eigen.vectors * DMat3::from_diagonal(raised) * eigen.vectors.transpose();
     Sym3::from_mat3(rebuilt)
 }
 
-/// How a posterior becomes splats (`model.md`, From posterior to splat).
+/// Conversion from a posterior to a splat (`model.md`, From posterior to splat).
 ///
 /// ```
 /// use glam::DVec3;
@@ -138,37 +137,36 @@ fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Conversion {
-    /// Decomposition of the covariance.
+    /// Decomposition of the covariance into scales and rotation.
     pub form: CovarianceForm,
     /// Factor on the standard deviations.
     pub scale_factor: f64,
     /// Opacity of a used component.
     pub opacity: f64,
-    /// Whether components that never received a point are kept (as specks at the origin).
+    /// True if components that never received a point become splats as well (specks at the origin).
     pub keep_unused: bool,
 }
 
-/// Opacity the reference gives every component with `α > 1e-6`.
+/// Opacity that the reference implementation gives every component with `α > 1e-6`.
 const OPACITY: f64 = 0.95;
-/// Opacity of the others.
+/// Opacity that it gives the other components.
 const LEGACY_UNUSED_OPACITY: f64 = 1e-4;
-/// The threshold on α between the two.
 const LEGACY_ALPHA: f64 = 1e-6;
 
 impl Conversion {
-    /// The covariance as it is, unused components dropped.
+    /// Plain conversion: unscaled covariance, unused components dropped.
     pub fn right() -> Self {
         Self {
             form: CovarianceForm::Eigen,
-            // On Lego 22.0 dB, where the reference's 1.41 gives 20.7; without reassignment, where
-            // gaps are wide, 19.6 and 20.5.
+            // PSNR on Lego: 22.0 dB, with the reference's 1.41 20.7 dB. Without reassignment, where gaps are
+            // wide: 19.6 and 20.5 dB.
             scale_factor: 1.0,
             opacity: OPACITY,
             keep_unused: false,
         }
     }
 
-    /// The reference exporter with its quirks (`model.md`, Quirks of the reference).
+    /// Conversion of the reference exporter with its quirks (`model.md`, Quirks of the reference).
     pub fn legacy() -> Self {
         Self {
             form: CovarianceForm::LegacyCholesky,
@@ -178,7 +176,7 @@ impl Conversion {
         }
     }
 
-    /// The splat of a component in world units; opacity 0 if it is not to be drawn.
+    /// Returns the splat of a component in world units; opacity 0 if it must not be drawn.
     pub fn splat(&self, posterior: &ComponentPosterior, normalization: &Normalization) -> Splat {
         let opacity = if posterior.count > 0.0 {
             self.opacity
@@ -198,7 +196,7 @@ impl Conversion {
             scale: (scale * self.scale_factor).as_vec3().to_array(),
             rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
         };
-        // Beyond what renderers can work with, as of a range of positions that no world has.
+        // Renderers cannot handle it; occurs only if the range of positions is absurd.
         if splat.is_valid() { splat } else { Splat::default() }
     }
 }
@@ -225,7 +223,7 @@ mod tests {
 
     #[test]
     fn rounding_of_the_sums_leaves_the_covariance_definite() {
-        // One point 0.02 from the mean: the sums of f32 disagree by far more than the prior 4e-15.
+        // One point 0.02 from the mean: the rounding of f32 sums exceeds the prior of 4e-15 by far.
         let hyper = Hyper::paper(100_000, 1e5);
         let d = DVec3::new(0.0201, -0.013, 0.0173);
         let rounded = |v: f64| f64::from(v as f32);

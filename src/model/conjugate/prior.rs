@@ -8,7 +8,7 @@ use std::f64::consts::{LN_2, TAU};
 const NU0: f64 = 5.0;
 const D: f64 = 3.0;
 
-/// Everything the prior and the initial model fix before the first point is seen.
+/// Constants of the prior and the initial model, fixed before the first point.
 ///
 /// ```
 /// use vbgs_studio::model::conjugate::prior::Hyper;
@@ -35,32 +35,32 @@ pub struct Hyper {
     pub kappa0_color: f64,
     /// Colour κ of the initial model.
     pub kappa_init_color: f64,
-    /// Colour Wishart scale `U = u I`, never learnt.
+    /// Colour Wishart scale `U = u I`, never updated.
     pub u0_color: f64,
 }
 
 impl Hyper {
-    /// The paper's values for `components` and a position scale (the reference sets the two equal).
+    /// Returns the paper's values for `components` and a position scale (equal in the reference).
     pub fn paper(components: usize, position_scale: f64) -> Self {
         Self {
             components,
             alpha0: 1.0 / components as f64,
             kappa0_space: 1e-3,
-            // The reference's: shifts the reported ELBO by −1.5·10⁶ and no assignment.
+            // As in the reference: shifts the reported ELBO by −1.5·10⁶ but changes no assignment.
             kappa_init_space: 1e-6,
             u0_space: 22_500.0 * position_scale * position_scale,
             nu0: NU0,
             kappa0_color: 1e-2,
             kappa_init_color: 1e-2,
-            // The reference names 10¹³ for its initial model, and computes with the prior's.
+            // The reference states 10¹³ for its initial model, but computes with the prior's value.
             u0_color: 1e8,
         }
     }
 
-    /// Hyper-parameters of a scene of structural scale `h` (world units), for sums in world units
-    /// about the seeds. The prior of the covariance is two points of standard deviation 0.3 h
-    /// (`model.md`, Scene splat rule). How many components there will be is not known, so each
-    /// counts as one before it has points.
+    /// Returns the values of a scene of structural scale `h` (world units), for sums in world units about the
+    /// seeds. The prior of the covariance equals two points of standard deviation 0.3 h (`model.md`, Scene
+    /// splat rule). As the number of components is not known in advance, each has a concentration of 1 before
+    /// it receives points.
     pub fn scene(h: f64) -> Self {
         let prior_scatter = 2.0 * (0.3 * h).powi(2);
         Self {
@@ -72,22 +72,22 @@ impl Hyper {
         }
     }
 
-    /// `E[Λ^s] = ν U`, the (isotropic) expected spatial precision of the E-step.
+    /// Returns `E[Λ^s] = ν U`, the (isotropic) expected spatial precision of the E-step.
     pub fn expected_precision_space(&self) -> f64 {
         self.nu0 * self.u0_space
     }
 
-    /// `E[Λ^c] = ν U`, the expected colour precision.
+    /// Returns `E[Λ^c] = ν U`, the expected colour precision.
     pub fn expected_precision_color(&self) -> f64 {
         self.nu0 * self.u0_color
     }
 
-    /// Point-independent part of `E[ln p(s|k)]` under the initial model.
+    /// Returns the point-independent part of `E[ln p(s|k)]` under the initial model.
     pub fn ln_constant_space(&self) -> f64 {
         self.ln_constant(self.u0_space, self.kappa_init_space)
     }
 
-    /// Point-independent part of `E[ln p(c|k)]` under the initial model.
+    /// Returns the point-independent part of `E[ln p(c|k)]` under the initial model.
     pub fn ln_constant_color(&self) -> f64 {
         self.ln_constant(self.u0_color, self.kappa_init_color)
     }

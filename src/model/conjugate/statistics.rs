@@ -4,28 +4,28 @@ use crate::math::real::Real;
 use crate::math::sym3::Sym3;
 use glam::DVec3;
 
-/// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), where
-/// `d = s − m_k` (`model.md`, Sufficient statistics).
-// No `Σ r c cᵀ`, which the reference sums as well: the colour precision is not learnt, so nothing
-// would read it.
+/// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), with `d = s − m_k`
+/// (`model.md`, Sufficient statistics).
+// `Σ r c cᵀ`, which the reference sums as well, is left out: the colour precision is fixed, so nothing reads
+// it.
 pub const N_SUMS: usize = 13;
 
-/// Sums of one component over one tile of points, not yet rounded to the form of the totals.
+/// Sums of one component over one tile of points, before rounding to the form of the totals.
 #[derive(Clone, Copy, Debug)]
 pub struct TileRecord<R> {
     /// Number of the component.
     pub id: u32,
-    /// Position of the tile in its frame.
+    /// Index of the tile within its frame.
     pub tile: u32,
     /// In the order of [`N_SUMS`].
     pub sums: [R; N_SUMS],
 }
 
-/// Words of a record as devices write it: number, tile and sums.
+/// Words of a record as written by a device: component, tile and sums.
 pub const RECORD_WORDS: usize = 2 + N_SUMS;
 
 impl TileRecord<f32> {
-    /// Of the words that a device wrote: number, tile, and the bits of the sums.
+    /// Decodes the words written by a device: component, tile, and the bits of the sums.
     ///
     /// ```
     /// use vbgs_studio::model::conjugate::statistics::{RECORD_WORDS, TileRecord};
@@ -42,7 +42,7 @@ impl TileRecord<f32> {
     }
 }
 
-/// Adds a point of responsibility `r` at offset `d` from the component's initial mean to sums.
+/// Adds a point with responsibility `r` at offset `d` from the component's initial mean.
 #[inline(always)]
 pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]) {
     let rd = [r * d[0], r * d[1], r * d[2]];
@@ -91,7 +91,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// From sums in the order of [`N_SUMS`].
+    /// Reads sums in the order of [`N_SUMS`].
     pub fn from_sums(t: [f64; N_SUMS]) -> Self {
         Self {
             count: t[0],
@@ -101,7 +101,7 @@ impl Moments {
         }
     }
 
-    /// Raw moments about the origin, `a = a' + N m` and `B = B' + a'mᵀ + m a'ᵀ + N m mᵀ`.
+    /// Returns raw moments about the origin, `a = a' + N m` and `B = B' + a'mᵀ + m a'ᵀ + N m mᵀ`.
     pub fn raw(&self, mean_init: DVec3) -> (DVec3, Sym3) {
         let (a, m) = (self.first.to_array(), mean_init.to_array());
         let cross = |i: usize, j: usize| a[i] * m[j] + m[i] * a[j] + self.count * m[i] * m[j];

@@ -1,28 +1,28 @@
-//! Adding the totals of models that started alike and saw different points: exact, so that any
-//! merge tree gives the same bits.
+//! Addition of the totals of models with equal initial model that were trained on different points. It is
+//! exact: every merge tree gives the same bits.
 
 use super::state::{Carry, Totals};
 use crate::model::conjugate::statistics::N_SUMS;
 use std::collections::BTreeMap;
 
-/// Why totals cannot be added.
+/// Reasons why totals cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
-    /// Sums in floating point, which round with every addition.
+    /// Floating-point sums, which are rounded at every addition.
     #[error("totals that are rounded depend on the order of frames and cannot be added exactly")]
     Inexact,
-    /// Different forms, lengths or origins.
+    /// Different number formats, lengths or origins.
     #[error("totals of different forms, numbers of components or origins cannot be added")]
     Unlike,
-    /// A sum left the range of its form.
+    /// A sum exceeds the range of its number format.
     #[error("a sum of component {component} exceeds the range of its form")]
     Overflow {
-        /// Number of the component whose sum it is.
+        /// Number of the component.
         component: usize,
     },
 }
 
-/// The sum of two totals of equal form and length.
+/// Adds two totals of equal form and length.
 ///
 /// ```
 /// use vbgs_studio::model::paper::merging::add;
@@ -62,7 +62,7 @@ fn add_fixed64(
     b: &[[i64; N_SUMS]],
     carries_b: &[Carry],
 ) -> Result<Totals, AddError> {
-    // Wider than what is stored: limbs of both cannot overflow before their sum is checked.
+    // Wider than the stored limbs, so that adding two cannot overflow before the range check.
     let mut limbs: BTreeMap<u32, [i64; N_SUMS]> = BTreeMap::new();
     for carry in carries_a.iter().chain(carries_b) {
         let sums = limbs.entry(carry.id).or_default();
@@ -73,7 +73,7 @@ fn add_fixed64(
         for (i, (sum, &term)) in row.iter_mut().zip(b).enumerate() {
             let (wrapped, overflows) = sum.overflowing_add(term);
             if overflows {
-                // What left the row by wrapping is one whole limb, of the terms' sign.
+                // Wrapping removed exactly one limb from the row, with the sign of the terms.
                 limbs.entry(component as u32).or_default()[i] += term.signum();
             }
             *sum = wrapped;
@@ -97,7 +97,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A total of one component whose sums all are `value`.
     fn fixed64(value: i128) -> Totals {
         let row = value as i64;
         let limb = ((value - i128::from(row)) >> 64) as i32;

@@ -1,4 +1,4 @@
-//! The initial model in structure-of-arrays form: what every E-step reads.
+//! The initial model as a structure of arrays, read by every E-step.
 
 use crate::math::real::Real;
 use crate::model::conjugate::dirichlet;
@@ -11,7 +11,7 @@ pub struct InitialModel<R> {
     pub space: Vec<[R; 3]>,
     /// Colour means, one row per component, normalised.
     pub color: Vec<[R; 3]>,
-    /// `w_k = 2 E[ln π_k] / E_s`: the weight in units of squared distance.
+    /// `w_k = 2 E[ln π_k] / E_s`: the log weight in units of squared distance.
     pub weight: Vec<R>,
     /// Largest of the weights.
     pub max_weight: R,
@@ -20,12 +20,12 @@ pub struct InitialModel<R> {
 }
 
 impl<R: Real> InitialModel<R> {
-    /// From rows `[s, c]` and the Dirichlet parameters of the initial model, both of length
+    /// Builds the model from rows `[s, c]` and the initial Dirichlet parameters, both of length
     /// `hyper.components`.
     pub fn new(hyper: Hyper, means: &[[f64; 6]], alpha: &[f64]) -> Self {
         assert_eq!(means.len(), hyper.components, "one mean per component");
         assert_eq!(alpha.len(), hyper.components, "one concentration per component");
-        // In squared distances, as scores are kept: at 10⁹ nats f32 is right to hundreds only.
+        // Scores are squared distances: at 10⁹ nats f32 would resolve hundreds only.
         let to_weight = 2.0 / hyper.expected_precision_space();
         let ln_weights = dirichlet::expected_ln_weights(alpha);
         let weight: Vec<R> = ln_weights.into_iter().map(|w| R::of(w * to_weight)).collect();
@@ -38,7 +38,7 @@ impl<R: Real> InitialModel<R> {
         }
     }
 
-    /// Sets a component's mean, position and colour, and returns the one it had.
+    /// Replaces a component's mean (position, colour) and returns the old one.
     pub fn replace_mean(
         &mut self,
         component: usize,
@@ -53,7 +53,7 @@ impl<R: Real> InitialModel<R> {
         self.space.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no components.
     pub fn is_empty(&self) -> bool {
         self.space.is_empty()
     }

@@ -1,5 +1,4 @@
-//! The mixture of the published algorithm: a fixed number of components, their initial model and
-//! their totals.
+//! Mixture of the published algorithm: a fixed number of components, their initial model and totals.
 
 pub mod merging;
 pub mod mixture;

@@ -1,47 +1,42 @@
-//! The totals of consecutive components: what one thread adds to at a time.
+//! Totals of a range of consecutive components, updated by one thread at a time.
 
 use super::total_scalar::TotalScalar;
 use crate::math::real::Real;
 use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use std::collections::BTreeMap;
 
-/// Records whose rows are fetched together.
-// With the stamp in the first line two to three times as fast as row by row.
+// Records whose rows are prefetched together. With the frame stamp in the first cache line this is two to
+// three times as fast as row by row.
 const ROWS_AHEAD: usize = 16;
 
-/// Rows of consecutive components.
 pub(super) struct TotalShard<T: TotalScalar> {
-    /// One row per component.
     pub rows: Vec<TotalRow<T>>,
-    /// High limbs by component, where a sum has one.
+    /// High limbs of the components that have any.
     pub carries: BTreeMap<u32, [i32; N_SUMS]>,
-    /// Bit `i` of word `j` is set if row `64 j + i` has received something.
+    /// Bit `i` of word `j` is set if row `64 j + i` has received points.
     pub used: Vec<u64>,
-    /// Rows that have received something.
     pub n_used: usize,
-    /// Ids whose rows the current frame has changed, each once.
+    /// Ids of the rows changed by the current frame, each once.
     pub touched: Vec<u32>,
-    /// Memory for records that must be put in order.
+    /// Scratch buffer for records that must be sorted.
     sorted: Vec<TileRecord<f64>>,
 }
 
-/// Two cache lines in 64-bit form.
+/// Row of sums; two cache lines in 64-bit form.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct TotalRow<T> {
-    /// The frame that changed it last.
+    /// Frame that last changed the row.
     frame: u32,
-    /// In the order of [`N_SUMS`]; low bits where high limbs are kept apart.
+    /// Sums in the order of [`N_SUMS`]; low bits if high limbs are stored separately.
     pub sums: [T; N_SUMS],
 }
 
-/// Bytes of one component.
 pub(super) fn row_bytes<T: TotalScalar>(_: &[TotalShard<T>]) -> usize {
     size_of::<TotalRow<T>>()
 }
 
 impl<T: TotalScalar> TotalShard<T> {
-    /// Rows of `len` components that have received nothing.
     pub fn new(len: usize) -> Self {
         Self {
             rows: vec![TotalRow { frame: 0, sums: [T::default(); N_SUMS] }; len],
@@ -53,12 +48,12 @@ impl<T: TotalScalar> TotalShard<T> {
         }
     }
 
-    /// Forgets which frames changed which rows.
+    /// Resets the frame stamps of all rows.
     pub fn forget_frames(&mut self) {
         self.rows.iter_mut().for_each(|row| row.frame = 0);
     }
 
-    /// Adds the records of one frame to rows, whose first one is component `first`'s.
+    /// Adds the records of one frame; the first row belongs to component `first`.
     pub fn add_frame<R: Real>(
         &mut self,
         frame: u32,
@@ -79,14 +74,13 @@ impl<T: TotalScalar> TotalShard<T> {
             };
             sorted.extend(records.iter().map(widened));
         });
-        // A tile has one record of a component: keys are unique, so there is one order only.
+        // A tile has at most one record per component: keys are unique, so the order is well defined.
         sorted.sort_unstable_by_key(|record| (record.id, record.tile));
         self.add_all(frame, first, &sorted);
         self.sorted = sorted;
     }
 
-    /// Rows are far from the processor, so those of some records are fetched before any is added
-    /// to.
+    /// Prefetches the rows of a group of records before adding to any of them, to hide memory latency.
     #[inline(always)]
     fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
         for records in records.chunks(ROWS_AHEAD) {
@@ -102,7 +96,7 @@ impl<T: TotalScalar> TotalShard<T> {
     #[inline(always)]
     fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
         let row = &mut self.rows[place];
-        // A value that nobody needs yet: reading it fetches the row's second cache line.
+        // The value is not used: reading it fetches the row's second cache line.
         std::hint::black_box(row.sums[N_SUMS - 1]);
         let is_new = row.frame != frame;
         if is_new && !T::vanishes(record.sums[0].to_f64()) {
@@ -115,7 +109,7 @@ impl<T: TotalScalar> TotalShard<T> {
     #[inline(always)]
     fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
         let sums = record.sums.map(R::to_f64);
-        // Whole or not at all: else a component that counts as unused would keep moments.
+        // All or nothing: otherwise a component that counts as unused would have moments.
         if T::vanishes(sums[0]) {
             return;
         }
@@ -125,18 +119,17 @@ impl<T: TotalScalar> TotalShard<T> {
         }
     }
 
-    /// Notes that a row has received something.
     pub fn mark_used(&mut self, place: usize) {
         let (word, bit) = (&mut self.used[place / 64], 1 << (place % 64));
         self.n_used += usize::from(*word & bit == 0);
         *word |= bit;
     }
 
-    /// Statistics of one component of the shard, about its initial mean.
+    /// Returns the statistics of one component of the shard, about its initial mean.
     pub fn moments(&self, component: usize, shard_bits: u32) -> Moments {
         let row = &self.rows[component & ((1 << shard_bits) - 1)];
         let none = [0; N_SUMS];
-        // Hardly a model carries anything: then there is no lookup per component.
+        // Few models have carries at all: this avoids a lookup per component.
         let limbs = match self.carries.is_empty() {
             true => &none,
             false => self.carries.get(&(component as u32)).unwrap_or(&none),

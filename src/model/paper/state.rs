@@ -1,8 +1,8 @@
-//! Everything a trained mixture consists of, as plain columns: what checkpoints hold.
+//! State of a trained mixture as plain columns, as stored in checkpoints.
 
 use crate::model::conjugate::statistics::N_SUMS;
 
-/// A trained mixture at a frame boundary. Row `k` of every column is component `k`; coordinates are
+/// A trained mixture between two frames. Row `k` of every column is component `k`; coordinates are
 /// normalised.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelState {
@@ -10,21 +10,21 @@ pub struct ModelState {
     pub alpha_init: Vec<f64>,
     /// Initial means, moved by reassignment.
     pub means: InitialMeans,
-    /// Sums over everything seen, about the initial spatial means.
+    /// Sums over all points so far, about the initial spatial means.
     pub totals: Totals,
 }
 
-/// Initial means in the precision the E-step reads them in.
+/// Initial means in the precision used by the E-step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitialMeans {
-    /// Means that mixed and f32 runs keep.
+    /// Means of mixed-precision and f32 runs.
     F32 {
         /// Spatial means, one row per component.
         space: Vec<[f32; 3]>,
         /// Colour means, one row per component.
         color: Vec<[f32; 3]>,
     },
-    /// Means that f64 runs keep.
+    /// Means of f64 runs.
     F64 {
         /// Spatial means, one row per component.
         space: Vec<[f64; 3]>,
@@ -34,7 +34,7 @@ pub enum InitialMeans {
 }
 
 impl InitialMeans {
-    /// Rows `[s, c]`; exact.
+    /// Returns rows `[s, c]` without rounding.
     pub fn rows(&self) -> Vec<[f64; 6]> {
         let row = |s: [f64; 3], c: [f64; 3]| [s[0], s[1], s[2], c[0], c[1], c[2]];
         match self {
@@ -56,7 +56,7 @@ pub enum Totals {
     Fixed64 {
         /// Low 64 bits of every sum.
         rows: Vec<[i64; N_SUMS]>,
-        /// What did not fit in them, by ascending id; components without one carry nothing.
+        /// High limbs, by ascending id; components without an entry have none.
         carries: Vec<Carry>,
     },
     /// 128-bit fixed point.
@@ -75,7 +75,7 @@ impl Totals {
         }
     }
 
-    /// Whether there are none.
+    /// True if there are no components.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -1,15 +1,15 @@
-//! The numbers that totals are kept in: fixed point of 64 or 128 bits, or f32.
+//! Number types of the totals: fixed point of 64 or 128 bits, or f32.
 //!
-//! Quanta of 64-bit totals are chosen sum by sum, so that the sums of a scene rarely leave them and
-//! what does is a whole limb: sum and limb together are unique, and bits stay comparable. Totals of
-//! 128 bits resolve 2⁻⁸⁰, below the prior of 4e-15 that `f64` runs must not lose. Sums in f32 are
-//! kept for the comparison: they depend on the order of frames and drift.
+//! Quanta of 64-bit totals are chosen per sum, so that the sums of a scene rarely exceed them. An overflow is
+//! stored as a whole limb: sum and limb together are unique, so bits are comparable. Totals of 128 bits
+//! resolve 2⁻⁸⁰, below the prior of 4e-15 that `f64` runs must resolve. Sums in f32 exist for comparison:
+//! they depend on the order of frames and drift.
 
 use crate::math::fixed::{Quanta, from_fixed, round_small, to_fixed, to_quanta};
 use crate::model::conjugate::statistics::N_SUMS;
 
-/// Fraction bits of every sum in 64-bit totals (`train.md`, Fixed point): counts and colours reach
-/// 1.3e8 before they carry, second moments resolve a standard deviation of 6e-8.
+/// Fraction bits of every sum in 64-bit totals (`train.md`, Fixed point): counts and colours reach 1.3e8
+/// before they carry; second moments resolve a standard deviation of 6e-8.
 const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
 
 /// Quanta per unit.
@@ -23,15 +23,15 @@ const SCALES: [f64; N_SUMS] = {
     scales
 };
 
-/// A number that totals are kept in.
+/// Number type of the totals.
 pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
-    /// Whether sums depend on the order of their terms.
+    /// True if the result depends on the order of the terms.
     const ORDERED: bool;
-    /// Adds `terms` to `sums`; what has to be added to their high limbs, if anything.
+    /// Adds `terms` to `sums`; returns the increments of their high limbs, if any.
     fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
-    /// Whether a count rounds to nothing.
+    /// True if a count rounds to zero.
     fn vanishes(count: f64) -> bool;
-    /// The value of sum number `index` with its high limb.
+    /// Returns the value of sum `index` given its high limb.
     fn value(self, high: i32, index: usize) -> f64;
 }
 
@@ -64,7 +64,7 @@ impl TotalScalar for i64 {
         for i in 0..N_SUMS {
             let (quanta, is_small) = round_small(terms[i] * SCALES[i]);
             added[i] = sums[i].wrapping_add(quanta);
-            // Overflow gives a sign that neither term has.
+            // On overflow the sign differs from that of both terms.
             is_plain &= is_small & ((sums[i] ^ added[i]) & (quanta ^ added[i]) >= 0);
         }
         if is_plain {
@@ -100,8 +100,7 @@ impl TotalScalar for i128 {
     #[inline]
     fn add(sums: &mut [i128; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
         let terms = terms.iter().map(|&term| to_fixed(term));
-        // A sum that leaves 2⁴⁷ units was formed of no coordinates: it stays at the limit, where
-        // merging sees it.
+        // A sum beyond 2⁴⁷ units cannot stem from valid coordinates: it saturates, which merging detects.
         sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum = sum.saturating_add(term));
         None
     }

@@ -1,14 +1,13 @@
-//! Totals of all components over everything seen so far.
+//! Totals of all components over all frames so far.
 //!
-//! Fixed-point totals make the sum exact and associative: any frame order, thread count or sharding
-//! gives equal bits as long as the initial model is the same. Components are split into shards by
-//! id, so that threads can add without sharing a row; a row begins a cache line, with the stamp of
-//! the frame in front, where it is read together with the first sums.
+//! Fixed-point totals make the sum exact and associative: any frame order, thread count or sharding gives the
+//! same bits, provided the initial model is the same. Components are split into shards by id, so that threads
+//! never share a row. A row begins at a cache line; the frame stamp comes first, as it is read together with
+//! the first sums.
 //!
-//! Tried and dropped (`train.md`, Tried and dropped): private accumulators in every thread (1.2 to
-//! 1.9 ms a frame before they are merged, where records and their addition take 0.9 to 1.4),
-//! sorting the points by component (1.6 to 1.9 ms), and floating-point sums without an order, which
-//! give other bits in every run.
+//! Rejected alternatives (`train.md`, Tried and dropped): accumulators private to each thread (1.2 to 1.9 ms
+//! a frame before they are merged, while records and their addition take 0.9 to 1.4), sorting the points by
+//! component (1.6 to 1.9 ms), and unordered floating-point sums, whose bits differ from run to run.
 
 use super::shard::{TotalShard, row_bytes};
 use super::state::{Carry, Totals};
@@ -18,10 +17,10 @@ use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Most shards; a power of two.
+/// Maximum number of shards; a power of two.
 const MAX_SHARDS: usize = 64;
 
-/// How totals over all frames are kept.
+/// Number format of the totals over all frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UpdateWidth {
@@ -37,7 +36,7 @@ pub enum UpdateWidth {
 pub struct Statistics {
     form: Form,
     components: usize,
-    /// Binary logarithm of the components in a shard.
+    /// Binary logarithm of the number of components per shard.
     shard_bits: u32,
     used: usize,
     touched: Vec<u32>,
@@ -61,7 +60,7 @@ macro_rules! any_form {
 }
 
 impl Statistics {
-    /// Totals of components that have received nothing, in the form asked for.
+    /// Creates empty totals of the given number format.
     pub fn new(components: usize, width: UpdateWidth) -> Self {
         let form = match width {
             UpdateWidth::F32 => Form::F32(empty_shards(components)),
@@ -71,7 +70,7 @@ impl Statistics {
         Self::from_form(form, components)
     }
 
-    /// Totals as they stood.
+    /// Restores totals from a checkpoint.
     pub fn restore(totals: &Totals) -> Self {
         let form = match totals {
             Totals::F32(rows) => Form::F32(filled_shards(rows, &[])),
@@ -93,7 +92,7 @@ impl Statistics {
         }
     }
 
-    /// The totals as they stand.
+    /// Returns the current totals.
     pub fn state(&self) -> Totals {
         match &self.form {
             Form::F32(shards) => Totals::F32(rows(shards)),
@@ -103,7 +102,7 @@ impl Statistics {
                 carries: shards
                     .iter()
                     .flat_map(|s| s.carries.iter().map(|(&id, &limbs)| Carry { id, limbs }))
-                    // What came and went again is no part of the sum.
+                    // A carry that was cancelled is not part of the sum.
                     .filter(|carry| carry.limbs != [0; N_SUMS])
                     .collect(),
             },
@@ -115,17 +114,17 @@ impl Statistics {
         self.components
     }
 
-    /// Whether there are no components.
+    /// True if there are no components.
     pub fn is_empty(&self) -> bool {
         self.components == 0
     }
 
-    /// Components with `N_k > 0`.
+    /// Number of components with `N_k > 0`.
     pub fn used(&self) -> usize {
         self.used
     }
 
-    /// Bytes of one component.
+    /// Bytes per component.
     pub fn row_bytes(&self) -> usize {
         any_form!(&self.form, shards => row_bytes(shards))
     }
@@ -135,19 +134,19 @@ impl Statistics {
         any_form!(&self.form, shards => shards.len())
     }
 
-    /// Components of a shard, as a binary logarithm: id `k` belongs to shard `k >> shard_bits`.
+    /// Binary logarithm of the components per shard: id `k` belongs to shard `k >> shard_bits`.
     pub fn shard_bits(&self) -> u32 {
         self.shard_bits
     }
 
-    /// Adds one frame's records. `of_shard(s, add)` hands those of shard `s` to `add`, slice by
-    /// slice in any order; a tile's record of a component comes once. Records whose count rounds to
-    /// nothing are left out whole.
+    /// Adds one frame's records. `of_shard(s, add)` passes those of shard `s` to `add`, slice by slice in any
+    /// order, at most one record per tile and component. Records whose count rounds to zero are skipped as a
+    /// whole.
     pub fn add_frame<R: Real>(
         &mut self,
         of_shard: impl Fn(usize, &mut dyn FnMut(&[TileRecord<R>])) + Sync,
     ) {
-        // The stamp would wrap, and rows of the first frames pass for touched.
+        // The stamp would wrap, so that rows of the first frames would appear changed.
         if self.frame == u32::MAX {
             any_form!(&mut self.form, shards => shards.iter_mut().for_each(TotalShard::forget_frames));
             self.frame = 0;
@@ -155,7 +154,7 @@ impl Statistics {
         self.frame += 1;
         let (frame, bits) = (self.frame, self.shard_bits);
         any_form!(&mut self.form, shards => {
-            // Shards differ much in their records, so each is handed out by itself.
+            // The number of records varies a lot between shards: each is its own unit of work.
             shards.par_iter_mut().with_max_len(1).enumerate().for_each(|(s, shard)| {
                 shard.add_frame(frame, s << bits, |add| of_shard(s, add));
             });
@@ -165,12 +164,12 @@ impl Statistics {
         });
     }
 
-    /// Components the last frame changed, each once.
+    /// Returns the components that the last frame changed, each once.
     pub fn touched(&self) -> &[u32] {
         &self.touched
     }
 
-    /// Ids of the components that have received nothing, ascending.
+    /// Returns the ids of components without points, ascending.
     pub fn unused(&self) -> impl Iterator<Item = u32> {
         (0..self.shards())
             .flat_map(move |s| {
@@ -185,7 +184,7 @@ impl Statistics {
             .take_while(|&id| (id as usize) < self.components)
     }
 
-    /// Statistics of one component.
+    /// Returns the statistics of one component.
     pub fn moments(&self, component: usize) -> Moments {
         let shard = component >> self.shard_bits;
         any_form!(&self.form, shards => shards[shard].moments(component, self.shard_bits))
@@ -193,7 +192,7 @@ impl Statistics {
 }
 
 fn shard_bits(components: usize) -> u32 {
-    // At least one word of the bit set of used rows.
+    // At least 64 components, one word of the bit set of used rows.
     components.div_ceil(MAX_SHARDS).next_power_of_two().max(64).trailing_zeros()
 }
 
@@ -208,7 +207,7 @@ fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec
     for (id, &sums) in rows.iter().enumerate() {
         let (shard, place) = (&mut shards[id >> bits], id & ((1 << bits) - 1));
         shard.rows[place].sums = sums;
-        // A count whose low bits are zero by chance is marked with its carry below.
+        // A count may be non-zero although its low bits are zero; its carry marks it below.
         if sums[0] != T::default() {
             shard.mark_used(place);
         }
@@ -258,7 +257,7 @@ mod tests {
         for width in WIDTHS {
             let [mut a, mut b] = [(); 2].map(|()| Statistics::new(5000, width));
             add(&mut a, &records);
-            // A frame's records may come in any order even in f32.
+            // Records within a frame may come in any order even in f32.
             add(&mut b, &backwards);
             assert_eq!(a.state(), b.state());
             let (first, second) = records.split_at(7000);

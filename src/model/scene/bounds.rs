@@ -1,37 +1,38 @@
-//! What the sums of one component can be: moments of real points, as far as rounding lets them.
+//! Bounds of the sums of one component: moments of real points, up to rounding.
 //!
-//! Files are refused whose sums are none, so whatever changes sums otherwise than by adding points
-//! has to keep to the same bounds. Moving sums to another seed is the one such thing: it subtracts
-//! numbers that rounding has already moved, and what is left of a second moment that was nearly 0
-//! may be a quantum below it. A wall along an axis shows it first: its thickness is nothing but
-//! rounding.
+//! Checkpoints that violate them are rejected, so every operation on sums other than adding points must
+//! respect them. Moving sums to another seed is the only one: it subtracts numbers that were rounded, so a
+//! second moment near 0 may end up a quantum below 0. A wall along an axis shows it first, as its thickness
+//! consists of rounding alone.
 
 use super::state::QUANTUM;
 use super::sums::N_SUMS;
 use crate::math::sym3::Sym3;
 use glam::DVec3;
 
-/// Positions of sums of squares.
+/// Indices of the sums of squares.
 pub const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
 
-/// How far rounding may take sums: relative to them, and per point.
+/// Tolerance for rounding: relative to a sum, and per point.
 #[derive(Clone, Copy, Debug)]
 pub struct Slack {
-    /// Share of the sum.
+    /// Relative to the sum.
     pub relative: f64,
-    /// Absolute, times the number of points.
+    /// Absolute, multiplied by the number of points.
     pub per_point: f64,
 }
 
-/// Every term is rounded by half a quantum, and view directions are unit vectors in f32.
+/// Tolerance of mixed precision: every term is rounded to half a quantum, and view directions are unit
+/// vectors in f32.
 pub const MIXED: Slack = Slack { relative: 1e-6, per_point: 3.0 * QUANTUM };
-/// Sums in f32 stand still from 2²⁴ points on; up to there rounding may double them.
+/// Tolerance of f32: sums stagnate from 2²⁴ points on; rounding may double them up to there.
 pub const F32: Slack = Slack { relative: 1.0, per_point: 0.0 };
-/// Sums in f64 of terms made in f64.
+/// Tolerance of f64 sums with f64 terms.
 pub const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
 
-/// The first mixed moment that is larger than its axes' second moments allow, and what they allow
-/// in place of it. The last second moment of view directions is what is left of their count.
+/// Returns the index of the first mixed moment whose magnitude exceeds half the sum of its axes' second
+/// moments, and the largest value allowed, `√(ab)`. The missing second moment of view directions is the count
+/// less the other two.
 pub fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)> {
     let [xx, yy, zz] = [row[4], row[7], row[9]];
     let [view_xx, view_yy] = [row[28], row[31]];
@@ -52,8 +53,8 @@ pub fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)
     Some((i, (a.max(0.0) * b.max(0.0)).sqrt()))
 }
 
-/// Brings moments that moving left outside their bounds back to the nearest whole quantum inside;
-/// says whether there were any. Sums that are bounded stay as they are, to the bit.
+/// Clamps moments that moving left out of bounds to the nearest whole quantum inside; returns true if any
+/// changed. Sums within bounds stay unchanged to the bit.
 pub fn restrain(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
     let mut changed = false;
     for i in SQUARES {
@@ -62,7 +63,7 @@ pub fn restrain(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
             changed = true;
         }
     }
-    // Every pair of axes at most once.
+    // Each of the six pairs of axes is clamped at most once.
     for _ in 0..6 {
         let Some((i, most)) = first_unbounded(row, slack) else { break };
         let quanta = (row[i].abs().min(most) / QUANTUM).floor();
@@ -72,14 +73,14 @@ pub fn restrain(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
     changed
 }
 
-/// Rounding of sums in f64, relative to the trace of a second moment.
+/// Relative rounding error of f64 sums, as a share of the trace of a second moment.
 const ARITHMETIC: f64 = 1e-14;
-/// Minors of a scatter that is definite beyond all doubt of arithmetic, relative to powers of its trace.
+/// Minors above this share of powers of the trace prove a scatter to be definite despite rounding.
 const NO_DOUBT: f64 = 1e-12;
 
-/// Makes moments that moving left without points that could have them those of some: adds to the
-/// second moment along every axis as many whole quanta as its scatter about the mean is short of
-/// being positive semidefinite. Bounded rows stay bounded; definite ones stay as they are, to the bit.
+/// Repairs moments that no set of points could have after moving: adds the least number of whole quanta to
+/// the second moment along every axis that makes the scatter about the mean positive semidefinite. Rows
+/// within bounds stay within; definite ones stay unchanged to the bit.
 pub fn make_definite(row: &mut [f64; N_SUMS]) -> bool {
     if row[0] <= 0.0 {
         return false;
@@ -90,8 +91,8 @@ pub fn make_definite(row: &mut [f64; N_SUMS]) -> bool {
     if is_clearly_definite(&scatter) {
         return false;
     }
-    // What arithmetic may hide counts as missing: a scatter that is singular gains one quantum, which
-    // is a thickness of .006 structural scales at most.
+    // Rounding may hide a deficit, so it counts as one: a singular scatter gains one quantum, a thickness of
+    // at most .006 structural scales.
     let hidden = ARITHMETIC * second.trace();
     let least = scatter.eigen().values.min_element();
     if least > hidden {
@@ -104,8 +105,8 @@ pub fn make_definite(row: &mut [f64; N_SUMS]) -> bool {
     true
 }
 
-/// Whether the leading minors of a scatter leave no doubt that it is definite: a tenth of the time that its
-/// eigenvalues take. The smallest of these is then at least [`NO_DOUBT`] of the trace.
+/// True if the leading minors prove a scatter to be definite; takes a tenth of the time of its eigenvalues.
+/// The smallest eigenvalue is then at least [`NO_DOUBT`] of the trace.
 fn is_clearly_definite(scatter: &Sym3) -> bool {
     let [xx, xy, xz, yy, yz, zz] = scatter.to_array();
     let trace = scatter.trace();

@@ -1,60 +1,60 @@
-//! What a frame taught, kept for a while so that it can be moved with the frame
-//! (`train/scene/scene.md`, A second look).
+//! Contributions of recent frames, stored so that they can be moved with the frame (`train/scene/scene.md`, A
+//! second look).
 
 use super::sums::N_SUMS;
 use glam::DVec3;
 
-/// What a frame shows of a component: means of some of its points there.
+/// Means over some of a frame's points of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shown {
     /// Number of the component.
     pub component: u32,
-    /// Where the points are from the recorded pose, world units from the scene's origin.
+    /// Mean position of the points under the recorded pose, world units from the scene's origin.
     pub place: DVec3,
-    /// Their colour in the scene's exposure.
+    /// Mean colour in the scene's exposure.
     pub color: DVec3,
-    /// Half-width of their depth's noise, world units.
+    /// Half-width of the depth noise, world units.
     pub noise: f64,
 }
 
 impl Shown {
-    /// Of no points.
+    /// Creates the entry of a component without points.
     pub fn nothing(component: u32) -> Self {
         Self { component, place: DVec3::ZERO, color: DVec3::ZERO, noise: 0.0 }
     }
 }
 
-/// What a frame added to the sums of components.
+/// Sums that a frame added to components.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Taught {
-    /// Components, ascending.
+    /// Component numbers, ascending.
     pub ids: Vec<u32>,
-    /// What each of them received, in whole quanta and in the order of [`N_SUMS`].
+    /// Sums added to each, in whole quanta and in the order of [`N_SUMS`].
     pub sums: Vec<[i32; N_SUMS]>,
 }
 
-/// A frame that may still move, with all that it taught of points.
+/// A frame whose pose may still be corrected, with all its contributions to the sums.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeptFrame {
-    /// Frames that were learnt before it.
+    /// Number of frames trained before it.
     pub frame: u64,
-    /// Its place among the corrected poses.
+    /// Index in the log of corrected poses.
     pub logged: u64,
-    /// Standard deviation of its recorded place, world units.
+    /// Standard deviation of its recorded position, world units.
     pub deviation: f64,
-    /// What it shows of components that were known before it.
+    /// Means of its points by component, for components that existed before the frame.
     pub shown: Vec<Shown>,
-    /// What it added.
+    /// Sums that it added.
     pub taught: Taught,
 }
 
 impl KeptFrame {
-    /// Bytes that it takes.
+    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.shown[..]) + self.taught.bytes()
     }
 
-    /// The same where component `k` has the number `numbers[k]`.
+    /// Returns a copy in which component `k` has the number `numbers[k]`.
     pub fn renumbered(&self, numbers: &[u32]) -> Self {
         let mut kept = self.clone();
         let number = |id: u32| numbers.get(id as usize).copied().unwrap_or(u32::MAX);
@@ -65,18 +65,18 @@ impl KeptFrame {
 }
 
 impl Taught {
-    /// Bytes that it takes.
+    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.ids[..]) + size_of_val(&self.sums[..])
     }
 
-    /// Adds components behind the others.
+    /// Appends components.
     pub fn append(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]]) {
         self.ids.extend_from_slice(ids);
         self.sums.extend_from_slice(sums);
     }
 
-    /// The same with its components in ascending order.
+    /// Sorts the components in ascending order.
     pub fn in_order(self) -> Self {
         if self.ids.is_sorted() {
             self
@@ -85,24 +85,24 @@ impl Taught {
         }
     }
 
-    /// Every component with what it received.
+    /// Iterates over the components and their sums.
     pub fn iter(&self) -> impl Iterator<Item = (u32, &[i32; N_SUMS])> {
         self.ids.iter().copied().zip(&self.sums)
     }
 
-    /// What a component received, if anything.
+    /// Returns the sums added to a component, if any.
     pub fn of(&self, component: u32) -> Option<&[i32; N_SUMS]> {
         self.sums.get(self.ids.binary_search(&component).ok()?)
     }
 
-    /// Leaves out components that are not `known` any more.
+    /// Removes components that are no longer `known`.
     pub fn retain(&mut self, known: impl Fn(u32) -> bool) {
         let kept = std::mem::take(self);
         *self = kept.ids.into_iter().zip(kept.sums).filter(|(id, _)| known(*id)).collect();
     }
 }
 
-/// In any order.
+/// Accepts components in any order.
 impl FromIterator<(u32, [i32; N_SUMS])> for Taught {
     fn from_iter<I: IntoIterator<Item = (u32, [i32; N_SUMS])>>(components: I) -> Self {
         let mut components: Vec<_> = components.into_iter().collect();

@@ -1,4 +1,4 @@
-//! What a frame taught, moved with the frame.
+//! Rigid motion of a frame's stored contributions to the sums.
 
 use super::bounds::{MIXED, restrain};
 use super::kept::{KeptFrame, Taught};
@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 impl KeptFrame {
-    /// The same in a world that was turned about the origin of sums.
+    /// Rotates the sums with the world.
     pub fn turned(mut self, turn: DMat3) -> Self {
         self.taught.turn(turn);
         self
@@ -16,14 +16,14 @@ impl KeptFrame {
 }
 
 impl Taught {
-    /// Turns it with the world, as the sums of components are.
+    /// Rotates the sums with the world.
     pub fn turn(&mut self, turn: DMat3) {
         self.change(|_, sums| moved(sums, turn, DVec3::ZERO));
     }
 
-    /// By how much its sums change if the same points are turned by `turn` about the seed of each component and
-    /// then shifted by what `shift` says of it, structural scales. What would leave the bounds of its sums so
-    /// stays where it is.
+    /// Returns the change of the sums if the same points are rotated by `turn` about the seed of each
+    /// component and then shifted by `shift(component)`, in structural scales. Sums that would leave their
+    /// bounds do not change.
     pub fn change_of(mut self, turn: DMat3, shift: impl Fn(u32) -> DVec3 + Sync) -> Self {
         self.change(|id, sums| {
             let now = moved(sums, turn, shift(id));
@@ -38,12 +38,12 @@ impl Taught {
     }
 }
 
-/// Sums of whole quanta as numbers.
+/// Converts sums from whole quanta to numbers.
 pub fn values(quanta: &[i32; N_SUMS]) -> [f64; N_SUMS] {
     quanta.map(|quanta| f64::from(quanta) * QUANTUM)
 }
 
-/// Sums of points that are turned about the seed and then shifted; as they are, if they left their bounds so.
+/// Returns the sums of the rotated and then shifted points; the old sums if the new ones are out of bounds.
 fn moved(sums: &[i32; N_SUMS], turn: DMat3, shift: DVec3) -> [i32; N_SUMS] {
     let mut moved = SceneSums::new(&values(sums), 1.0).turned(turn).moved(shift).to_array();
     moved.iter_mut().for_each(|sum| *sum = whole(*sum / QUANTUM) * QUANTUM);
@@ -55,8 +55,8 @@ fn moved(sums: &[i32; N_SUMS], turn: DMat3, shift: DVec3) -> [i32; N_SUMS] {
     }
 }
 
-/// The nearest whole number, ties to even, of one below 2⁵¹: by a sum, since processors without an instruction
-/// for it call a function instead.
+/// Rounds to the nearest whole number, ties to even, for |x| below 2⁵¹. Adding and subtracting a large
+/// constant avoids a function call on processors without a rounding instruction.
 fn whole(x: f64) -> f64 {
     const SHIFTER: f64 = 1.5 * (1u64 << 52) as f64;
     x + SHIFTER - SHIFTER
@@ -89,7 +89,6 @@ mod tests {
         (0..n).map(point).collect()
     }
 
-    /// To the sums that the points have where they are moved to.
     #[test]
     fn what_was_taught_moves_as_its_points() {
         let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(0.03, -0.2, 0.1)));
@@ -104,7 +103,7 @@ mod tests {
         let change = taught.clone().change_of(turn, by);
         let now = sum(&after);
         let expected = now.iter().zip(taught.sums[0]).map(|(now, then)| now - then);
-        // Rounded before and after, and grown by the shift in between.
+        // Rounding before and after the motion; the shift amplifies the former.
         assert!(change.sums[0].iter().zip(expected).all(|(a, b)| (a - b).abs() < 8));
         assert_eq!(change.ids, [7]);
         let nothing = taught.change_of(DMat3::IDENTITY, |_| DVec3::ZERO);

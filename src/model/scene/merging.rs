@@ -1,9 +1,8 @@
-//! Adding scenes whose components stand on one lattice and that saw different frames: exact, so
-//! that any merge tree gives equal bits.
+//! Exact addition of scenes on the same lattice that were trained on different frames: every merge tree gives
+//! the same bits.
 //!
-//! Only lattices can be added: seeds that are born where points fall depend on the frames before,
-//! and two runs have no component in common. Sums are whole quanta and stay below 2⁵³ of them, so
-//! f64 adds them without rounding whatever the order.
+//! Only lattices can be added: seeds born at points depend on the preceding frames, and two such runs have no
+//! component in common. Sums are whole quanta below 2⁵³, so f64 adds them without rounding in any order.
 
 use super::state::{
     MAX_SUM, QUANTUM, SceneState, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow, seed_order,
@@ -11,13 +10,12 @@ use super::state::{
 use super::sums::N_SUMS;
 use crate::model::paper::merging::AddError;
 
-/// The sum of two scenes: components with equal seeds become one. The result is in
-/// [`seed_order`], as scenes are whose components do not depend on the order of frames.
+/// Adds two scenes: components with equal seeds become one. The result is in [`seed_order`], the order of
+/// scenes whose components do not depend on the order of frames.
 ///
 /// # Errors
-/// [`AddError::Unlike`] for scenes about different origins or with merged components,
-/// [`AddError::Inexact`] unless both keep integer sums, [`AddError::Overflow`] beyond what a wide
-/// row holds.
+/// [`AddError::Unlike`] for scenes with different origins or merged components, [`AddError::Inexact`] unless
+/// both have integer sums, [`AddError::Overflow`] beyond the range of a wide row.
 pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     if a.origin != b.origin || [a, b].iter().any(|scene| depends_on_order(scene)) {
         return Err(AddError::Unlike);
@@ -29,7 +27,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         terms.map(term).collect::<Vec<_>>()
     };
     let mut terms = [terms(0, a), terms(1, b)].concat();
-    // Equal seeds become neighbours, and the result is in the order that lattices are stored in.
+    // Makes equal seeds adjacent; the result is in the order in which lattices are stored.
     terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
     let mut scene = SceneState {
         origin: a.origin,
@@ -56,8 +54,8 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         if total.iter().any(|sum| sum.abs() > MAX_SUM) {
             return Err(AddError::Overflow { component });
         }
-        // The form follows from the count alone, so equal sums are stored alike whatever tree added
-        // them.
+        // The storage form depends on the count alone, so equal sums are stored alike whatever the merge
+        // tree.
         if total[0] >= f64::from(WIDE_POINTS) {
             rows.push([0; N_SUMS]);
             wide.push(WideRow { id: component as u32, sums: total });
@@ -75,24 +73,21 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     Ok(scene)
 }
 
-/// Seeds that share components were merged when a budget was reached, and gains and poses follow
-/// the frames before.
+/// True for scenes that depend on the order of frames: seeds share components after merging under a budget,
+/// and gains and poses depend on the preceding frames.
 fn depends_on_order(scene: &SceneState) -> bool {
     scene.components.is_some() || !scene.exposures.is_empty() || !scene.poses.is_empty()
 }
 
-/// A component of one of the scenes.
 #[derive(Clone, Copy)]
 struct Term {
     seed: [f32; 3],
     visibility: VisibilityCounts,
-    /// Which of the two scenes it is of.
+    /// Index of the scene, 0 or 1.
     which: usize,
-    /// Number of the component in that scene.
     id: usize,
 }
 
-/// Sums that add exactly.
 struct Exact<'a> {
     rows: &'a [[i32; N_SUMS]],
     wide: &'a [WideRow],
@@ -106,7 +101,7 @@ impl<'a> Exact<'a> {
         }
     }
 
-    /// Whole quanta below 2⁵³: exact in f64.
+    /// Returns whole quanta below 2⁵³, which are exact in f64.
     fn row(&self, id: usize) -> [f64; N_SUMS] {
         match self.wide.binary_search_by_key(&id, |row| row.id as usize) {
             Ok(at) => self.wide[at].sums,
@@ -119,7 +114,7 @@ impl<'a> Exact<'a> {
 mod tests {
     use super::*;
 
-    /// Components on a line, each with its seed and points; all sums are as many as points.
+    /// Components on a line, given by seed and number of points; every sum equals the number of points.
     fn scene(components: &[(f32, u32)]) -> SceneState {
         let (mut rows, mut wide) = (Vec::new(), Vec::new());
         for (&(_, points), id) in components.iter().zip(0..) {

@@ -1,7 +1,6 @@
-//! The scene model: components anchored at fixed seeds, with additive statistics that carry more
-//! than a mixture's: normals, view directions, and how often a component was seen
-//! (`model.md`, Scene sums). The NIW and Dirichlet posteriors of `posterior` follow from a part of
-//! them.
+//! Scene model: components at fixed seeds with additive statistics. Besides those of the mixture they hold
+//! normals, view directions and visibility counts (`model.md`, Scene sums). The NIW and Dirichlet posteriors
+//! derive from a subset of the sums.
 
 pub mod bounds;
 pub mod kept;

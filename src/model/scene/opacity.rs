@@ -1,10 +1,10 @@
-//! Opacity from evidence: how many points a component returned of those it could have.
+//! Opacity from evidence: the share of the expected points that a component received.
 
 use serde::{Deserialize, Serialize};
 
-/// Density opacity (`model.md`, Density opacity): with `ρ = N / (h²·X + c₀)`, where `X` is the
-/// number of pixels per unit of area in which the component could have been measured, summed over
-/// frames, the opacity is `τ·(1 − exp(−ρ/ρ₀))`.
+/// Density opacity (`model.md`, Density opacity): with `ρ = N / (h²·X + c₀)`, where `X` is the number of
+/// pixels per unit of area in which the component could have been measured, summed over frames, the opacity
+/// is `τ·(1 − exp(−ρ/ρ₀))`.
 ///
 /// ```
 /// use vbgs_studio::model::scene::opacity::DensityOpacity;
@@ -15,34 +15,34 @@ use serde::{Deserialize, Serialize};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DensityOpacity {
-    /// Opacity of a surface that returns all it can; more than 1 is a flat top.
+    /// Opacity at full density; above 1 the splat has a flat top.
     pub tau: f64,
     /// Density at which the opacity reaches `1 − 1/e` of `tau`, returns per expected return.
     pub rho0: f64,
-    /// Expected returns that every component starts with: what a few stray points are held against.
+    /// Constant `c₀` added to the expected returns, so that a few stray points do not become visible.
     pub doubt: f64,
-    /// Components of less opacity are not drawn.
+    /// Components of lower opacity are not drawn.
     pub least: f64,
 }
 
 impl DensityOpacity {
-    /// Opacity of `count` points where `expected` could have been, 0 if that is too little to draw.
-    /// Few frames are not doubted as much: nothing else tells of the surfaces they show.
+    /// Returns the opacity for `count` points out of `expected`, 0 if it is below the threshold. The constant
+    /// `doubt` is reduced over the first frames, when all surfaces have few points.
     pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
         let rho = count / (expected + self.doubt * early(frames));
-        // `exp_m1` keeps the digits of small densities.
-        // A power of the density was tried: no better at an equal share of what shines through.
+        // `exp_m1` preserves the digits of small densities. A power of the density was tried: no better at an
+        // equal share of pixels that shine through.
         let opacity = self.tau * -(-rho / self.rho0).exp_m1();
         if opacity > self.least { opacity } else { 0.0 }
     }
 }
 
-/// Frames from which on a few stray points are held against a component in full.
+/// Number of frames from which on `doubt` and the minimum number of points apply in full.
 const EARLY_FRAMES: f64 = 50.0;
 
-/// How much of what many frames may ask of a component so many may: 0 to 1.
+/// Returns the factor, 0 to 1, on thresholds that need many frames, after `frames` frames.
 pub fn early(frames: u64) -> f64 {
-    // In full at once, new surfaces would stay invisible: nothing could outweigh the doubt yet.
+    // With the full threshold from the start, new surfaces would stay invisible for many frames.
     (frames as f64 / EARLY_FRAMES).min(1.0)
 }
 

@@ -1,4 +1,4 @@
-//! What photographs have taught a scene's splats: parameters and their precision, row by component.
+//! Photometric state of a scene: splat parameters and their precision, one row per component.
 
 use super::waiting::WaitingPhotograph;
 use crate::math::cholesky::Cholesky;
@@ -8,52 +8,51 @@ use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 
-/// Parameters of position and form: mean (world units), logarithms of the scales, turns about the
-/// splat's own axes (radians), logarithm of the opacity.
+/// Parameters of position and form: mean (world units), logarithms of the scales, rotation about the splat's
+/// own axes (radians), logarithm of the opacity.
 pub const N_FORM: usize = 10;
-/// Coefficients of a channel's colour: constant, by direction, by place (per world unit).
+/// Colour coefficients of a channel: constant, by direction, by position (per world unit).
 pub const N_COLOR: usize = 7;
-/// Numbers of the lower triangle of the precision of position and form.
+/// Entries in the lower triangle of the precision of position and form.
 pub const N_FORM_PRECISION: usize = N_FORM * (N_FORM + 1) / 2;
-/// Numbers of the lower triangle of the precision of a channel's colour.
+/// Entries in the lower triangle of the precision of a channel's colour.
 pub const N_COLOR_PRECISION: usize = N_COLOR * (N_COLOR + 1) / 2;
 
-/// Splats as photographs have corrected them. Rows are components; one of opacity 0 has no splat.
+/// Splats as corrected by photographs, one row per component; a component with opacity 0 has no splat.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PhotometricState {
     /// The splats, world units.
     pub splats: Vec<Splat>,
-    /// How their colour varies.
+    /// Variation of their colour with position and direction.
     pub appearance: Vec<Appearance>,
-    /// Precision of mean, logarithms of scales, turns and logarithm of opacity: the lower triangle,
-    /// row by row.
+    /// Precision of mean, log scales, rotation and log opacity: lower triangle, row by row.
     pub form: Vec<[f32; N_FORM_PRECISION]>,
-    /// Precision of the colour's coefficients, which all channels share.
+    /// Precision of the colour coefficients, shared by all channels.
     pub color: Vec<[f32; N_COLOR_PRECISION]>,
-    /// Running mean square of the differences between photographs and the pictures drawn before
-    /// these were learnt, per channel; and the weight behind it.
+    /// Running mean square, per channel, of the residual between photographs and the pictures drawn before
+    /// training on them; and its weight.
     pub noise: [f64; 2],
-    /// The same of the colours of points and the means of their components, before these were learnt.
+    /// The same for colours of points against the means of their components, before training on them.
     pub points: [f64; 2],
-    /// Running mean share of surfaces in view that frames saw through; and the weight behind it.
+    /// Running mean share of visible surfaces that frames measured through; and its weight.
     pub seen_through: [f64; 2],
-    /// Photographs that are still to be learnt, in no order.
+    /// Buffered photographs for later photometric steps, in no particular order.
     pub waiting: Vec<WaitingPhotograph>,
 }
 
 impl PhotometricState {
-    /// Bytes of a component, beside those of its sums.
+    /// Bytes of a component in addition to its sums.
     pub const BYTES: usize = size_of::<Splat>()
         + size_of::<Appearance>()
         + size_of::<[f32; N_FORM_PRECISION]>()
         + size_of::<[f32; N_COLOR_PRECISION]>();
 
-    /// Bytes that it takes of the model, without what waits.
+    /// Returns the memory used, in bytes, without buffered photographs.
     pub fn bytes(&self) -> usize {
         self.splats.len() * Self::BYTES
     }
 
-    /// Makes room for so many components; new ones have no splat.
+    /// Grows the state to `n` components; new ones have no splat.
     pub fn grow(&mut self, n: usize) {
         self.splats.resize(n, Splat::default());
         self.appearance.resize(n, Appearance::default());
@@ -61,8 +60,8 @@ impl PhotometricState {
         self.color.resize(n, [0.0; N_COLOR_PRECISION]);
     }
 
-    /// Those of the listed components, in their order, without observed directions, which follow from the
-    /// sums of the components.
+    /// Returns the rows of the listed components, in that order. Observed directions are left out, as they
+    /// derive from the components' sums.
     pub fn listed(&self, components: &[u32]) -> Self {
         let mut appearance = listed_rows(&self.appearance, components, Appearance::default());
         appearance.par_iter_mut().for_each(|look| look.observed = ObservedCone::default());
@@ -78,35 +77,36 @@ impl PhotometricState {
         }
     }
 
-    /// Splat and appearance of a component, if it has any.
+    /// Returns splat and appearance of a component, if any.
     pub fn splat(&self, component: usize) -> Option<(Splat, Appearance)> {
         self.has(component).then(|| (self.splats[component], self.appearance[component]))
     }
 
-    /// Whether a component has a splat.
+    /// True if a component has a splat.
     pub fn has(&self, component: usize) -> bool {
         self.splats.get(component).is_some_and(|splat| splat.opacity > 0.0)
     }
 }
 
-/// What photographs leave uncertain of a splat: standard deviations of its posterior, each parameter's
-/// with all others of its block free.
+/// Posterior standard deviations of a splat's parameters, marginalised over the other parameters of the same
+/// block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotometricDeviations {
-    /// Of the mean along the world's axes, world units.
+    /// Mean, along the world's axes, world units.
     pub mean: [f64; 3],
-    /// Of each scale, as a share of it.
+    /// Scales, relative.
     pub scale: [f64; 3],
-    /// Of turns about the splat's own axes, radians.
+    /// Rotation about the splat's own axes, radians.
     pub turn: [f64; 3],
-    /// Of the opacity, as a share of it.
+    /// Opacity, relative.
     pub opacity: f64,
-    /// Of a channel's constant colour, colour units.
+    /// Constant colour of a channel, colour units.
     pub color: f64,
 }
 
 impl PhotometricDeviations {
-    /// Of one component; `None` without a splat or where the precision is none.
+    /// Computes the deviations of one component; `None` without a splat or if the precision is not positive
+    /// definite.
     pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
         if !state.has(component) {
             return None;
@@ -124,7 +124,7 @@ impl PhotometricDeviations {
     }
 }
 
-/// Roots of the diagonal of the inverse of a matrix given by its lower triangle.
+/// Returns the square roots of the diagonal of the inverse of a matrix given by its lower triangle.
 fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     let entry = |i: usize| f64::from(triangle[at((i / N).max(i % N), (i / N).min(i % N))]);
     let matrix: Vec<f64> = (0..N * N).map(entry).collect();
@@ -136,9 +136,9 @@ fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     }))
 }
 
-/// Rows that are not there yet are `none`.
+/// Copies the listed rows; missing rows become `none`.
 fn listed_rows<T: Copy + Send + Sync>(rows: &[T], list: &[u32], none: T) -> Vec<T> {
-    // On all threads: these are most bytes of a scene, and training waits while they are copied.
+    // Parallel: this copies most bytes of a scene while training is blocked.
     let row = |&i: &u32| rows.get(i as usize).copied().unwrap_or(none);
     list.par_iter().with_min_len(4096).map(row).collect()
 }
@@ -156,7 +156,7 @@ mod tests {
             state.form[1][at(i, i)] = 4.0;
         }
         (0..N_COLOR).for_each(|i| state.color[1][at(i, i)] = 100.0);
-        // Two parameters that pixels mix up are less certain than either alone: 4/(4·4 − 3·3).
+        // Correlated parameters are less certain than either alone: 4/(4·4 − 3·3).
         state.form[1][at(4, 3)] = 3.0;
         let found = PhotometricDeviations::of(&state, 1).unwrap();
         assert_eq!((found.mean, found.opacity, found.color), ([0.5; 3], 0.5, 0.1));

@@ -1,78 +1,78 @@
-//! The seam between learning a scene's points and whatever device finds their seeds and sums them.
+//! Interface between point fitting and a device that searches seeds and sums points.
 //!
-//! A device finds what the processor finds, to the bit: it adds, subtracts and multiplies in f32
-//! alone, in the processor's order, and adds whole quanta, which may come in any order. What needs
-//! more it leaves to the processor.
+//! A device gives the processor's result to the bit: it adds, subtracts and multiplies in f32 only, in the
+//! processor's order, and adds whole quanta, which are independent of the order. Everything else is left to
+//! the processor.
 
 use super::sums::N_SUMS;
 use crate::model::device_error::DeviceError;
 
-/// Words of a point of a surface as a frame holds it: position, a number, colour, a number, normal, a
-/// number, direction, a number; bits of f32, but for numbers.
+/// Words of a surface point as stored in a frame: position, colour, normal, direction, each as three f32
+/// followed by one integer.
 pub const POINT_WORDS: usize = 16;
-/// Stands for no seed, and for no slot.
+/// Marks a point without seed or slot.
 pub const NO_SEED: u32 = u32::MAX;
-/// Stands for whatever seed the processor finds.
+/// Marks a point whose seed the processor must find.
 pub const OPEN: u32 = u32::MAX - 1;
 
 /// Finds the seeds of points and sums points about the seeds of their components.
 pub trait PointsDevice: Send + Sync {
-    /// What it runs on, for reports.
+    /// Returns the device's name for reports.
     fn name(&self) -> String;
 
-    /// Takes over the seeds of a scene for the searches to come.
+    /// Uploads the seeds of a scene for the following searches.
     ///
     /// # Errors
-    /// [`DeviceError`] if the device is lost or has no room for so many.
+    /// [`DeviceError`] if the device is lost or out of memory.
     fn set_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), DeviceError>;
 
-    /// Takes over the points of a frame for the searches and sums to come.
+    /// Uploads the points of a frame for the following searches and sums.
     ///
     /// # Errors
-    /// [`DeviceError`] if the device is lost or has no room for so many points.
+    /// [`DeviceError`] if the device is lost or out of memory.
     fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError>;
 
-    /// By point its nearest seed within the scale, of equals the first; [`NO_SEED`] where there is
-    /// none, [`OPEN`] where the processor has to look.
+    /// Returns, per point, its nearest seed within the scale, the first of equals; [`NO_SEED`] if there is
+    /// none, [`OPEN`] if the processor has to search.
     ///
     /// # Errors
-    /// [`DeviceError`] if the device is lost, has no memory or does not answer.
+    /// [`DeviceError`] if the device is lost, out of memory or times out.
     fn nearest(&mut self) -> Result<&[u32], DeviceError>;
 
-    /// By slot the sums of its points, in whole quanta.
+    /// Returns, per slot, the sums of its points in whole quanta.
     ///
     /// # Errors
-    /// [`DeviceError`] if the device is lost, has no memory or does not answer.
+    /// [`DeviceError`] if the device is lost, out of memory or times out.
     fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError>;
 }
 
-/// Seeds of a scene, world units from its origin. They never move; new ones come behind the others.
+/// Seeds of a scene, world units from its origin. Seeds never move; new ones are appended.
 #[derive(Clone, Copy, Debug)]
 pub struct Seeds<'a> {
-    /// How far a point may be from its seed at most, world units.
+    /// Maximum distance of a point from its seed, world units.
     pub h: f32,
-    /// `1 / h` as the grid of seeds has it: cells are so wide.
+    /// `1 / h` as used by the seed grid, whose cells have that width.
     pub per_cell: f32,
-    /// Cells from the origin from which on no place has a seed.
+    /// Distance from the origin, in cells, beyond which no seeds exist.
     pub max_cells: f32,
     /// All seeds.
     pub positions: &'a [[f32; 3]],
-    /// Whether they are others than those handed over before, or filed by another scale.
+    /// True if the seeds differ from those of the last upload or are hashed at another scale.
     pub are_new: bool,
 }
 
-/// Which points are to be summed, and how (`scene.md`, Component sums).
+/// Points to be summed and their parameters (`scene.md`, Component sums).
 #[derive(Clone, Copy, Debug)]
 pub struct SlotSums<'a> {
-    /// By point its slot, [`NO_SEED`] where it is not summed, and the bits of how far it moves along its
-    /// ray, world units.
+    /// Per point, its slot ([`NO_SEED`] if it is not summed) and the bits of its shift along the ray, world
+    /// units (f32).
     pub points: &'a [[u32; 2]],
-    /// By slot the seed that its sums are about, world units from the origin, and a 0.
+    /// Per slot, the seed about which it is summed, world units from the origin, and a 0.
     pub seeds: &'a [[f32; 4]],
-    /// Structural scales a world unit.
+    /// Structural scales per world unit.
     pub per_h: f32,
-    /// Factor on each channel.
+    /// Factor on each colour channel.
     pub gain: [f32; 3],
-    /// Pixels that a point stands for, a power of two.
+    /// Pixels per point, a power of two.
     pub weight: f32,
 }

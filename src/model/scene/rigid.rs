@@ -1,4 +1,4 @@
-//! What photographs taught, in a world that is moved as a whole.
+//! Rigid motion of the photometric state with the world.
 
 use super::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::math::lane_cholesky::at;
@@ -8,14 +8,14 @@ use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Where vectors in the world's axes begin among the parameters of a form, and of a channel's colour: all
-/// others do not know these axes.
+// First indices of vectors in world axes among the parameters of a form and of a channel's colour; all other
+// parameters are independent of the world's axes.
 const FORM_VECTORS: [usize; 1] = [0];
 const COLOR_VECTORS: [usize; 2] = [1, 4];
 
 impl PhotometricState {
-    /// Moves splats, what is known of them and the cameras of photographs that wait: `motion` takes old
-    /// coordinates to new ones, world units.
+    /// Moves splats, their precision and the cameras of buffered photographs: `motion` maps old to new world
+    /// coordinates.
     pub fn move_by(&mut self, motion: &Pose) {
         let turn = motion.rotation();
         let rotation = DQuat::from_mat3(&turn);
@@ -28,7 +28,7 @@ impl PhotometricState {
     }
 }
 
-/// `turn` is that of the motion.
+/// `turn` is the rotation of `motion`.
 fn moved(splat: &Splat, motion: &Pose, turn: DQuat) -> Splat {
     let mean = motion.transform_point(DVec3::from_array(splat.mean.map(f64::from)));
     let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -45,8 +45,8 @@ fn turned(look: &Appearance, turn: DMat3) -> Appearance {
     Appearance { gradient: rows(look.gradient), directional: rows(look.directional), observed }
 }
 
-/// A precision of `N` parameters, of which those from some places on are vectors: `T Λ Tᵀ`, as its lower
-/// triangle.
+/// Rotates a precision of `N` parameters given by its lower triangle: `T Λ Tᵀ`, where `T` rotates the vectors
+/// that begin at the given indices.
 fn turn_block<const N: usize>(lower: &mut [f32], vectors: &[usize], turn: DMat3) {
     let mut full = [[0.0; N]; N];
     for i in 0..N {
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
 
-    /// Of any step, before and after the world is turned.
+    /// The quadratic form of any step is invariant under rotation of the world.
     #[test]
     fn precision_turns_with_its_vectors() {
         let mut rng = Rng::new(2, Purpose::Synthetic, 0);
@@ -122,7 +122,7 @@ mod tests {
         let look =
             Appearance { gradient: [row; 3], directional: [[0.0; 3]; 3], ..Appearance::default() };
         let along = DVec3::from_array(turned(&look, motion.rotation()).gradient[2].map(f64::from));
-        // The same place on the splat has the same colour.
+        // The same point on the splat keeps its colour.
         let offset = DVec3::new(0.3, 0.1, -0.2);
         let [before, after] = [(row.map(f64::from), offset), (along.to_array(), turn * offset)]
             .map(|(row, offset)| DVec3::from_array(row).dot(offset));

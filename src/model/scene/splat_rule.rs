@@ -1,5 +1,5 @@
-//! From sums to what renderers draw: a splat with a flat top, a colour gradient and a colour that
-//! depends on the direction it is seen from (`model.md`, Scene splat rule).
+//! Conversion of sums to splats with a flat top, a colour gradient and a view-dependent colour (`model.md`,
+//! Scene splat rule).
 
 use super::opacity::{DensityOpacity, early};
 use super::sums::{SceneSums, outer};
@@ -11,91 +11,91 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// What splats are.
+/// Kind of splats.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum SplatKind {
-    /// With flat tops, colour gradients and filled cracks, which this program draws.
+    /// Splats with flat tops, colour gradients and filled cracks, as this program draws them.
     Native,
-    /// Gaussians of an opacity up to 1 that every viewer draws alike.
+    /// Gaussians with opacity up to 1, drawn alike by every viewer.
     Plain,
 }
 
 impl SplatKind {
-    /// Of the splats that a rule makes.
+    /// Returns the kind of the splats that a rule makes.
     pub fn of(rule: &SplatRule) -> Self {
         if rule.flat_top { Self::Native } else { Self::Plain }
     }
 }
 
-/// How sums become a splat.
+/// Parameters of the conversion from sums to a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SplatRule {
     /// Opacity from returns.
     pub opacity: DensityOpacity,
-    /// Fewest points of a component that is drawn.
+    /// Minimum number of points of a component that is drawn.
     pub least_points: f64,
     /// Factor on the standard deviations.
     pub scale: f64,
-    /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`.
+    /// Coverage from which a pixel counts as fully covered, in `(0, 1]`.
     #[serde(default = "open", rename = "closing")]
     pub full_coverage: f64,
-    /// Whether opacities may exceed 1, which gives splats a flat top.
-    // Left out where it is on, so that files of native scenes are what they were.
+    /// True if opacities may exceed 1, which gives splats a flat top.
+    // Skipped if true, so that files of native scenes are unchanged.
     #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
     pub flat_top: bool,
     /// Least standard deviation, units of `h`.
     pub least_scale: f64,
-    /// Standard deviation of the points that every component starts with, units of `h`.
+    /// Standard deviation of the prior's points, units of `h`.
     pub prior_scale: f64,
-    /// How many such points.
+    /// Number of the prior's points.
     pub prior_points: f64,
-    /// Whether colour varies over a splat.
+    /// True if colour varies over a splat.
     pub gradient: bool,
     /// Ridge of the regression of colour on position, units of `h²`.
     pub gradient_ridge: f64,
-    /// Whether colour depends on the view direction.
+    /// True if colour depends on the view direction.
     pub directional: bool,
-    /// Ridge of the regression of colour on direction, and its part that falls as `1/N`.
+    /// Ridge of the regression of colour on direction: constant part, and part that falls as `1/N`.
     pub directional_ridge: [f64; 2],
 }
 
-/// What a component's splat depends on besides its sums.
+/// Inputs of a component's splat besides its sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatContext {
     /// Seed, world units.
     pub seed: DVec3,
     /// Structural scale, world units.
     pub h: f64,
-    /// Returns expected of it so far.
+    /// Returns expected from the component so far, in points.
     pub expected: f64,
-    /// Frames learnt so far.
+    /// Number of frames trained on.
     pub frames: u64,
 }
 
-/// Where the points of a component are, world axes.
+/// Location and extent of a component's points, world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointExtent {
     /// Their mean, world units.
     pub mean: DVec3,
-    /// Covariance of the splat that they make, world units².
+    /// Covariance of the splat derived from them, world units².
     pub covariance: Sym3,
 }
 
 impl SplatRule {
-    /// The rule of splats that files and other viewers hold as they are.
+    /// Returns the rule for plain splats, which files and other viewers represent exactly.
     pub fn plain(self) -> Self {
         let scale = self.scale * PLAIN_WIDTH;
         Self { flat_top: false, gradient: false, full_coverage: 1.0, scale, ..self }
     }
 
-    /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
+    /// Returns the splat of a component and its appearance; an empty slot if it must not be drawn.
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
-        // The first frames cannot bring many points to any component, and must show something.
+        // In the first frames every component has few points, but something must be visible.
         let least_points = (self.least_points * early(context.frames)).max(1.0);
         if sums.count < least_points || opacity == 0.0 {
             return Default::default();
@@ -111,14 +111,13 @@ impl SplatRule {
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
-            // By the points' own covariance: without the prior and the factor that shape the splat.
+            // Uses the points' own covariance, without the prior and the scale factor of the splat.
             appearance.gradient =
                 rows(sums.gradient(covariance, self.gradient_ridge * context.h * context.h));
         }
         if self.directional {
             let weights = self.directional(sums);
-            // The constant term of the regression; renderers add the part that is linear in the
-            // direction.
+            // Constant term of the regression; renderers add the part linear in the direction.
             color -= weights * (sums.view / sums.count);
             appearance.directional = rows(weights);
         }
@@ -129,11 +128,11 @@ impl SplatRule {
             scale: scale.as_vec3().to_array(),
             rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
         };
-        // Beyond what renderers can work with, as of worlds in nanometres or files of nobody's making.
+        // Renderers cannot handle it; occurs for worlds in nanometres or malformed files.
         if splat.is_valid() { (splat, appearance) } else { Default::default() }
     }
 
-    /// Where the points of a component are, as a bound of its splat; `None` without points.
+    /// Returns mean and extent of a component's points, as a bound of its splat; `None` without points.
     pub fn extent(&self, sums: &SceneSums, context: &SplatContext) -> Option<PointExtent> {
         let SplatContext { seed, h, .. } = *context;
         if sums.count < 1.0 {
@@ -145,24 +144,24 @@ impl SplatRule {
         Some(PointExtent { mean: seed + sums.mean_offset(), covariance })
     }
 
-    /// The covariance with the prior's points added to it.
+    /// Adds the prior's points to a covariance.
     fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
         let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
         covariance
-            // As if so many points of an isotropic Gaussian had been seen: few points of a plane
-            // have a covariance of rank two or less.
+            // The prior acts as points of an isotropic Gaussian: few points of a plane have a covariance of
+            // rank two or less.
             .scaled(count)
             .add_scaled(self.prior_points, prior)
             .scaled(1.0 / (count + self.prior_points))
     }
 
-    /// Ridge regression of colour on view direction, row per channel.
+    /// Ridge regression of colour on view direction, one row per channel.
     fn directional(&self, sums: &SceneSums) -> DMat3 {
         let n = sums.count;
         let view = sums.view / n;
         let joint = sums.color_view * (1.0 / n) - outer(sums.color / n, view);
         let spread = sums.view_second.scaled(1.0 / n).add_scaled(-1.0, Sym3::outer(view));
-        // A surface seen from one side only has hardly a spread of directions: the ridge holds it.
+        // Directions of a surface seen from one side only hardly vary: the ridge regularises them.
         let [constant, falling] = self.directional_ridge;
         match spread.add_scaled(1.0, Sym3::diagonal(constant + falling / n)).inverse() {
             Some(inverse) => joint * inverse.to_mat3(),
@@ -171,12 +170,12 @@ impl SplatRule {
     }
 }
 
-/// Of scenes written before cracks were filled.
+/// Default for scenes written before crack filling existed.
 fn open() -> f64 {
     1.0
 }
 
-/// Of scenes written before splats could be plain, and of native ones.
+/// Default for native scenes and those written before plain splats existed.
 fn yes() -> bool {
     true
 }

@@ -1,4 +1,4 @@
-//! Everything a trained scene consists of, as plain columns: what checkpoints hold.
+//! State of a trained scene as plain columns, as stored in checkpoints.
 
 use super::kept::KeptFrame;
 use super::photometric::PhotometricState;
@@ -9,79 +9,76 @@ use crate::model::splat::pose_log::FramePose;
 use bytemuck::{Pod, Zeroable};
 use std::cmp::Ordering;
 
-/// What integer sums count: exact in f64 as long as a sum is below [`MAX_SUM`].
-// Terms within 7.84 take 18 bits, and 4,096 of them 30: finer quanta would spill rows sooner.
+/// Unit of integer sums; exact in f64 as long as a sum is below [`MAX_SUM`].
+// Terms up to 7.84 take 18 bits, and 4,096 of them 30: finer quanta would spill rows sooner.
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
-/// From so many points on, a component's sums are in a wide row. With as many more terms within
+/// Number of points from which a component's sums are stored in a wide row. With as many more terms within
 /// ±7.84 (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
 pub const WIDE_POINTS: u32 = 1 << 12;
 
 /// Largest sum of a wide row: 2⁵³ quanta.
 pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
-/// Parts of the structural scale that a seed's share of it is counted in.
+/// Denominator of a seed's share of the structural scale.
 pub const WHOLE: u8 = 64;
 
-/// Most steps by which a structural scale grows: 64 times as wide.
-// By then a whole seed's share is one part of what it was.
+/// Maximum number of steps by which a structural scale grows: 64 times as wide.
+// At that limit a whole seed's share is 1/64 of the scale.
 pub const MOST_COARSENED: u32 = 12;
 
-/// A trained scene at a frame boundary. Row `k` of the sums and of the visibility
-/// counts is component `k`; it is free if no seed is its.
+/// A trained scene between two frames. Row `k` of the sums and visibility counts is component `k`; it is free
+/// if no seed refers to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
-    /// World position that seeds are relative to.
+    /// World position that the seeds are relative to.
     pub origin: [f64; 3],
-    /// By how many steps of √2 the structural scale is wider than the one asked for, at most
+    /// Number of steps of √2 by which the structural scale exceeds the configured one, at most
     /// [`MOST_COARSENED`].
     pub coarsened: u32,
-    /// Seeds, world units, in the order they were born in.
+    /// Seeds, world units, in the order of their birth.
     pub seeds: Vec<[f32; 3]>,
-    /// By seed the share of the structural scale that points may be from it, in parts of [`WHOLE`]; `None` where all
-    /// have the whole.
+    /// Per seed, the maximum distance of its points as a share of the structural scale, in units of
+    /// 1/[`WHOLE`]; `None` if all have the whole.
     pub shares: Option<Vec<u8>>,
-    /// By seed its component, where seeds share components; `None` while seed `k` is component
-    /// `k`'s.
+    /// Per seed, its component, if seeds share components; `None` while seed `k` belongs to component `k`.
     pub components: Option<Vec<u32>>,
-    /// Sums over everything seen, about the seeds.
+    /// Sums over all points so far, about the seeds.
     pub sums: StoredSums,
-    /// In how many frames each component was seen or seen through.
+    /// Visibility counts per component.
     pub visibility: Vec<VisibilityCounts>,
-    /// How the frames were exposed, in the order they were learnt in, where gains were fitted.
+    /// Exposures of the frames in training order, if gains are estimated.
     pub exposures: Vec<FrameExposure>,
-    /// How their poses were corrected, in the same order, where poses are not taken for exact.
+    /// Pose corrections of the frames in the same order, unless poses count as exact.
     pub poses: Vec<FramePose>,
-    /// Where the cameras of its frames were found, in the order they were placed in, where poses are
-    /// tracked.
+    /// Estimated camera poses in tracking order, if poses are tracked.
     pub trajectory: Vec<TrackedPose>,
-    /// What photographs taught, row by component, where splats learn from them.
+    /// Photometric state, row by component, if splats are trained on photographs.
     pub photometric: Option<PhotometricState>,
-    /// The last frames, the oldest first, which are looked at once more where poses are corrected.
+    /// The last frames, oldest first, which are aligned a second time if poses are corrected.
     pub kept: Vec<KeptFrame>,
 }
 
-/// Order of components that are born in none of their own: by x, then y, then z of their seeds.
+/// Compares seeds by x, then y, then z: the order of components that have no order of birth.
 pub fn seed_order(a: &[f32; 3], b: &[f32; 3]) -> Ordering {
-    // Not `total_cmp`: it tells zeros by their sign, and equal seeds are one component.
+    // Not `total_cmp`, which distinguishes zeros by sign: equal seeds are one component.
     a.partial_cmp(b).unwrap_or(Ordering::Equal)
 }
 
-/// In how many frames a component was seen or seen through, and the returns expected of it there:
-/// what opacity is found from. Every count stops at its largest value.
+/// Visibility of a component over all frames, from which its opacity is derived. Every count saturates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct VisibilityCounts {
-    /// Returns that it could have given, in 64ths of a pixel.
+    /// Expected returns, in 64ths of a pixel.
     pub expected: u32,
-    /// Frames that measured a surface where it is.
+    /// Number of frames that measured a surface at the component.
     pub hits: u16,
-    /// Frames that measured something farther through it.
+    /// Number of frames that measured a farther surface through it.
     pub misses: u16,
 }
 
 impl VisibilityCounts {
-    /// Counts of both together, each stopped at its largest value.
+    /// Adds both counts, saturating.
     pub fn plus(self, other: Self) -> Self {
         Self {
             expected: self.expected.saturating_add(other.expected),
@@ -94,7 +91,7 @@ impl VisibilityCounts {
 /// Sums in the order of [`N_SUMS`], offsets in units of the structural scale.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StoredSums {
-    /// Integer quanta, see [`QUANTUM`].
+    /// Integer multiples of [`QUANTUM`].
     Mixed {
         /// One row per component; zeros where the sums are in `wide`.
         rows: Vec<[i32; N_SUMS]>,
@@ -103,7 +100,7 @@ pub enum StoredSums {
     },
     /// Sums in f32, which depend on the order of points.
     F32(Vec<[f32; N_SUMS]>),
-    /// Sums in f64: the oracle.
+    /// Sums in f64, the reference.
     F64(Vec<[f64; N_SUMS]>),
 }
 

@@ -1,10 +1,9 @@
 //! Sufficient statistics of one component of a scene, about its seed.
 //!
-//! Offsets are about the seed, in structural scales: terms then stay within ±8, which f32 and
-//! 32-bit quanta both hold, and no large squares cancel. `N`, `Σ d`, `Σ d dᵀ` and `Σ c` are all
-//! that the NIW and Dirichlet posteriors need; the others pay for themselves in the picture (`bench
-//! accuracy` on Lego: without colour over position and direction 1.9 dB are lost). `Σ c cᵀ` is left
-//! out: nothing that is drawn depends on it.
+//! Offsets are relative to the seed, in structural scales: terms then stay within ±8, which both f32 and
+//! 32-bit quanta represent, and no large squares cancel. The NIW and Dirichlet posteriors need only `N`,
+//! `Σ d`, `Σ d dᵀ` and `Σ c`; the others improve the picture (`bench accuracy` on Lego: 1.9 dB worse without
+//! colour over position and direction). `Σ c cᵀ` is left out: nothing that is drawn depends on it.
 
 use crate::math::real::Real;
 use crate::math::sym3::Sym3;
@@ -12,25 +11,24 @@ use crate::model::conjugate::statistics::Moments;
 use glam::{DMat3, DVec3};
 use std::ops::Add;
 
-/// Sums per component, each of terms within ±[`MAX_TERM`]. With `d` the offset of a point from the
-/// seed in units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view
-/// direction: `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ
-/// v` (3), `Σ v vᵀ` without its last entry, which is `N` minus the other two of the diagonal (5),
-/// `Σ c vᵀ` (9).
+/// Number of sums per component, each of terms within ±[`MAX_TERM`]. With `d` the offset of a point from the
+/// seed in units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction: `N`,
+/// `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3), `Σ v vᵀ` without
+/// its last entry, which is `N` minus the other two of the diagonal (5), `Σ c vᵀ` (9).
 pub const N_SUMS: usize = 42;
 
-/// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
-// Just below √8: 8,192 points of its square then stay below 2³¹ quanta of 2⁻¹⁵.
+/// Largest offset of a point from its component's seed in sums, units of `h`.
+// Just below √8: 8,192 squares then stay below 2³¹ quanta of 2⁻¹⁵.
 pub const MAX_OFFSET: f32 = 2.8;
 
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
 pub const MAX_TERM: f64 = 7.84;
 
-/// What one point at offset `d` (units of `h`) adds to each sum: its colour, the unit normal of its
-/// surface and the unit direction it was seen in, world axes.
+/// Returns the terms that one point at offset `d` (units of `h`) adds to each sum, given its colour, unit
+/// surface normal and unit view direction in world axes.
 #[inline(always)]
 pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3]) -> [R; N_SUMS] {
-    // Entry by entry: a mapped array would be a call below the kernels that use this, compiled for the baseline.
+    // Entry by entry: `map` would not be inlined into the SIMD kernels, as it is compiled for the baseline.
     let real = |x: f32| R::of(x.into());
     let n = [real(normal[0]), real(normal[1]), real(normal[2])];
     let v = [real(direction[0]), real(direction[1]), real(direction[2])];
@@ -80,8 +78,8 @@ pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3
     ]
 }
 
-/// The two factors of each term of [`terms`] among 1, offset, colour, normal and direction, 13 numbers: for
-/// whoever forms terms one by one.
+/// The two factors of each term of [`terms`], as indices into 13 numbers: 1, offset, colour, normal and
+/// direction. For code that forms terms one by one.
 pub const TERM_FACTORS: [[u32; 2]; N_SUMS] = {
     const D: u32 = 1;
     const C: u32 = 4;
@@ -97,7 +95,7 @@ pub const TERM_FACTORS: [[u32; 2]; N_SUMS] = {
         if i < 6 {
             let [a, b] = upper[i as usize];
             factors[4 + i as usize] = [D + a, D + b];
-            // All but the last of the view directions' squares.
+            // All but the last square of the view directions.
             if i < 5 {
                 factors[28 + i as usize] = [V + a, V + b];
             }
@@ -118,7 +116,7 @@ pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// Sums of one component by name, in world units about its seed; `D` is the offset of a point.
+/// Sums of one component with names, in world units about its seed; `D` is the offset of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSums {
     /// Number of points `N`.
@@ -142,7 +140,7 @@ pub struct SceneSums {
 }
 
 impl SceneSums {
-    /// From sums in the order of [`N_SUMS`], offsets in units of `h`.
+    /// Reads sums in the order of [`N_SUMS`], offsets in units of `h`.
     pub fn new(sums: &[f64; N_SUMS], h: f64) -> Self {
         let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
         let rows =
@@ -164,7 +162,7 @@ impl SceneSums {
         }
     }
 
-    /// Back in the order of [`N_SUMS`], offsets as they are.
+    /// Writes the sums in the order of [`N_SUMS`], in the current unit of the offsets.
     pub fn to_array(&self) -> [f64; N_SUMS] {
         let mut sums = [0.0; N_SUMS];
         let mut put =
@@ -181,24 +179,24 @@ impl SceneSums {
         sums
     }
 
-    /// Mean of the points, about the seed.
+    /// Returns the mean of the points, about the seed.
     pub fn mean_offset(&self) -> DVec3 {
         self.first / self.count
     }
 
-    /// Covariance of the points; N > 0.
+    /// Returns the covariance of the points; N > 0.
     pub fn covariance(&self) -> Sym3 {
         self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
     }
 
-    /// Covariance of colour and position, row per channel; N > 0.
+    /// Returns the covariance of colour and position, row per channel; N > 0.
     pub fn color_covariance(&self) -> DMat3 {
         self.color_offset * (1.0 / self.count) - outer(self.color / self.count, self.mean_offset())
     }
 
-    /// How colour changes with position: conditional mean of their joint Gaussian,
-    /// `G = cov(c, s) (Σ + l I)⁻¹` with the covariance `Σ` of [`Self::covariance`] and the ridge
-    /// `l` in world units², row per channel; N > 0.
+    /// Returns the change of colour with position, from the conditional mean of their joint Gaussian:
+    /// `G = cov(c, s) (Σ + l I)⁻¹` with the covariance `Σ` of [`Self::covariance`] and the ridge `l` in world
+    /// units², row per channel; N > 0.
     pub fn gradient(&self, covariance: Sym3, ridge: f64) -> DMat3 {
         match covariance.add_scaled(1.0, Sym3::diagonal(ridge)).inverse() {
             Some(inverse) => self.color_covariance() * inverse.to_mat3(),
@@ -206,8 +204,7 @@ impl SceneSums {
         }
     }
 
-    /// Sums of these points about a seed that lies `shift` before their own, in the unit of the
-    /// offsets.
+    /// Returns the sums of the same points about a seed displaced by `−shift`, in the unit of the offsets.
     pub fn moved(&self, shift: DVec3) -> Self {
         let crossed = outer(self.first, shift);
         let second = self
@@ -218,12 +215,12 @@ impl SceneSums {
             first: self.first + shift * self.count,
             second,
             color_offset: self.color_offset + outer(self.color, shift),
-            // Normals, directions and their products with colours know no place.
+            // Normals, directions and their products with colours are independent of the seed.
             ..*self
         }
     }
 
-    /// Sums of these points in axes that `turn` takes these to, about the same seed.
+    /// Returns the sums in axes rotated by `turn`, about the same seed.
     pub fn turned(&self, turn: DMat3) -> Self {
         let back = turn.transpose();
         let both = |second: Sym3| Sym3::from_mat3(turn * second.to_mat3() * back);
@@ -239,8 +236,8 @@ impl SceneSums {
         }
     }
 
-    /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and
-    /// scale of [`crate::math::normalization::Normalization`].
+    /// Returns the moments required by the NIW and Dirichlet posteriors, with colours normalised as in
+    /// [`crate::math::normalization::Normalization`].
     pub fn moments(&self) -> Moments {
         use crate::math::normalization::{COLOR_OFFSET, COLOR_SCALE};
         Moments {
@@ -252,7 +249,7 @@ impl SceneSums {
     }
 }
 
-/// Sums about one seed, of the points of both.
+/// Adds sums about the same seed.
 impl Add for SceneSums {
     type Output = Self;
 

@@ -1,35 +1,35 @@
-//! Where the camera of a scene's frames was found, where no poses were recorded.
+//! Tracked camera poses, for recordings without poses.
 
 use crate::math::pose::{Pose, unit_rotation};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Where the camera of one frame was found, and how surely.
+/// Tracked camera pose of one frame and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 #[repr(C)]
 pub struct TrackedPose {
-    /// Camera centre, world units; the first frame's is the origin.
+    /// Camera centre, world units; the origin for the first frame.
     pub centre: [f64; 3],
     /// Rotation from the camera's OpenCV axes to the world's: unit quaternion x, y, z, w.
     pub rotation: [f64; 4],
-    /// Standard deviation of the turn about the least certain axis, radians.
+    /// Standard deviation of the rotation about the least certain axis, radians.
     pub turn_deviation: f64,
     /// Standard deviation of the centre along the least certain axis, world units.
     pub shift_deviation: f64,
-    /// Share of the frame that the scene shows from there, 0 to 1.
+    /// Share of the frame covered by the scene from that pose, 0 to 1.
     pub overlap: f64,
-    /// How well depth and colour agree there, 0 to 1.
+    /// Agreement of depth and colour at that pose, 0 to 1.
     pub agreement: f64,
 }
 
 impl TrackedPose {
-    /// The first frame: it says where the world is.
+    /// Creates the pose of the first frame, which defines the world.
     pub fn first(pose: &Pose) -> Self {
         Self::new(pose, [0.0; 2], 1.0, 1.0)
     }
 
-    /// A camera found at `pose` with the deviations of its turn (radians) and centre (world units).
+    /// Creates a pose with the standard deviations of its rotation (radians) and centre (world units).
     pub fn new(pose: &Pose, deviations: [f64; 2], overlap: f64, agreement: f64) -> Self {
         let [turn_deviation, shift_deviation] = deviations;
         let rotation = DQuat::from_mat3(&pose.rotation()).normalize().to_array();
@@ -37,7 +37,7 @@ impl TrackedPose {
         Self { centre, rotation, turn_deviation, shift_deviation, overlap, agreement }
     }
 
-    /// The pose; `None` unless its numbers are those of one.
+    /// Returns the pose; `None` if the numbers do not form one.
     pub fn pose(&self) -> Option<Pose> {
         let rotation = unit_rotation(self.rotation)?;
         let matrix = DMat4::from_rotation_translation(rotation, DVec3::from_array(self.centre));

@@ -1,4 +1,4 @@
-//! Photographs that a scene has still to learn from (`train/scene/photometric/photometric.md`, Order).
+//! Shuffle buffer of photographs for photometric training (`train/scene/photometric/photometric.md`, Order).
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::{Pose, PoseError};
@@ -7,43 +7,43 @@ use glam::DMat4;
 use std::fmt::{self, Display, Formatter};
 use std::sync::Arc;
 
-/// Rows of which at most one is kept, in powers of two, and columns and rows of an image at most.
 const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
-/// Frames at most: all whole numbers up to here are told apart.
+/// Maximum frame number: f64 represents all whole numbers up to here.
 const MOST_FRAMES: f64 = (1u64 << 53) as f64;
-/// Steps of depth in the least margin.
+/// Depth steps in the smallest margin.
 const STEPS_PER_MARGIN: f64 = 16.0;
-/// Level of a coverage that is not known; all others are 254ths.
+/// Coverage value for unknown; all others are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
-/// A number that is none: its name, what was expected, and what was found.
+/// An invalid number: name, expected range, found value.
 pub type NumberDefect = (&'static str, String, f64);
 
-/// Where a photograph was taken from, and which part of it is kept: numbers, as checkpoints hold them.
+/// Camera of a buffered photograph and the stored rows, as numbers in a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PhotographView {
-    /// Frames that were learnt before the photograph's own.
+    /// Number of frames trained before the photograph's own.
     pub frame: f64,
     /// Columns and rows of the image.
     pub size: [f64; 2],
     /// Focal lengths and principal point, pixels.
     pub pinhole: [f64; 4],
-    /// From the camera's OpenCV axes to the world's: a matrix by columns, world units.
+    /// Transform from the camera's OpenCV axes to the world's: 4×4 matrix by columns, world units.
     pub pose: [f64; 16],
-    /// Factors of red, green and blue to the scene's exposure.
+    /// Factors on red, green and blue that give the scene's exposure.
     pub gain: [f64; 3],
-    /// What is nearer than so many world units is not compared.
+    /// Distance, world units, below which splats are not compared.
     pub near: f64,
-    /// Every how many rows one is kept, and the first.
+    /// Row stride and first row of the stored rows.
     pub rows: [f64; 2],
-    /// Pixels of the photograph for each pixel of depth, at least 1.
+    /// Pixels of the photograph per pixel of depth, at least 1.
     pub per_depth_pixel: f64,
 }
 
 impl PhotographView {
-    /// Of a camera that took the photograph of the frame after so many, with as many pixels as its depth.
+    /// Creates the view of the photograph that follows `frame` frames, with as many pixels as its depth
+    /// image.
     pub fn new(frame: u64, camera: &Camera, gain: [f32; 3], near: f64, rows: [u32; 2]) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = camera.intrinsics;
         Self {
@@ -58,34 +58,34 @@ impl PhotographView {
         }
     }
 
-    /// The camera.
+    /// Returns the camera.
     ///
     /// # Errors
-    /// [`PoseError`] for a matrix that is no pose.
+    /// [`PoseError`] if the matrix is not a pose.
     pub fn camera(&self) -> Result<Camera, PoseError> {
         let ([width, height], [fx, fy, cx, cy]) = (self.size.map(|n| n as u32), self.pinhole);
         let pose = Pose::from_opencv(DMat4::from_cols_array(&self.pose))?;
         Ok(Camera { intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, pose })
     }
 
-    /// The same in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    /// Moves the camera with the world: `motion` maps old to new coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         let pose = motion.to_opencv() * DMat4::from_cols_array(&self.pose);
         Self { pose: pose.to_cols_array(), ..*self }
     }
 
-    /// Rows that are kept, from the top.
+    /// Iterates over the indices of the stored rows, from the top.
     pub fn kept_rows(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
         let [every, first] = self.rows.map(|n| n as usize);
         (first..self.size[1] as usize).step_by(every.max(1))
     }
 
-    /// Pixels that are kept.
+    /// Returns the number of stored pixels.
     pub fn n_pixels(&self) -> usize {
         self.kept_rows().len().saturating_mul(self.size[0] as usize)
     }
 
-    /// The first of its numbers that is none of a photograph's, by name, with what was expected.
+    /// Returns the first invalid number with its name and expected range.
     pub fn defect(&self) -> Option<NumberDefect> {
         use NumberRange::{Finite, NotNegative, Positive, PowerOfTwo, Whole};
         let ([every, first], [width, height]) = (self.rows, self.size);
@@ -93,7 +93,7 @@ impl PhotographView {
         let side = Whole { low: 1.0, high: f64::from(MOST_SIDE) };
         let numbers = [
             ("frame", self.frame, Whole { low: 0.0, high: MOST_FRAMES }),
-            // Any other would be learnt as the power below it, which are other rows than are kept.
+            // Any other stride would select rows of the next lower power of two, which are not those stored.
             ("rows", every, PowerOfTwo { high: MOST_EVERY }),
             ("first row", first, Whole { low: 0.0, high: every - 1.0 }),
             ("near", self.near, NotNegative),
@@ -117,7 +117,6 @@ impl PhotographView {
     }
 }
 
-/// What a number of a photograph may be.
 #[derive(Clone, Copy)]
 enum NumberRange {
     Whole { low: f64, high: f64 },
@@ -153,45 +152,45 @@ impl Display for NumberRange {
     }
 }
 
-/// Depths of the pixels that are kept of a photograph.
+/// Depths of the stored pixels of a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WaitingDepths {
-    /// How they are kept, and how near a surface has to be.
+    /// Unit of the steps and tolerance of a surface.
     pub scale: DepthScale,
-    /// Depth along the camera's axis in steps; 0 where it is not known. Shared, as pixels are.
+    /// Depth along the optical axis in steps; 0 if unknown. Shared between copies, like the pixels.
     pub steps: Arc<[u16]>,
 }
 
-/// Lengths of [`WaitingDepths`]: numbers, as checkpoints hold them.
+/// Parameters of [`WaitingDepths`], as numbers in a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct DepthScale {
-    /// World units of a step.
+    /// World units per step.
     pub step: f64,
-    /// Surfaces within `margin[0] + margin[1]·depth` are the measured one, world units.
+    /// A surface within `margin[0] + margin[1]·depth` world units counts as the measured one.
     pub margin: [f64; 2],
 }
 
 impl DepthScale {
-    /// Steps that are small beside the margin.
+    /// Chooses steps that are small relative to the margin.
     pub fn new(margin: [f32; 2]) -> Self {
         let margin = margin.map(f64::from);
         Self { step: margin[0] / STEPS_PER_MARGIN, margin }
     }
 
-    /// A depth in steps, world units; 0 for one that is none, or beyond the last.
+    /// Converts a depth in world units to steps; 0 if it is invalid or out of range.
     pub fn steps(&self, depth: f32) -> u16 {
         let steps = (f64::from(depth) / self.step).round();
-        // NaN is no step, either.
+        // NaN becomes 0 as well.
         if steps >= 1.0 && steps <= f64::from(u16::MAX) { steps as u16 } else { 0 }
     }
 
-    /// World units of so many steps.
+    /// Converts steps to world units.
     pub fn depth(&self, steps: u16) -> f32 {
         (f64::from(steps) * self.step) as f32
     }
 
-    /// The first of its numbers that is none, by name.
+    /// Returns the first invalid number with its name.
     pub fn defect(&self) -> Option<NumberDefect> {
         use NumberRange::{NotNegative, Positive};
         let [least, linear] = self.margin;
@@ -205,20 +204,20 @@ impl DepthScale {
     }
 }
 
-/// A photograph that waits to be learnt.
+/// A photograph in the shuffle buffer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WaitingPhotograph {
-    /// Where it was taken from.
+    /// Camera and stored rows.
     pub view: PhotographView,
-    /// Red, green and blue, sRGB-encoded in 255ths, and coverage in 254ths or [`UNKNOWN_COVERAGE`], of
-    /// the rows that are kept. Shared, since they never change: copies of a scene hold no second ones.
+    /// Red, green and blue, sRGB-encoded in 255ths, and coverage in 254ths or [`UNKNOWN_COVERAGE`], of the
+    /// stored rows. Shared, as they never change: copies of a scene do not duplicate them.
     pub pixels: Arc<[[u8; 4]]>,
-    /// How far the surfaces of the same pixels are, if that was measured.
+    /// Depths of the same pixels, if measured.
     pub depths: Option<WaitingDepths>,
 }
 
 impl WaitingPhotograph {
-    /// Bytes that its pixels take.
+    /// Returns the memory used by pixels and depths, in bytes.
     pub fn bytes(&self) -> usize {
         let depths = self.depths.as_ref().map_or(0, |depths| size_of_val(&depths.steps[..]));
         size_of_val(&self.pixels[..]) + depths

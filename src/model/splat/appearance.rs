@@ -1,8 +1,7 @@
-//! What a scene's splats carry beyond position, shape and one colour (`rendering.md`, Native
-//! appearance).
+//! Appearance of a scene's splats beyond position, shape and one colour (`rendering.md`, Native appearance).
 //!
-//! Appearance lies beside the splats, not in them: plain splats, which files of other programs
-//! hold, take no memory for it.
+//! It is stored beside the splats, not in them: plain splats, such as those of other programs' files, need no
+//! memory for it.
 
 use super::exposure::ExposureLog;
 use super::observed_cone::ObservedCone;
@@ -12,33 +11,33 @@ use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// A pixel's change of colour by a splat's gradient is held within this.
+/// Limit of the change of a pixel's colour by a splat's gradient.
 pub const GRADIENT_LIMIT: f64 = 0.5;
 
-/// Colour that varies over a splat and with the direction it is seen from. Zero is a plain splat.
+/// Colour that varies over a splat and with the view direction. Zero is a plain splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Appearance {
-    /// Colour gradient: row per channel, column per world axis; change per world unit from the
-    /// mean. A pixel's change is held within ±[`GRADIENT_LIMIT`].
+    /// Colour gradient: row per channel, column per world axis; change per world unit from the mean. A
+    /// pixel's change is clamped to ±[`GRADIENT_LIMIT`].
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 colour: row per channel, times the unit direction from the camera to the mean, as far as
-    /// that was observed. The
-    /// splat's own colour is the constant term then and may lie outside `[0, 1]`.
+    /// Degree-1 colour: row per channel, multiplied by the unit direction from the camera to the mean,
+    /// clamped to the observed directions. The splat's own colour is then the constant term and may lie
+    /// outside `[0, 1]`.
     pub directional: [[f32; 3]; 3],
-    /// The directions it was observed from.
+    /// Range of the observed directions.
     pub observed: ObservedCone,
 }
 
 impl Appearance {
-    /// Whether every coefficient is finite.
+    /// True if every coefficient is finite.
     pub fn is_valid(&self) -> bool {
         let rows = self.gradient.iter().chain(&self.directional);
         rows.flatten().all(|x| x.is_finite()) && self.observed.is_valid()
     }
 }
 
-/// Splats as renderers take them; [`SplatSet`] owns what this borrows.
+/// Borrowed splats as passed to renderers; [`SplatSet`] owns them.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatView<'a> {
     splats: &'a [Splat],
@@ -47,52 +46,51 @@ pub struct SplatView<'a> {
 }
 
 impl<'a> SplatView<'a> {
-    /// Splats with their appearance, one each; no appearance at all makes them plain. `None` if the
-    /// numbers differ.
+    /// Combines splats with one appearance each; an empty appearance makes them plain. `None` if the lengths
+    /// differ.
     pub fn new(splats: &'a [Splat], appearance: &'a [Appearance]) -> Option<Self> {
         let fits = appearance.is_empty() || appearance.len() == splats.len();
         fits.then_some(Self { splats, appearance, finishing: &PLAIN })
     }
 
-    /// The splats in their order; slots of opacity 0 are empty.
+    /// Returns the splats in order; slots of opacity 0 are empty.
     pub fn splats(&self) -> &'a [Splat] {
         self.splats
     }
 
-    /// Appearance of the splats: one each, or none at all if all are plain.
+    /// Returns one appearance per splat, or none if all are plain.
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
     }
 
-    /// What becomes of finished pixels.
+    /// Returns how composited pixels are finished.
     pub fn finishing(&self) -> &'a Finishing {
         self.finishing
     }
 }
 
-/// Splats together with their appearance. Dereferences to the splats; of plain ones there is
-/// nothing else.
+/// Splats with their appearance, which is empty if all are plain. Dereferences to the splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatSet {
     splats: Vec<Splat>,
-    /// Empty until a splat comes that is not plain.
+    /// Empty while all splats are plain.
     appearance: Vec<Appearance>,
     finishing: Finishing,
 }
 
-/// What a scene says of finished pixels, and of the frames behind it.
+/// Finishing of composited pixels, and logs of the frames of the scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
-    /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`; 1 for plain splats.
+    /// Coverage from which a pixel counts as fully covered, in `(0, 1]`; 1 for plain splats.
     pub full_coverage: f32,
-    /// How the frames behind the splats were exposed, where that is known.
+    /// Exposures of the training frames, if known.
     pub exposures: Option<Arc<ExposureLog>>,
-    /// How the poses of these frames were corrected, where they were.
+    /// Pose corrections of the training frames, if any.
     pub poses: Option<Arc<PoseLog>>,
 }
 
 impl Finishing {
-    /// Where a camera really stood that was recorded at `pose`, as far as the frames behind the splats say.
+    /// Returns the corrected pose of a camera recorded at `pose`, predicted from the training frames.
     pub fn corrected(&self, pose: &Pose) -> Pose {
         self.poses.as_ref().map_or(*pose, |log| log.at(pose))
     }
@@ -100,7 +98,7 @@ impl Finishing {
 
 static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
 
-/// Pixels of plain splats stay as they are.
+/// Leaves pixels unchanged, as for plain splats.
 impl Default for Finishing {
     fn default() -> Self {
         PLAIN.clone()
@@ -108,18 +106,18 @@ impl Default for Finishing {
 }
 
 impl SplatSet {
-    /// Splats with one appearance each.
+    /// Creates a set of splats with one appearance each.
     pub fn new(splats: Vec<Splat>, appearance: Vec<Appearance>) -> Self {
         assert_eq!(splats.len(), appearance.len(), "a splat has one appearance");
         Self { splats, appearance, ..Self::default() }
     }
 
-    /// These splats with another finishing of pixels.
+    /// Replaces the finishing.
     pub fn finished(self, finishing: Finishing) -> Self {
         Self { finishing, ..self }
     }
 
-    /// What becomes of finished pixels.
+    /// Returns how composited pixels are finished.
     pub fn finishing(&self) -> &Finishing {
         &self.finishing
     }
@@ -129,8 +127,8 @@ impl SplatSet {
         self.put(self.splats.len(), splat, appearance);
     }
 
-    /// Puts the splats of `new` into the listed slots, in their order, and finishes pixels as `new`
-    /// does. Slots that are not there yet are added; those in between stay empty.
+    /// Writes the splats of `new` into the listed slots, in order, and takes over its finishing. Missing
+    /// slots are added; those in between stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
         self.finishing.clone_from(&new.finishing);
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
@@ -148,22 +146,22 @@ impl SplatSet {
         }
     }
 
-    /// Appearance of a splat.
+    /// Returns the appearance of a splat.
     pub fn appearance_of(&self, slot: usize) -> Appearance {
         self.appearance.get(slot).copied().unwrap_or_default()
     }
 
-    /// The splats, to be changed in place.
+    /// Returns the splats for modification in place.
     pub fn splats_mut(&mut self) -> &mut [Splat] {
         &mut self.splats
     }
 
-    /// The splats without their appearance.
+    /// Returns the splats without their appearance.
     pub fn into_splats(self) -> Vec<Splat> {
         self.splats
     }
 
-    /// What renderers take.
+    /// Borrows the set for rendering.
     pub fn view(&self) -> SplatView<'_> {
         SplatView { splats: &self.splats, appearance: &self.appearance, finishing: &self.finishing }
     }

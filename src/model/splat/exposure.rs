@@ -1,33 +1,33 @@
-//! How the frames that a scene was learnt from were exposed, so that a view can be drawn as bright
-//! as a camera there would have taken it.
+//! Exposures of a scene's training frames, so that a view can be drawn as bright as a camera there would have
+//! recorded it.
 
 use super::viewpoint::{Viewpoint, reach, regress};
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 
-/// How one frame was exposed, and from where it was taken.
+/// Exposure and viewpoint of one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameExposure {
-    /// Where it was taken from.
+    /// Camera viewpoint.
     pub viewpoint: Viewpoint,
-    /// Factors that brought its red, green and blue to the scene's.
+    /// Factors from the frame's red, green and blue to the scene's.
     pub gain: [f64; 3],
 }
 
 impl FrameExposure {
-    /// A frame taken from `pose`, whose channels `gain` brought to the scene's exposure.
+    /// Creates the entry of a frame taken from `pose` with the gain that gives the scene's exposure.
     pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
         Self { viewpoint: Viewpoint::new(pose), gain: gain.map(f64::from) }
     }
 
-    /// The same in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    /// Moves the viewpoint with the world: `motion` maps old to new coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         Self { viewpoint: self.viewpoint.moved(motion), ..*self }
     }
 }
 
-/// The frames of a scene in the order they were learnt in.
+/// Exposures of a scene's frames in training order.
 ///
 /// ```
 /// use vbgs_studio::math::pose::Pose;
@@ -42,20 +42,20 @@ impl FrameExposure {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureLog {
     frames: Vec<FrameExposure>,
-    /// Distance between cameras at which what frames say correlates by one half, world units.
+    /// Distance between cameras at which exposures correlate by one half, world units.
     reach: f64,
 }
 
 impl ExposureLog {
-    /// Frames of a scene with structural scale `h`, world units.
+    /// Creates the log of a scene with structural scale `h`, world units.
     pub fn new(frames: Vec<FrameExposure>, h: f64) -> Self {
         Self { frames, reach: reach(h) }
     }
 
-    /// Factors on the scene's red, green and blue as seen from `pose`: what undoes the gains of the frames
-    /// around it, predicted between them ([`regress`]); 1 without frames.
+    /// Returns factors on the scene's red, green and blue as seen from `pose`: the inverse gains of nearby
+    /// frames, interpolated between them ([`regress`]); 1 without frames.
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
-        // Of logarithms, since gains are factors: half and twice as bright make as bright.
+        // Logarithms, since gains are factors: half and twice as bright average to 1.
         let said = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));
         let logs = regress(&self.frames, pose, self.reach, said);
         logs.map_or([1.0; 3], |logs| logs.map(|log| log.exp() as f32))

@@ -1,51 +1,50 @@
-//! Where a camera should look to see a scene, and how much of it counts.
+//! Camera framing: the centre of a scene and the radius that should be visible.
 //!
-//! Nothing of what one came to see may be cut off, and a few strays far out must not make it tiny. Nine
-//! tenths of the splats are the scene for sure; from there it is followed outwards, shell by shell, as
-//! far as there are splats. A share alone cuts what sticks out (Lego's shovel), and all of them
-//! follow every stray.
+//! The scene must not be cropped, and a few distant stray splats must not make it tiny. The core holds nine
+//! tenths of the splats; from there the radius grows shell by shell while shells contain splats. A fixed
+//! share would crop protruding parts (Lego's shovel), while all splats would include every stray.
 
 use super::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 
-/// A ball around what is to be seen of a scene.
+/// Sphere around the visible part of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framing {
-    /// Its middle, world units.
+    /// Centre, world units.
     pub centre: DVec3,
-    /// Its radius, world units.
+    /// Radius, world units.
     pub radius: f64,
 }
 
-/// Share of the splats that surely belongs to the scene.
+/// Share of the splats in the scene's core.
 const CORE_SHARE: f64 = 0.9;
-/// Thickness of the shells by which the scene is followed outwards, in radii of its core.
+/// Thickness of a shell, in radii of the core.
 const SHELL: f64 = 0.25;
-/// How many of them: what is farther out surrounds the scene, as sky and hills do, and does not belong to
-/// it.
+/// Maximum number of shells. Anything farther away, such as sky and hills, surrounds the scene and is not
+/// part of it.
 const N_SHELLS: usize = 6;
-/// A shell with fewer than this share of all splats holds strays.
+/// A shell with less than this share of all splats contains only strays.
 const STRAY_SHARE: f64 = 1.0 / 5000.0;
-/// Standard deviations at which a splat is taken to end.
+/// Extent of a splat in standard deviations.
 const VISIBLE_SIGMAS: f64 = 2.5;
-/// Air left around what is visible, as a factor of the radius.
+/// Margin around the visible splats, as a factor of the radius.
 const AIR: f64 = 1.03;
 
 impl Framing {
-    /// Distance from which the ball fills a field of view (radians).
+    /// Returns the distance from which the sphere fills a field of view (radians).
     pub fn distance(&self, fov: f64) -> f64 {
         (self.radius / (0.5 * fov).sin()).max(1e-6)
     }
 }
 
-/// Framing of the finite splats, or `None` if there is none.
+/// Returns the framing of the finite splats; `None` if there are none.
 pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framing> {
     let blobs: Vec<Blob> = splats.into_iter().filter(|s| s.is_finite()).map(Blob::new).collect();
     let middle = median(&blobs)?;
     let reaches: Vec<f64> = blobs.iter().map(|blob| blob.reach(middle)).collect();
     let end = end_of_scene(&reaches, quantile(reaches.clone(), CORE_SHARE)?);
     let scene = || blobs.iter().zip(&reaches).filter(|(_, reach)| **reach <= end).map(|(b, _)| b);
-    // The median lies where most splats are, which may be far from the middle of what they fill.
+    // The median lies where splats are dense, which may be far from the centre of their extent.
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (lo, hi) = scene().fold(none, |(lo, hi), blob| {
         let half = blob.half_extent();
@@ -56,8 +55,8 @@ pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framin
     Some(Framing { centre, radius: radius.max(1e-6) })
 }
 
-/// Ball about the median of the finite splats that holds nine tenths of the centres: the bulk of a
-/// scene, without what sticks out of it. Times of drawing are compared from there.
+/// Returns the sphere about the median of the finite splats that holds nine tenths of the centres: the bulk
+/// of a scene without protruding parts. Rendering benchmarks use this viewpoint.
 pub fn bulk(splats: &[Splat]) -> Option<Framing> {
     let blobs: Vec<Blob> = splats.iter().filter(|s| s.is_finite()).map(Blob::new).collect();
     let centre = median(&blobs)?;
@@ -65,13 +64,13 @@ pub fn bulk(splats: &[Splat]) -> Option<Framing> {
     Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
 }
 
-/// Median of the centres, per axis: strays far out do not move it.
+/// Median of the centres, per axis: insensitive to distant strays.
 fn median(blobs: &[Blob]) -> Option<DVec3> {
     let axis = |i: usize| quantile(blobs.iter().map(|blob| blob.centre[i]).collect(), 0.5);
     Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
 }
 
-/// How far from its middle the scene is followed, by how far its splats reach and nine tenths of them.
+/// Radius at which the scene ends, given the reach of every splat and the radius of the core.
 fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
     let mut counts = [0usize; N_SHELLS];
     for reach in reaches.iter().filter(|reach| **reach > core) {
@@ -90,10 +89,9 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
 }
 
-/// A splat as far as it is seen.
 struct Blob {
     centre: DVec3,
-    /// Columns: its axes, as long as they are seen.
+    /// Columns: the splat's axes, scaled to its visible extent.
     axes: DMat3,
 }
 
@@ -101,7 +99,7 @@ impl Blob {
     fn new(splat: &Splat) -> Self {
         let [w, x, y, z] = splat.rotation.map(f64::from);
         let q = DQuat::from_xyzw(x, y, z, w);
-        // Files may hold none.
+        // Files may hold a zero quaternion.
         let q = if q.length_squared() > 0.0 { q.normalize() } else { DQuat::IDENTITY };
         let rotation = DMat3::from_quat(q);
         let scale = VISIBLE_SIGMAS * DVec3::from_array(splat.scale.map(f64::from));
@@ -111,10 +109,10 @@ impl Blob {
         }
     }
 
-    /// Distance of its far side from a point.
+    /// Distance from `from` to the far side of the splat.
     fn reach(&self, from: DVec3) -> f64 {
         let away = self.centre - from;
-        // All around a splat in the very middle, the longest axis counts.
+        // For a splat centred at `from` the longest axis counts.
         let Some(direction) = away.try_normalize() else {
             let [x, y, z] = [self.axes.x_axis, self.axes.y_axis, self.axes.z_axis];
             return x.length().max(y.length()).max(z.length());
@@ -122,7 +120,7 @@ impl Blob {
         away.length() + (self.axes.transpose() * direction).length()
     }
 
-    /// Half its size along the axes of the world.
+    /// Half extent along the world's axes.
     fn half_extent(&self) -> DVec3 {
         let rows = self.axes.transpose();
         DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length())
@@ -137,7 +135,7 @@ mod tests {
         Splat { mean: [x, y, z], opacity: 0.9, scale: [0.01; 3], ..Splat::default() }
     }
 
-    /// A cube of ten splats a side, 2 wide.
+    /// A cube of ten splats a side, with an edge of 2.
     fn cube() -> Vec<Splat> {
         let side = |i: usize| -1.0 + 2.0 * i as f32 / 9.0;
         (0..1000).map(|i| at(side(i / 100), side(i / 10 % 10), side(i % 10))).collect()
@@ -146,7 +144,7 @@ mod tests {
     #[test]
     fn all_of_a_scene_lies_inside_with_what_sticks_out_of_it() {
         let mut splats = cube();
-        // A mast of a fiftieth of the splats, upon one side.
+        // A mast on one side, made of a fiftieth of the splats.
         splats.extend((0..20).map(|i| at(0.0, 0.0, 1.0 + 0.05 * i as f32)));
         let found = framing(&splats).unwrap();
         for splat in &splats {

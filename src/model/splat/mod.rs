@@ -1,5 +1,4 @@
-//! What renderers draw and files hold: splats, their appearance, and exposure and poses of the frames
-//! they were learnt from.
+//! Splats as drawn and as stored in files: their appearance, and exposures and poses of the training frames.
 
 pub mod appearance;
 pub mod exposure;

@@ -1,31 +1,29 @@
-//! The directions that a splat was observed from (`rendering.md`, Observed directions).
+//! Range of directions from which a splat was observed (`rendering.md`, Observed directions).
 
 use crate::math::sym3::Sym3;
 use glam::{DMat3, DVec3};
 
-/// Edge of the cone in standard deviations of the observed directions. A uniform density along the
-/// camera's way ends at √3.
+/// Edge of the cone in standard deviations of the observed directions. A uniform distribution along the
+/// camera path ends at √3.
 const EDGE: f64 = 2.0;
-/// Standard deviation added across the cone: the colour of a splat that was seen from one place is known
-/// for about 2°.
+/// Standard deviation added across the cone: one viewpoint determines a splat's colour within about 2°.
 const LEAST: f64 = 0.02;
 
-/// Mean and spread of unit directions, world axes, camera to splat. Zero is unknown: any direction counts
-/// as observed.
+/// Mean and spread of unit directions from camera to splat, world axes. Zero means unknown: any direction
+/// counts as observed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct ObservedCone {
     /// Mean `m` of the directions.
     pub mean: [f32; 3],
-    /// Upper triangle, row by row, of the symmetric matrix `P` with `(d − m)ᵀ P (d − m) ≤ 1` within the
-    /// cone.
+    /// Symmetric matrix `P` with `(d − m)ᵀ P (d − m) ≤ 1` inside the cone: upper triangle, row by row.
     pub inverse: [f32; 6],
 }
 
 impl ObservedCone {
-    /// The cone of directions of this mean and covariance.
+    /// Creates the cone of directions with the given mean and covariance.
     pub fn new(mean: DVec3, covariance: Sym3) -> Self {
-        // Along the mean directions differ by the square of their angle alone, which bounds nothing.
+        // Along the mean, directions differ only by the square of their angle, which must not bound anything.
         let along = Sym3::outer(mean.normalize_or_zero());
         let spread =
             covariance.add_scaled(1.0, along).add_scaled(LEAST * LEAST, Sym3::diagonal(1.0));
@@ -36,26 +34,26 @@ impl ObservedCone {
         }
     }
 
-    /// Whether every number is finite.
+    /// True if every number is finite.
     pub fn is_valid(&self) -> bool {
         self.mean.iter().chain(&self.inverse).all(|x| x.is_finite())
     }
 
-    /// Mean of the directions.
+    /// Returns the mean of the directions.
     pub fn mean(&self) -> DVec3 {
         DVec3::from_array(self.mean.map(f64::from))
     }
 
-    /// The direction whose colour is drawn for the unit direction `d`: `d` itself within the cone, the edge
-    /// of the cone beyond it.
+    /// Clamps the unit direction `d` to the cone: `d` itself inside, its projection onto the edge outside.
+    /// The colour is evaluated for the result.
     pub fn nearest(&self, d: DVec3) -> DVec3 {
         let offset = d - self.mean();
         let squared = self.inverse().quadratic_form(offset);
         self.mean() + offset / squared.max(1.0).sqrt()
     }
 
-    /// The linear map `M` for which `M (d − m)` fits `nearest(d) − m` best, by axis of the cone and over
-    /// differences of up to `reach`: what a slope without an end is multiplied by.
+    /// Returns the linear map `M` for which `M (d − m)` best fits `nearest(d) − m`, per axis of the cone and
+    /// over differences up to `reach`: the factor on an unclamped slope.
     pub fn linear_fit(&self, reach: f64) -> DMat3 {
         let eigen = self.inverse().eigen();
         let share = |value: f64| linear_share(1.0 / (value.max(0.0).sqrt() * reach));
@@ -63,7 +61,7 @@ impl ObservedCone {
         eigen.vectors * shares * eigen.vectors.transpose()
     }
 
-    /// The cone in axes that `turn` takes these to.
+    /// Rotates the cone by `turn`.
     pub fn turned(&self, turn: DMat3) -> Self {
         let inverse = Sym3::from_mat3(turn * self.inverse().to_mat3() * turn.transpose());
         Self {
@@ -77,7 +75,7 @@ impl ObservedCone {
     }
 }
 
-/// The least squares fit of `s·ρ` to `min(ρ, r)` over a disc of radius 1.
+/// Least-squares factor `s` that fits `s·ρ` to `min(ρ, r)` over a disc of radius 1.
 fn linear_share(radius: f64) -> f64 {
     let r = radius.min(1.0);
     r.powi(4) + 4.0 / 3.0 * r * (1.0 - r.powi(3))
@@ -129,14 +127,14 @@ mod tests {
         assert!(difference.length() < 1e-6, "{difference}");
     }
 
-    /// By a sum over the radii of the disc.
+    /// Compares with a numerical integral over the radii of the disc.
     #[test]
     fn a_line_fits_a_slope_that_ends() {
         for radius in [0.03, 0.3, 0.8, 1.0, 1.5] {
             let radii = (0..20_000).map(|i| (f64::from(i) + 0.5) / 20_000.0);
             let (mut crossed, mut squared) = (0.0, 0.0);
             for at in radii {
-                // Rings count by their circumference.
+                // Rings are weighted by their circumference.
                 crossed += at * at * f64::min(at, radius);
                 squared += at.powi(3);
             }

@@ -1,15 +1,15 @@
-//! Plain splats: what every viewer draws and files hold. Native ones may be more opaque than 1, which
-//! gives them a flat top.
+//! Plain splats, as every viewer draws them and files hold them. Native splats may exceed an opacity of 1,
+//! which gives them a flat top.
 
-/// Largest opacity of a plain splat; renderers cap alpha there too.
+/// Maximum opacity of a plain splat; renderers cap alpha at this value too.
 pub const OPAQUE: f64 = 0.99;
 
-/// Factor on the standard deviations of splats that are to be drawn plain and without a colour gradient:
-/// such look best wider than native ones, at 1.3 times the deviation of the points where those have 1.2.
+/// Factor on the standard deviations of plain splats, which have no colour gradient: the best picture needs
+/// 1.3 times the deviation of the points, where native splats need 1.2.
 pub const PLAIN_WIDTH: f64 = 1.3 / 1.2;
 
-/// Opacity and factor on the standard deviations of the plain splat that covers as much as one of
-/// `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, and a Gaussian of peak `c` covers `2πc`.
+/// Returns opacity and factor on the standard deviations of the plain splat that covers the same area as one
+/// of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, and a Gaussian of peak `c` covers `2πc`.
 pub fn of_equal_area(opacity: f64) -> (f64, f64) {
     match opacity > OPAQUE {
         true => (OPAQUE, (1.0 + (opacity / OPAQUE).ln()).sqrt()),

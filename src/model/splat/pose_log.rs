@@ -1,28 +1,29 @@
-//! How the recorded poses of the frames that a scene was learnt from erred, so that a view recorded
-//! among them can be drawn from where its camera really stood.
+//! Corrections of the recorded poses of a scene's training frames, so that a view recorded among them can be
+//! drawn from its camera's corrected pose.
 
 use super::viewpoint::{Viewpoint, reach, regress};
 use crate::math::pose::{Pose, unit_rotation};
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
 
-/// How one frame's recorded pose was corrected.
+/// Pose correction of one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FramePose {
-    /// The recorded pose.
+    /// Viewpoint as recorded.
     pub recorded: Viewpoint,
-    /// Rotation from the recorded camera's OpenCV axes to the world's: unit quaternion x, y, z, w. Noughts where
-    /// it is not known: files did not hold it before scenes were held to their recorded poses.
+    /// Rotation from the recorded camera's OpenCV axes to the world's: unit quaternion x, y, z, w. Zeros if
+    /// unknown, as in older checkpoints.
     pub rotation: [f64; 4],
-    /// How the true camera is turned against the recorded one: axis times angle in its frame, radians.
+    /// Rotation from the recorded to the corrected camera: axis times angle in the recorded camera's frame,
+    /// radians.
     pub turn: [f64; 3],
-    /// Where the true camera stands in the recorded one's frame, world units.
+    /// Position of the corrected camera in the recorded camera's frame, world units.
     pub shift: [f64; 3],
 }
 
 impl FramePose {
-    /// A frame recorded at one pose and taken from another.
+    /// Creates the correction of a frame from its recorded and its corrected pose.
     pub fn new(recorded: &Pose, real: &Pose) -> Self {
         let (shift, turn) = recorded.offset_to(real);
         Self {
@@ -33,7 +34,7 @@ impl FramePose {
         }
     }
 
-    /// The recorded pose and the one that the frame was taken from; `None` where its rotation is not known.
+    /// Returns the recorded and the corrected pose; `None` if the recorded rotation is unknown.
     pub fn poses(&self) -> Option<[Pose; 2]> {
         let rotation = unit_rotation(self.rotation)?;
         let turn = DQuat::from_scaled_axis(DVec3::from_array(self.turn));
@@ -41,7 +42,7 @@ impl FramePose {
         Some([recorded, recorded.attached(DVec3::from_array(self.shift), turn)])
     }
 
-    /// The same frame in a world that was moved as a whole from under its recorded poses.
+    /// Moves the corrected pose with the world; the recorded pose stays fixed.
     pub fn moved(&self, motion: &Pose) -> Option<Self> {
         let [recorded, real] = self.poses()?;
         let Self { turn, shift, .. } = Self::new(&recorded, &real.moved(motion));
@@ -49,7 +50,7 @@ impl FramePose {
     }
 }
 
-/// The corrections of a scene's frames, in the order they were learnt in.
+/// Pose corrections of a scene's frames in training order.
 ///
 /// ```
 /// use glam::{DQuat, DVec3};
@@ -63,30 +64,30 @@ impl FramePose {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseLog {
     frames: Vec<FramePose>,
-    /// Distance between cameras at which what frames say correlates by one half, world units.
+    /// Distance between cameras at which corrections correlate by one half, world units.
     reach: f64,
 }
 
 impl PoseLog {
-    /// Frames of a scene with structural scale `h`, world units.
+    /// Creates the log of a scene with structural scale `h`, world units.
     pub fn new(frames: Vec<FramePose>, h: f64) -> Self {
         Self { frames, reach: reach(h) }
     }
 
-    /// The frames, in the order they were learnt in.
+    /// Returns the frames in training order.
     pub fn frames(&self) -> &[FramePose] {
         &self.frames
     }
 
-    /// Where a camera really stood that was recorded at `pose`: [`corrected`] as the frames were.
+    /// Returns the corrected pose of a camera recorded at `pose` (see [`corrected`]).
     pub fn at(&self, pose: &Pose) -> Pose {
         corrected(&self.frames, self.reach, pose)
     }
 }
 
-/// A camera recorded at `pose`, moved as the frames recorded around it were, in its own axes; as recorded
-/// without frames. `reach` is the distance between cameras at which what frames say correlates by one half,
-/// world units.
+/// Returns the corrected pose of a camera recorded at `pose`: the corrections of nearby frames, interpolated
+/// and applied in the camera's own axes; the recorded pose without frames. `reach` is the distance between
+/// cameras at which corrections correlate by one half, world units.
 pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
     let said = |frame: &FramePose| {
         let [a, b, c] = frame.turn;

@@ -1,8 +1,8 @@
-//! The renderable view of a mixture: what every renderer, export and viewport reads.
+//! Splats, the renderable form of a mixture, read by every renderer, exporter and viewport.
 //!
-//! Splats are f32 in world units, as a GPU takes them. Two forms turn a covariance into scales and
-//! a rotation: the eigen-decomposition, and what the reference exporter does, which is no rotation
-//! unless the covariance is diagonal; it is kept so that the reference's figures can be reproduced.
+//! They are f32 in world units, as GPUs need them. A covariance is decomposed into scales and a rotation by
+//! its eigenvectors, or as in the reference exporter. The latter gives no rotation unless the covariance is
+//! diagonal; it serves to reproduce the reference's figures.
 
 use crate::math::sym3::{Sym3, rotation_quaternion};
 use glam::{DMat3, DQuat, DVec3};
@@ -22,37 +22,37 @@ use glam::{DMat3, DQuat, DVec3};
 pub struct Splat {
     /// Centre, world units.
     pub mean: [f32; 3],
-    /// Peak opacity: in `[0, 1]`, or up to 3 for a flat top (`rendering.md`, Native appearance). 0
-    /// marks an empty slot that no renderer draws.
+    /// Peak opacity: in `[0, 1]`, or up to 3 for a flat top (`rendering.md`, Native appearance). 0 marks an
+    /// empty slot, which is not drawn.
     pub opacity: f32,
     /// sRGB-encoded colour in `[0, 1]`.
     pub color: [f32; 3],
     /// Standard deviations along the rotated axes, world units (linear, not logarithms).
     pub scale: [f32; 3],
-    /// Unit quaternion `w x y z`: columns of its matrix are the axes of `scale`.
+    /// Unit quaternion `w x y z`; the columns of its matrix are the axes of `scale`.
     pub rotation: [f32; 4],
 }
 
-/// How a covariance becomes scales and a rotation (`model.md`, From posterior to splat).
+/// Decomposition of a covariance into scales and a rotation (`model.md`, From posterior to splat).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CovarianceForm {
     /// Eigen-decomposition: the covariance itself.
     Eigen,
-    /// Cholesky rows taken as if they were a rotation, as the reference exporter does; right for
-    /// diagonal covariances only and kept for parity runs.
+    /// Cholesky rows interpreted as a rotation, as in the reference exporter; correct for diagonal
+    /// covariances only, for parity runs.
     LegacyCholesky,
 }
 
-/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it
-/// still fit an f32.
+/// Maximum coordinate or standard deviation of a valid splat, world units: its fourth power still fits an
+/// f32.
 pub const MAX_LENGTH: f32 = 1e9;
-/// How far the square of a rotation's norm may be from 1: rows of half floats pass.
+/// Tolerance of the squared norm of a rotation: quaternions in half precision pass.
 const UNIT_TOLERANCE: f32 = 4e-3;
 
-/// Jitter the reference adds before its Cholesky factorisation.
+/// Jitter that the reference adds before its Cholesky factorisation.
 const LEGACY_JITTER: f64 = 1e-10;
-/// Tries of the reference, the jitter ten times larger each time.
+/// Number of attempts in the reference; each multiplies the jitter by ten.
 const LEGACY_TRIES: i32 = 5;
 
 impl Default for Splat {
@@ -69,8 +69,8 @@ impl Default for Splat {
 }
 
 impl Splat {
-    /// Whether the slot holds a splat whose every field is finite. Files can hold it: what else a
-    /// renderer could not draw is floored or normalised on the way.
+    /// True if the slot holds a splat whose every field is finite. Files can store it; renderers clamp or
+    /// normalise any other defect.
     pub fn is_finite(&self) -> bool {
         let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
         self.opacity > 0.0
@@ -81,13 +81,13 @@ impl Splat {
             && finite(&self.rotation)
     }
 
-    /// Whether the slot holds a splat and that can be drawn.
+    /// True if the slot holds a splat that can be drawn.
     pub fn is_drawable(&self) -> bool {
         self.opacity > 0.0 && self.is_valid()
     }
 
-    /// Whether every field is something a renderer can work with: finite, a unit rotation, no
-    /// negative scale and one that is more than zero, nothing beyond [`MAX_LENGTH`].
+    /// True if renderers can handle every field: finite, a unit rotation, no negative scale, at least one
+    /// positive scale, nothing beyond [`MAX_LENGTH`].
     pub fn is_valid(&self) -> bool {
         let largest = self.scale.iter().fold(0.0f32, |a, &s| a.max(s));
         let norm2: f32 = self.rotation.iter().map(|q| q * q).sum();
@@ -99,7 +99,7 @@ impl Splat {
             && (norm2 - 1.0).abs() <= UNIT_TOLERANCE
     }
 
-    /// Covariance `Q diag(s²) Qᵀ` in f64, world units².
+    /// Returns the covariance `Q diag(s²) Qᵀ` in f64, world units².
     pub fn covariance(&self) -> Sym3 {
         let [w, x, y, z] = self.rotation.map(f64::from);
         let q = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
@@ -108,8 +108,8 @@ impl Splat {
     }
 }
 
-/// Standard deviations (before any factor) and unit quaternion `w ≥ 0` of a covariance.
-/// Eigenvalues below zero by rounding count as zero.
+/// Returns standard deviations (before any factor) and unit quaternion `w ≥ 0` of a covariance. Eigenvalues
+/// that are negative due to rounding count as zero.
 pub fn decompose(covariance: Sym3, form: CovarianceForm) -> (DVec3, DQuat) {
     match form {
         CovarianceForm::Eigen => eigen_form(covariance),
@@ -132,8 +132,7 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
         let eigen = covariance.eigen();
         eigen.vectors * DMat3::from_diagonal(eigen.values.max(DVec3::ZERO).map(f64::sqrt))
     });
-    // As the reference does, though the rows of a Cholesky factor are no rotation: its figures
-    // depend on it.
+    // As in the reference, although the rows of a Cholesky factor are no rotation: its figures depend on it.
     let rows = l.transpose();
     let scale = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
     let unit =
@@ -142,8 +141,8 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
     (scale, trace_formula_quaternion(unit))
 }
 
-/// Quaternion by the usual trace / largest-diagonal formulas, normalised afterwards: on a matrix
-/// that is no rotation this differs from any projection onto rotations, and parity needs it.
+/// Quaternion by the usual trace or largest-diagonal formulas, normalised afterwards. For a matrix that is no
+/// rotation this differs from any projection onto rotations; parity requires it.
 fn trace_formula_quaternion(m: DMat3) -> DQuat {
     let e = |row: usize, column: usize| m.col(column)[row];
     let (m00, m11, m22) = (e(0, 0), e(1, 1), e(2, 2));
@@ -185,7 +184,7 @@ fn trace_formula_quaternion(m: DMat3) -> DQuat {
     if q.w < 0.0 { -q } else { q }
 }
 
-/// Axis-aligned bounds of the centres of finite splats, or `None` if there is none.
+/// Returns the axis-aligned bounds of the centres of finite splats; `None` if there are none.
 pub fn bounds(splats: &[Splat]) -> Option<(DVec3, DVec3)> {
     let mut centres =
         splats.iter().filter(|s| s.is_finite()).map(|s| DVec3::from_array(s.mean.map(f64::from)));

@@ -1,36 +1,36 @@
-//! Where frames were taken from, and how much each of them says of a view near by.
+//! Viewpoints of frames, and interpolation of per-frame values to nearby views.
 
 use crate::math::cholesky::Cholesky;
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-/// Angle between view directions, radians, as far apart as [`DISTANCE`].
+/// Angle between view directions, radians, equivalent to [`DISTANCE`].
 const ANGLE: f64 = 0.3;
-/// Distance between cameras, structural scales, at which what two frames say correlates by one half.
+/// Distance between cameras, structural scales, at which the values of two frames correlate by one half.
 const DISTANCE: f64 = 12.0;
-/// Variance of what a single frame says by itself, as a share of how much it varies from place to place.
+/// Noise variance of a single frame's value, relative to its variance between places.
 const NOISE: f64 = 0.05;
-/// Most frames that say something of a view, the nearest ones: others add nothing.
+/// Maximum number of frames used, the nearest ones: more add nothing.
 const MOST: usize = 16;
 
-/// Where a frame was taken from.
+/// Viewpoint of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Viewpoint {
-    /// Where its camera stood, world units.
+    /// Camera centre, world units.
     pub centre: [f64; 3],
-    /// Unit direction it looked in, world axes.
+    /// Unit view direction, world axes.
     pub forward: [f64; 3],
 }
 
 impl Viewpoint {
-    /// That of a camera.
+    /// Returns the viewpoint of a camera.
     pub fn new(pose: &Pose) -> Self {
         Self { centre: pose.centre().to_array(), forward: pose.forward().to_array() }
     }
 
-    /// The same in a world that is moved as a whole: `motion` takes old coordinates to new ones.
+    /// Moves the viewpoint with the world: `motion` maps old to new coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         let [centre, forward] = [self.centre, self.forward].map(DVec3::from_array);
         Self {
@@ -39,8 +39,7 @@ impl Viewpoint {
         }
     }
 
-    /// Distance from another, in place and direction together; one where either is as far as correlates by
-    /// one half.
+    /// Combined distance in position and direction; 1 where either alone gives a correlation of one half.
     fn distance(&self, other: &Self, reach: f64) -> f64 {
         let [a, b] = [self, other].map(|view| DVec3::from_array(view.centre));
         let [to, from] = [self, other].map(|view| DVec3::from_array(view.forward));
@@ -48,18 +47,19 @@ impl Viewpoint {
     }
 }
 
-/// Distance between cameras at which what frames say correlates by one half, world units, in a scene with
-/// structural scale `h`.
+/// Returns the distance between cameras at which values of frames correlate by one half, world units, in a
+/// scene with structural scale `h`.
 pub fn reach(h: f64) -> f64 {
     DISTANCE * h
 }
 
-/// What frames say, at `pose` between them; `None` without frames. `reach` is the distance between cameras at
-/// which what they say correlates by one half, world units.
+/// Interpolates per-frame values at `pose`; `None` without frames. `said` returns viewpoint and values of a
+/// frame; `reach` is the distance between cameras at which values correlate by one half, world units.
 ///
-/// The best linear unbiased prediction by the nearest frames under a Matérn covariance of smoothness 3/2, mean
-/// unknown (ordinary kriging; Cressie 1993, section 3.2). A mean by distance alone would be drawn to whichever
-/// side has more frames, and flatten what changes from one frame to the next (`eval.md`, Poses of views).
+/// This is the best linear unbiased prediction from the nearest frames under a Matérn covariance of
+/// smoothness 3/2 with unknown mean (ordinary kriging; Cressie 1993, section 3.2). A mean weighted by
+/// distance alone would be biased towards the side with more frames and would flatten changes between frames
+/// (`eval.md`, Poses of views).
 pub fn regress<T, const N: usize>(
     frames: &[T],
     pose: &Pose,
@@ -69,7 +69,7 @@ pub fn regress<T, const N: usize>(
     let here = Viewpoint::new(pose);
     let away = |(i, frame)| (here.distance(&said(frame).0, reach), i);
     let mut nearest: Vec<(f64, usize)> = frames.iter().enumerate().map(away).collect();
-    // Equally far ones in their order, so that the same frames are taken on any machine.
+    // Ties keep the order of frames, so that every machine selects the same ones.
     nearest.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     nearest.truncate(MOST);
     let (views, values): (Vec<_>, Vec<_>) = nearest.iter().map(|&(_, i)| said(&frames[i])).unzip();
@@ -81,7 +81,7 @@ pub fn regress<T, const N: usize>(
     let factor = Cholesky::new(n, &(0..n * n).map(among).collect::<Vec<f64>>())?;
     let towards: Vec<f64> = nearest.iter().map(|&(away, _)| covariance(away)).collect();
     let (by_place, by_mean) = (factor.solve(&towards), factor.solve(&vec![1.0; n]));
-    // Weights that sum to one, whatever the mean is.
+    // Weights that sum to one, whatever the mean.
     let rest = (1.0 - by_place.iter().sum::<f64>()) / by_mean.iter().sum::<f64>();
     let mut sums = [0.0; N];
     for ((value, place), mean) in values.into_iter().zip(by_place).zip(by_mean) {
@@ -91,7 +91,7 @@ pub fn regress<T, const N: usize>(
     (n > 0).then_some(sums)
 }
 
-/// Matérn's correlation of smoothness 3/2.
+/// Matérn correlation of smoothness 3/2.
 fn covariance(distance: f64) -> f64 {
     let scaled = 3f64.sqrt() * distance;
     (1.0 + scaled) * (-scaled).exp()
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn what_changes_along_the_way_is_followed_between_frames() {
         let way: Vec<(f64, f64)> = (0..8).map(|i| (0.1 * f64::from(i), f64::from(i))).collect();
-        // Three frames more on one side of a place draw nothing towards themselves.
+        // Three more frames on one side of a place do not bias the prediction.
         let crowded = [&way[..], &[(0.4, 4.0), (0.4, 4.0), (0.401, 4.0)]].concat();
         for frames in [&way, &crowded] {
             for x in [0.15, 0.25, 0.35, 0.45, 0.55] {

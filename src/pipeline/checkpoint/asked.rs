@@ -1,8 +1,7 @@
-//! Settings a user gives beside a checkpoint: they must be the ones the run was begun with.
+//! Comparison of settings given with `--resume` against those of the run.
 //!
-//! Every comparison is between values of the setting's own type: those of a model by its preset's
-//! table, those of frames and depth here. Comparing the stored JSON instead would let pass whatever
-//! has another name or place there.
+//! Values are compared in the setting's own type: those of a model by its preset's table, those of frames and
+//! depth here. A comparison of the stored JSON would miss settings with another name or place there.
 
 use super::error::RunError;
 use super::saved::SavedRun;
@@ -16,10 +15,10 @@ use crate::train::setting::value::text_of;
 use serde::Serialize;
 use std::fmt::Debug;
 
-/// What a user asks of a run that goes on; what is not asked for is as it was.
+/// Settings requested for a resumed run; `None` keeps the run's.
 #[derive(Clone, Debug, Default)]
 pub struct ResumeRequest {
-    /// Origin of the defaults.
+    /// Preset.
     pub preset: Option<Preset>,
     /// Settings of the model.
     pub model: GivenSettings,
@@ -27,27 +26,27 @@ pub struct ResumeRequest {
     pub split: Option<String>,
     /// Order of the frames.
     pub order: Option<Order>,
-    /// Every so-many-th frame.
+    /// Stride of the frames.
     pub stride: Option<usize>,
-    /// Share of the frames.
+    /// Shard of the frames.
     pub shard: Option<Shard>,
     /// How depth files are read.
     pub load: LoadOptions,
-    /// Frames at most, those gone through included: this may change.
+    /// Maximum number of frames, including those visited; may differ from the run's.
     pub max_frames: Option<usize>,
-    /// How often frames are gone through, those before included: this may change too.
+    /// Number of passes, including those done; may differ from the run's.
     pub passes: Option<usize>,
-    /// Whether to take frames while they are recorded.
+    /// True to follow the recording while it grows.
     pub follow: bool,
-    /// Which frames are held out.
+    /// Hold-out split.
     pub hold_out: Option<HoldOut>,
 }
 
 impl SavedRun {
-    /// Refuses the first setting that contradicts the run's.
+    /// Checks the request against the run's settings.
     ///
     /// # Errors
-    /// [`RunError::Conflict`] names the option, the run's value and the one asked for.
+    /// [`RunError::Conflict`] states the option, the run's value and the requested one.
     pub fn check(&self, asked: &ResumeRequest) -> Result<(), RunError> {
         let method = &self.config.method;
         let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
@@ -64,10 +63,10 @@ impl SavedRun {
     }
 }
 
-/// Which frames, and in which order.
+/// Compares the selection and order of frames.
 fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
-    // Taken apart whole, so that a new field asks to be compared; how many frames, which share of them, how often and who
-    // waits for them may change.
+    // Destructured completely, so that new fields cause a compile error here. Frame limit, shard, passes and
+    // follow may differ.
     let ResumeRequest {
         preset: _,
         model: _,
@@ -96,7 +95,7 @@ fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
         confidence,
         geometry_only,
         track,
-        // No option of the command line: it is the checkpoint's.
+        // Not an option of the command line; taken from the checkpoint.
         local_origin: _,
     } = asked;
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
@@ -112,7 +111,7 @@ fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
         .or_else(|| differs("--poses track", track.then_some(&true), tracked(stored).as_ref()))
 }
 
-/// A value asked for that is not the stored one.
+/// Returns a conflict if the requested value is not the stored one.
 fn differs<T: PartialEq + Serialize + Debug>(
     option: &str,
     asked: Option<&T>,

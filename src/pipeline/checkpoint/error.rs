@@ -1,4 +1,4 @@
-//! Why a saved run cannot be used.
+//! Errors of saved runs.
 
 use crate::dataset::error::DatasetError;
 use crate::export::checkpoint::CheckpointError;
@@ -8,158 +8,159 @@ use crate::train::candidates::IndexError;
 use glam::DVec3;
 use std::path::PathBuf;
 
-/// Why a saved run cannot be used.
+/// Reason why a saved run cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The file.
+    /// The file could not be read or written.
     #[error("{0}")]
     File(#[from] CheckpointError),
-    /// A JSON section is not what this program writes.
+    /// A JSON section has unexpected content.
     #[error("{}: section `{section}`: {problem}; use the program that wrote it", path.display())]
     Json {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Tag of the section.
         section: &'static str,
         /// What is wrong.
         problem: String,
     },
-    /// The stored prior is not that of the stored settings.
+    /// The stored prior does not match the stored settings.
     #[error(
         "{}: expected the prior that its settings imply, found another; use the program that wrote it",
         path.display()
     )]
     Prior {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The stored model is not the one that the stored settings ask for.
+    /// The stored model does not match the stored settings.
     #[error(
-        "{}: expected {expected}, as its settings say, found another; use the program that wrote it",
+        "{}: expected {expected} according to its settings, found another; use the program that \
+         wrote it",
         path.display()
     )]
     Form {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the settings ask for.
+        /// Model form that the settings require.
         expected: String,
     },
-    /// A setting contradicts the one the run was begun with.
+    /// A setting differs from the run's.
     #[error(
         "{setting}: expected {stored}, as {} was trained, found {asked}; leave the option out, or \
          train anew", path.display()
     )]
     Conflict {
-        /// As the command line spells it.
+        /// Setting, in the spelling of the command line.
         setting: String,
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// Its value.
+        /// Value of the run.
         stored: String,
-        /// The user's.
+        /// Requested value.
         asked: String,
     },
-    /// Another dataset.
+    /// The dataset is another one.
     #[error(
         "{}: expected the dataset it was trained on, found one that differs in {difference}; name \
          the right dataset", path.display()
     )]
     OtherDataset {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
         /// What differs, expected and found.
         difference: String,
     },
-    /// Cameras told relative to another place than the model.
+    /// The dataset and the model have different local origins.
     #[error(
         "{}: expected cameras relative to its local origin {expected}, found them relative to {found}; \
          open the dataset with the checkpoint's options", path.display()
     )]
     LocalOrigin {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// Its local origin.
+        /// Local origin of the checkpoint.
         expected: DVec3,
-        /// The dataset's.
+        /// Local origin of the dataset.
         found: DVec3,
     },
-    /// The dataset lacks frames that were gone through.
+    /// The dataset has fewer frames than were visited.
     #[error(
         "{}: expected {expected} frames or more in the split, found {found}; name the dataset it \
          was trained on", path.display()
     )]
     TooFewFrames {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// Frames the checkpoint speaks of.
+        /// Minimum number of frames.
         expected: usize,
-        /// Frames of the dataset.
+        /// Number of frames in the dataset.
         found: usize,
     },
-    /// Two runs did not begin alike.
+    /// Two runs did not start alike.
     #[error("{} and {}: expected the same {what} in both, found {found}; {advice}", paths[0].display(), paths[1].display())]
     Unlike {
-        /// The two checkpoints.
+        /// Paths of both checkpoints.
         paths: [PathBuf; 2],
-        /// What must be the same.
+        /// What must be equal.
         what: String,
         /// How they differ.
         found: String,
         /// What to do.
         advice: &'static str,
     },
-    /// A scene that depends on the order of frames.
+    /// The scene depends on the order of frames.
     #[error(
         "{}: expected a scene that does not depend on the order of frames, found one trained with \
          {found}; train every shard with {advice}", path.display()
     )]
     Ordered {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// The setting that makes it depend.
+        /// Setting that causes the dependence.
         found: String,
-        /// The setting in its place.
+        /// Setting to use instead.
         advice: &'static str,
     },
-    /// A run that did not go on from the one named.
+    /// A run does not continue the given one.
     #[error(
-        "{}: expected a run that went on from {}, found {found}; train every shard with --resume of \
+        "{}: expected a run that continues {}, found {found}; train every shard with --resume of \
          that checkpoint and its own --shard", path.display(), origin.display()
     )]
     Origin {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// What it should have gone on from.
+        /// Path of the run it should continue.
         origin: PathBuf,
-        /// What speaks against it.
+        /// Evidence against it.
         found: &'static str,
     },
-    /// A frame counted twice.
+    /// A frame would count twice.
     #[error(
         "{} and {}: expected no frame in both, found {n_frames}, the first {first}; merge models \
-         trained on different frames, such as with --shard, or name what they went on from with \
+         trained on different frames, such as with --shard, or give their common start with \
          --start", paths[0].display(), paths[1].display()
     )]
     Overlap {
-        /// The two checkpoints.
+        /// Paths of both checkpoints.
         paths: [PathBuf; 2],
-        /// Frames in both.
+        /// Number of common frames.
         n_frames: usize,
-        /// Position of one in its split.
+        /// Index of the first one in its split.
         first: u32,
     },
-    /// The totals do not add up.
+    /// The statistics cannot be added exactly.
     #[error("{} and {}: {source}; train them with --precision mixed or f64", paths[0].display(), paths[1].display())]
     Add {
-        /// The two checkpoints.
+        /// Paths of both checkpoints.
         paths: [PathBuf; 2],
-        /// Why.
+        /// Cause.
         source: AddError,
     },
-    /// The dataset does not hold what the run needs.
+    /// The dataset lacks something that the run needs.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The session does not start.
+    /// The session could not be started.
     #[error("{0}")]
     Session(#[from] SessionError),
     /// The candidate index could not be built.

@@ -1,4 +1,4 @@
-//! What a run has to say of its frames, as checkpoints keep it.
+//! Frame reports of a run, as stored in checkpoints.
 
 use super::json::canonical;
 use crate::eval::report::{FrameReport, SkippedFrame};
@@ -12,8 +12,8 @@ pub(super) struct History {
 }
 
 impl History {
-    /// As [`canonical`] writes it, a frame at a time: all of a long run at once are ten times as large
-    /// while they are sorted.
+    /// Serializes like [`canonical`], one frame at a time: sorting a long run at once would take ten times
+    /// the memory.
     pub fn canonical(&self) -> Result<String, serde_json::Error> {
         let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
         let skipped = canonical(&self.skipped)?;

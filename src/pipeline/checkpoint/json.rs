@@ -1,4 +1,4 @@
-//! The JSON sections of a checkpoint.
+//! JSON sections of a checkpoint.
 
 use super::error::RunError;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ pub(super) fn parse<T: for<'de> Deserialize<'de>>(
     })
 }
 
-/// JSON with sorted keys, so that equal values have equal bytes.
+/// Serializes with sorted keys, so that equal values have equal bytes.
 pub(super) fn canonical(value: &impl Serialize) -> Result<String, serde_json::Error> {
     Ok(serde_json::to_value(value)?.to_string())
 }

@@ -1,6 +1,6 @@
-//! Runs on disk: a session saved at a frame boundary, read back, continued, and merged with others.
+//! Saved runs: saving a session at a frame boundary, reading, resuming and merging.
 
-// As in `export`: a number in a file must never be an index that is not there.
+// As in `export`: a number from a file must never cause an out-of-range index.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]
 
 mod asked;

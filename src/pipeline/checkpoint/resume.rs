@@ -1,4 +1,4 @@
-//! From a checkpoint back to a session.
+//! Resuming a session from a checkpoint.
 
 use super::asked::ResumeRequest;
 use super::error::RunError;
@@ -15,11 +15,11 @@ use crate::pipeline::start::Origin;
 use std::sync::Arc;
 
 impl SavedRun {
-    /// A session that goes on where the run stopped, on the dataset it was begun on.
+    /// Resumes the run on the dataset it was trained on.
     ///
     /// # Errors
-    /// [`RunError::Conflict`] for settings other than the run's, [`RunError::OtherDataset`] unless
-    /// `force`, and whatever starting a session can meet.
+    /// [`RunError::Conflict`] for settings other than the run's, [`RunError::OtherDataset`] unless `force`,
+    /// or any error of starting a session.
     pub fn resume(
         self,
         dataset: Arc<Dataset>,
@@ -28,7 +28,7 @@ impl SavedRun {
     ) -> Result<Session, RunError> {
         self.check(asked)?;
         let (expected, found) = (self.local_origin(), dataset.local_origin());
-        // Not even by force: every position would be wrong by the difference.
+        // Not even with `force`: every position would be off by the difference.
         if expected != found {
             return Err(RunError::LocalOrigin { path: self.path, expected, found });
         }
@@ -43,7 +43,7 @@ impl SavedRun {
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
         let plan =
             Plan::after(&dataset, &config.selection, config.method.any().seed(), &cursor.visited)?;
-        // A recording that was followed may have grown since.
+        // A followed recording may have grown since.
         let found = match asked.follow || config.selection.follow {
             true => Fingerprint::of_first(&dataset, plan.split, meta.fingerprint.frames()),
             false => Fingerprint::of(&dataset, plan.split),

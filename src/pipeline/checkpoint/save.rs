@@ -1,5 +1,4 @@
-//! From a session to a file, while whoever asked waits. [`Autosave`](crate::pipeline::autosave::Autosave)
-//! does so without waiting.
+//! Blocking saves of a session; [`Autosave`](crate::pipeline::autosave::Autosave) saves in the background.
 
 use super::SavedRun;
 use super::error::RunError;
@@ -11,21 +10,21 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 impl Session {
-    /// Writes a checkpoint, whole or not at all; returns its size.
+    /// Writes a checkpoint atomically; returns its size in bytes.
     pub fn save(&self, path: &Path) -> Result<u64, RunError> {
         Ok(checkpoint::write(path, &self.checkpoint()?)?)
     }
 
-    /// Like [`Session::save`]; an older file of that name stays as `<name>.bak`.
+    /// Writes like [`Session::save`] and retains an existing file as `<name>.bak`.
     pub fn save_keeping_old(&self, path: &Path) -> Result<u64, RunError> {
         Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
     }
 
-    /// Saves what a panic may have left in the middle of a frame. Only a file that can be read again counts:
-    /// one that cannot must not be found later and taken for the scene, and is removed.
+    /// Saves the state after a panic, possibly in the middle of a frame. A file that cannot be read back is
+    /// removed, so that it is never mistaken for a valid scene.
     ///
     /// # Errors
-    /// Why there is no such file, in words; what a second panic said, too.
+    /// Message of why no file was saved, including that of a second panic.
     pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
         let attempt = || -> Result<(), String> {
             self.save(path).map_err(|error| error.to_string())?;
@@ -36,7 +35,7 @@ impl Session {
             .unwrap_or_else(|panic| Err(panic_text(&*panic).unwrap_or(NO_WORDS).to_owned()))
     }
 
-    /// Everything a later session needs to go on as if this one had not stopped. Copies the model.
+    /// Returns everything needed to resume this session bit for bit. Copies the model.
     pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
         self.snapshot().into_checkpoint()
     }

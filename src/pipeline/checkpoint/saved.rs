@@ -1,4 +1,4 @@
-//! A run read from a checkpoint.
+//! Run read from a checkpoint.
 
 use super::error::RunError;
 use super::history::History;
@@ -17,37 +17,37 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// What the `META` section says.
+/// Content of the `META` section.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
     /// Program and version.
     pub program: String,
-    /// Seconds from 1970 to the moment of saving.
+    /// Time of saving, Unix seconds.
     pub saved_unix_s: u64,
-    /// Folder of the dataset, absolute; `None` for the procedural scene.
+    /// Absolute path of the dataset; `None` for the procedural scene.
     pub dataset: Option<PathBuf>,
-    /// What the dataset is recognised by.
+    /// Fingerprint of the dataset.
     pub fingerprint: Fingerprint,
-    /// Direction that points up in the world.
+    /// Up direction in the world.
     pub up: [f64; 3],
-    /// Frames the run was to go through.
+    /// Number of frames planned for the run.
     pub planned_frames: usize,
-    /// Seconds spent so far.
+    /// Training time so far, in seconds.
     pub wall_s: f64,
 }
 
-/// A run read from a checkpoint.
+/// Run read from a checkpoint.
 #[derive(Clone, Debug)]
 pub struct SavedRun {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Version of its format, major and minor.
+    /// Format version, major and minor.
     pub version: (u16, u16),
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
-    /// Every setting that shaped the run.
+    /// Every setting that affects the result.
     pub config: RunConfig,
-    /// Where it comes from.
+    /// Origin of the run.
     pub meta: Meta,
     /// Everything else.
     pub content: Checkpoint,
@@ -65,7 +65,7 @@ impl SavedRun {
         Ok(run)
     }
 
-    /// How often the frame was gone through that was so most often.
+    /// The most often visited frame, and the number of its visits.
     pub(super) fn most_visits(&self) -> (u32, usize) {
         let mut visited = self.content.cursor.visited.clone();
         visited.sort_unstable();
@@ -74,7 +74,7 @@ impl SavedRun {
         runs.max_by_key(|run| run.1).unwrap_or_default()
     }
 
-    /// No frame may have been learnt oftener than its run has passes, nor a run go on for ever.
+    /// Checks that no frame was visited more often than the number of passes, which is limited.
     fn check_visits(&self) -> Result<(), RunError> {
         let passes = self.config.selection.passes;
         let refuse =
@@ -86,33 +86,32 @@ impl SavedRun {
             (frame, n) if n > passes => refuse(
                 "CURS",
                 format!(
-                    "expected every frame {passes} times at most, found frame {frame} {n} times"
+                    "expected at most {passes} visits per frame, found frame {frame} {n} times"
                 ),
             ),
             _ => Ok(()),
         }
     }
 
-    /// Splats as the session's files hold them.
+    /// Splats as in exported files.
     pub fn splats(&self) -> Result<SplatSet, RunError> {
         Ok(self.revive()?.learner.stored_splats())
     }
 
-    /// Where its frames were found, if it was tracked and its history is short enough to be kept.
+    /// Tracked trajectory, if the run was tracked and its history is stored.
     ///
     /// # Errors
-    /// [`RunError::Json`] for a history that is none.
+    /// [`RunError::Json`] for an invalid history.
     pub fn trajectory(&self) -> Result<Option<Trajectory>, RunError> {
         let Some(history) = &self.content.history else { return Ok(None) };
         let history: History = parse(&self.path, "HIST", history)?;
         Ok(Trajectory::of(&history.frames, &history.skipped))
     }
 
-    /// The model as it is drawn, ready to go on, and world to model coordinates.
+    /// Restores the learner, settled for rendering, and the transform from world to model coordinates.
     ///
     /// # Errors
-    /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] unless model and settings
-    /// belong together.
+    /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] if model and settings do not match.
     pub fn revive(&self) -> Result<Revived, RunError> {
         let (model, frames) = (&self.content.model, self.content.cursor.frames);
         let revived = self.config.method.any().revive(model, frames);
@@ -121,7 +120,7 @@ impl SavedRun {
         Ok(revived)
     }
 
-    /// Names the file in which model and settings do not belong together.
+    /// Adds the path to a mismatch between model and settings.
     fn mismatch(&self, why: Mismatch) -> RunError {
         let path = self.path.clone();
         match why {
@@ -132,35 +131,35 @@ impl SavedRun {
         }
     }
 
-    /// Direction that points up in the world.
+    /// Up direction in the world.
     pub fn up(&self) -> DVec3 {
         DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
     }
 
-    /// How its dataset is opened beside it: with the origin that the model's positions are relative to.
+    /// Options to open the run's dataset with the model's local origin.
     pub fn load_options(&self) -> LoadOptions {
         self.config.load.settled()
     }
 
-    /// What its positions are relative to, in the world of its dataset.
+    /// Local origin of positions, in the world of the dataset.
     pub fn local_origin(&self) -> DVec3 {
         self.config.load.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
-    /// Whether the world is known to be in metres: as its layout says, and not where the user gave scale
-    /// and range of depth another unit.
+    /// True if world units are known to be metres, by the dataset layout. False if the user set both depth
+    /// scale and depth range, which may change the unit.
     pub fn is_metric(&self) -> bool {
         let load = &self.config.load;
         let is_given = load.depth_scale.is_some() && load.depth_range.is_some();
         !is_given && self.meta.fingerprint.layout().is_some_and(Layout::is_metric)
     }
 
-    /// A sentence, if results on this machine may differ from those on the one that saved the run.
+    /// Returns a warning if results on this machine may differ from those on the one that saved the run.
     pub fn numerics_differ(&self) -> Option<String> {
         let here = machine::numerics();
         (here != self.content.numerics).then(|| {
             format!(
-                "{}: saved on a machine or build with {}, going on with {here}: results may differ in the last bits",
+                "{}: saved on a machine or build with {}, resumed with {here}: results may differ in the last bits",
                 self.path.display(),
                 self.content.numerics
             )

@@ -1,8 +1,7 @@
-//! A session as it stood between two frames: the one part of saving that training waits for.
+//! Snapshot of a session between two frames: the only part of saving that blocks training.
 //!
-//! Fingerprint, JSON, checksums and the disk take longer than a frame, the longer the more frames
-//! there were. None of them needs the learner, so they are left to whoever holds the snapshot, on
-//! whichever thread.
+//! Fingerprint, JSON, checksums and the disk take longer than a frame, and grow with the number of frames.
+//! None of them needs the learner, so they run later on any thread.
 
 use super::history::History;
 use super::json::canonical;
@@ -20,11 +19,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Everything a later session needs to go on as if this one had not stopped, copied at a frame
-/// boundary.
+/// Everything needed to resume a session bit for bit, copied at a frame boundary.
 pub struct SessionSnapshot {
     dataset: Arc<Dataset>,
-    /// Position of the split in the dataset.
+    /// Index of the split in the dataset.
     split: usize,
     config: RunConfig,
     past: Past,
@@ -34,7 +32,7 @@ pub struct SessionSnapshot {
 }
 
 impl Session {
-    /// Copies what a checkpoint is made of: the model, and a line for every frame.
+    /// Copies the model and the frame reports.
     pub fn snapshot(&self) -> SessionSnapshot {
         let (past, plan) = (self.past(), self.plan());
         SessionSnapshot {
@@ -54,23 +52,22 @@ impl Session {
 }
 
 impl SessionSnapshot {
-    /// Frames learnt by then.
+    /// Number of trained frames.
     pub fn frames(&self) -> u64 {
         self.cursor.frames
     }
 
-    /// Puts the copy into words.
+    /// Serializes the snapshot.
     ///
     /// # Errors
-    /// [`SessionError::Json`] for settings or reports that JSON cannot hold.
+    /// [`SessionError::Json`] for settings or reports that JSON cannot represent.
     pub fn into_checkpoint(self) -> Result<Checkpoint, SessionError> {
         let Self { dataset, split, config, past, planned_frames, cursor, model } = self;
         let meta = Meta {
             program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
             saved_unix_s: now_unix_s(),
             dataset: dataset.path.as_ref().map(|path| {
-                // A path that cannot be made absolute still says more than none, and so does one that
-                // is no UTF-8, as JSON must be, with what can be said of it.
+                // Relative or lossy paths are better than none; JSON requires UTF-8.
                 let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
                 PathBuf::from(path.to_string_lossy().into_owned())
             }),
@@ -91,8 +88,8 @@ impl SessionSnapshot {
     }
 }
 
-/// A history that can be read again: that of some hundred thousand frames cannot, and a checkpoint
-/// does without rather than being refused with it.
+/// Drops a history too long to be read back, such as that of some hundred thousand frames: the checkpoint
+/// stays readable without it.
 fn readable(history: String) -> Option<String> {
     (history.len() <= MAX_JSON_BYTES).then_some(history)
 }

@@ -1,4 +1,4 @@
-//! One file a preset: what ties its settings to its preparation and its learner.
+//! The presets, one file each: settings with their preparation and learner.
 
 mod paper;
 mod scene;

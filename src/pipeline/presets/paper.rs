@@ -1,4 +1,4 @@
-//! The published algorithm.
+//! Paper preset: the published algorithm.
 
 use crate::dataset::calibration::Calibration;
 use crate::dataset::error::DatasetError;
@@ -27,7 +27,7 @@ impl AnyPreset for PaperConfig {
         self.seed
     }
 
-    /// The published program takes colour and depth as registered.
+    /// The published program assumes registered colour and depth.
     fn calibration(&self) -> Option<&Calibration> {
         None
     }
@@ -40,12 +40,12 @@ impl AnyPreset for PaperConfig {
         self.conversion.form
     }
 
-    /// What it takes from the dataset, the range of positions, is stored with the model.
+    /// The range of positions, its only estimate, is stored with the model.
     fn placement(&self) -> Vec<(&'static str, String)> {
         Vec::new()
     }
 
-    /// The published loader's rays are part of the preset, where that loader applies.
+    /// The rays of the published loader belong to the preset, for the layout that it reads.
     fn camera_convention(&self, layout: Layout) -> CameraConvention {
         match layout {
             Layout::Blender => CameraConvention::Paper,
@@ -57,7 +57,7 @@ impl AnyPreset for PaperConfig {
         self.memory(pixels, frames_at_once(), rayon::current_num_threads())
     }
 
-    /// A mixture depends on the order by its start and its totals alone, which merging compares.
+    /// A mixture only depends on the order through its start and its totals, which merging compares.
     fn is_fused(&self) -> bool {
         false
     }
@@ -113,7 +113,7 @@ impl TypedPreset for PaperConfig {
 }
 
 impl PaperConfig {
-    /// The stored mixture, if it is one of these settings.
+    /// Returns the stored mixture if it matches these settings.
     fn mixture<'a>(
         &self,
         model: &'a StoredModel,
@@ -121,7 +121,7 @@ impl PaperConfig {
         let StoredModel::Mixture { normalization, hyper, state } = model else {
             return Err(Mismatch::Form("a mixture".to_owned()));
         };
-        // Among them the number of components, for which the engine makes room.
+        // The prior includes the number of components, which determines the engine's memory.
         if self.hyper() != *hyper {
             return Err(Mismatch::Prior);
         }
@@ -133,7 +133,7 @@ impl PaperConfig {
     }
 }
 
-/// Whether an engine that keeps totals in one form can go on with these; 128 bits hold them all.
+/// True if an engine with this form of totals can continue with the stored ones; 128-bit totals fit any form.
 fn holds(update: UpdateWidth, totals: &Totals) -> bool {
     match totals {
         Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
@@ -142,8 +142,8 @@ fn holds(update: UpdateWidth, totals: &Totals) -> bool {
     }
 }
 
-/// Initial means. Where they come from data it is the first usable frame of all shards, so that
-/// these start alike.
+/// Computes the initial means. If they come from data, it uses the first usable frame of all shards, so that
+/// all shards start alike.
 fn initial_draw(
     dataset: &Dataset,
     run: &RunConfig,

@@ -1,4 +1,4 @@
-//! The scene preset.
+//! Scene preset.
 
 use crate::dataset::calibration::Calibration;
 use crate::dataset::range::PositionRange;
@@ -110,14 +110,16 @@ impl TypedPreset for SceneRun {
     ) -> Result<Beginning<Observation>, Mismatch> {
         let state = self.scene(model)?.clone();
         let learner = engine::restore(&self.engine, state, frames).ok_or_else(|| {
-            Mismatch::Form("seeds that its scale tells apart, so far from the origin".to_owned())
+            Mismatch::Form(
+                "seeds that its scale can separate at this distance from the origin".to_owned(),
+            )
         })?;
         Ok(Beginning { learner, normalization: self.normalization() })
     }
 }
 
 impl SceneRun {
-    /// The stored scene, if it is one of these settings.
+    /// Returns the stored scene if it matches these settings.
     fn scene<'a>(&self, model: &'a StoredModel) -> Result<&'a SceneState, Mismatch> {
         let StoredModel::Scene(state) = model else {
             return Err(Mismatch::Form("a scene".to_owned()));
@@ -142,7 +144,7 @@ fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {
     }
 }
 
-/// The setting by which a scene depends on the order of frames, and the one to take in its place.
+/// The setting by which a scene depends on the order of frames, and the one to use instead.
 fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
     let SceneConfig {
         births,
@@ -174,7 +176,7 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
     } else if *sums != SumForm::Mixed {
         Some((format!("sums of the form {sums:?}"), "--precision mixed"))
     } else if components >= config.most_seeds() {
-        // Which components were born before it was reached depends on the order.
+        // The order determines which components were created before the budget was reached.
         Some((
             format!("a budget of {max_components} components that was reached"),
             "a larger --budget",

@@ -1,5 +1,5 @@
-//! The settings of a model, the paper's or the scene's. Here and in `pipeline/start.rs` it is asked
-//! which of the two; everybody else asks [`AnyPreset`].
+//! Settings of a model of either preset. Only this file and `pipeline/start.rs` distinguish the two; other
+//! code uses [`AnyPreset`].
 
 use super::scene::{SceneOverrides, SceneRun};
 use crate::dataset::Dataset;
@@ -10,18 +10,18 @@ use crate::train::paper::config::PaperConfig;
 use crate::train::setting::Preset;
 use serde::{Deserialize, Serialize};
 
-/// How a model is trained.
+/// Preset of a run with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "preset", rename_all = "kebab-case")]
 pub enum Method {
     /// The published algorithm.
     Paper(PaperConfig),
-    /// Only what a scene needs.
+    /// The scene preset.
     Scene(Box<SceneRun>),
 }
 
 impl Method {
-    /// Its name.
+    /// The preset.
     pub fn preset(&self) -> Preset {
         match self {
             Self::Paper(_) => Preset::Paper,
@@ -29,7 +29,7 @@ impl Method {
         }
     }
 
-    /// Settings of either preset, for what does not depend on which it is.
+    /// Settings independent of the preset.
     pub fn any(&self) -> &dyn AnyPreset {
         match self {
             Self::Paper(config) => config,
@@ -37,7 +37,7 @@ impl Method {
         }
     }
 
-    /// The settings of a scene, for what only scenes have; `None` for a mixture.
+    /// Settings of a scene; `None` for the paper preset.
     pub fn scene(&self) -> Option<&SceneRun> {
         match self {
             Self::Paper(_) => None,
@@ -45,19 +45,19 @@ impl Method {
         }
     }
 
-    /// Whether cameras are corrected by what is known of such cameras and not of these.
+    /// True if cameras are corrected by the default calibration of their model, not by one of their own.
     pub fn assumes_calibration(&self, dataset: &Dataset) -> bool {
         let calibration = self.any().calibration();
         calibration.is_some() && calibration == dataset.known_calibration().as_ref()
     }
 }
 
-/// What a user asks for, before the dataset is looked at.
+/// Requested preset and settings, before they are fitted to a dataset.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MethodRequest {
     /// The published algorithm, with these settings.
     Paper(PaperConfig),
-    /// The scene preset, with these settings of the user's own.
+    /// The scene preset, with the user's settings.
     Scene(SceneOverrides),
 }
 
@@ -70,10 +70,10 @@ impl MethodRequest {
         }
     }
 
-    /// Settings that fit a dataset.
+    /// Fits the settings to a dataset.
     ///
     /// # Errors
-    /// [`SessionError`] for a setting out of range and for frames that a scene cannot begin with.
+    /// [`SessionError`] for a setting out of range, or for frames that a scene cannot start with.
     pub(in crate::pipeline) fn on(
         self,
         dataset: &Dataset,
@@ -85,7 +85,7 @@ impl MethodRequest {
         match self {
             Self::Paper(config) => Ok(Method::Paper(config)),
             Self::Scene(overrides) => {
-                // Frames in their own order: whatever is found in them is the same in any order.
+                // In sequential order, so that the estimates do not depend on the order of training.
                 let whole = Selection { order: Order::Sequential, ..selection.whole() };
                 let all = Plan::new(dataset, &whole, overrides.seed.unwrap_or(0))?;
                 Ok(Method::Scene(Box::new(SceneRun::new(dataset, &all, &overrides)?)))
@@ -95,8 +95,7 @@ impl MethodRequest {
 }
 
 impl MethodRequest {
-    /// Refuses what tracking cannot go with: each frame is placed by what those before it have
-    /// taught, once.
+    /// Refuses settings that are incompatible with tracking, which places each frame by the frames before it.
     fn check_tracking(&self, selection: &Selection) -> Result<(), SessionError> {
         let refuse = |expected, found| Err(SessionError::Tracking { expected, found });
         match self {

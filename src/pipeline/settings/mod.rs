@@ -1,4 +1,4 @@
-//! Settings of a run: what a user asks, and what becomes of it on a dataset.
+//! Settings of a run: the user's values, and their result on a dataset.
 
 pub mod method;
 mod presets;

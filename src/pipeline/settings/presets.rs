@@ -1,4 +1,4 @@
-//! What is said of the settings of either preset, before it is known which one is meant.
+//! Settings given by the user before the preset is known.
 
 use super::method::{Method, MethodRequest};
 use super::scene::SceneOverrides;
@@ -6,20 +6,20 @@ use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::setting::table::{Conflict, SettingLayer};
 use crate::train::setting::{ConfigError, Preset};
 
-/// Settings that a user gives, by preset; an option that both have is in both.
+/// Settings given by the user, per preset; an option common to both is set in both.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GivenSettings {
-    /// Of the paper preset.
+    /// Settings of the paper preset.
     pub paper: PaperOverrides,
-    /// Of the scene preset.
+    /// Settings of the scene preset.
     pub scene: SceneOverrides,
 }
 
 impl GivenSettings {
-    /// What is asked of a model of a preset.
+    /// Returns the request for a model of a preset.
     ///
     /// # Errors
-    /// [`ConfigError`] names a setting that is out of its range.
+    /// [`ConfigError`] states a setting that is out of range.
     pub fn request(self, preset: Preset) -> Result<MethodRequest, ConfigError> {
         Ok(match preset {
             Preset::Paper => PaperConfig::paper().with(&self.paper)?.into(),
@@ -27,7 +27,7 @@ impl GivenSettings {
         })
     }
 
-    /// The first setting given that a preset has no option for, and the one that has.
+    /// Returns the first given setting that the preset lacks, and the preset that has it.
     pub fn foreign_to(&self, preset: Preset) -> Option<Foreign> {
         match preset {
             Preset::Paper => foreign::<_, PaperOverrides>(&self.scene),
@@ -35,7 +35,7 @@ impl GivenSettings {
         }
     }
 
-    /// The first setting given that is not as a run has it.
+    /// Returns the first given setting that differs from the run's.
     pub fn conflict(&self, method: &Method) -> Option<Conflict> {
         let conflict = match method {
             Method::Paper(config) => self.paper.conflict(config),
@@ -60,14 +60,14 @@ impl From<SceneOverrides> for GivenSettings {
     }
 }
 
-/// A setting that is not one of the preset meant.
+/// Setting of another preset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Foreign {
-    /// The setting, as messages name it.
+    /// Name of the setting in messages.
     pub setting: String,
-    /// The preset that has it.
+    /// Preset that has this setting.
     pub preset: Preset,
-    /// The value given.
+    /// Given value.
     pub value: String,
 }
 
@@ -76,7 +76,7 @@ fn foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<Fore
     Some(Foreign { setting: about.name(), preset: Other::PRESET, value })
 }
 
-/// A preset as a RON file: every setting with what it does and its default.
+/// Returns a preset as a RON file: every setting with its help and its default.
 ///
 /// ```
 /// use vbgs_studio::pipeline::settings::{preset_file, scene::SceneOverrides};

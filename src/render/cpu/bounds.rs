@@ -1,5 +1,4 @@
-//! Which pixels an ellipsoid can reach through a pinhole or a fisheye (`rendering.md`, Tight
-//! bounds).
+//! Image bounds of an ellipsoid seen through a pinhole or a fisheye (`rendering.md`, Tight bounds).
 
 use super::record::Rect;
 use super::view::{CameraSplat, CpuView};
@@ -7,7 +6,7 @@ use crate::render::options::Response;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Pixels that the ellipsoid of the alpha cut covers; tight through a pinhole.
+/// Bounding box in pixels of the ellipsoid at the alpha cut; tight.
 pub(super) fn pinhole(
     view: &CpuView,
     placed: &CameraSplat,
@@ -15,11 +14,11 @@ pub(super) fn pinhole(
     response: Response,
 ) -> Option<Rect> {
     let scaled = placed.axes * DMat3::from_diagonal(placed.scale * extent_squared.sqrt());
-    // k²·S: dot products of the rows.
+    // k²·S consists of the dot products of these rows.
     let [x, y, z] = [scaled.row(0), scaled.row(1), scaled.row(2)];
     let (xx, yy, zz) = (x.length_squared(), y.length_squared(), z.length_squared());
     let (m, k) = (placed.m, &view.intrinsics);
-    // The line through a pixel also meets what lies behind the camera.
+    // The whole line through a pixel also meets parts of the ellipsoid behind the camera.
     if response == Response::Line && zz >= m.z * m.z {
         return view.clip(DVec2::ZERO, DVec2::INFINITY);
     }
@@ -30,18 +29,18 @@ pub(super) fn pinhole(
     view.pixels(lo, hi)
 }
 
-/// Range of `x/z` over the part in front of the camera of an ellipsoid with centre `(x, z)` and
-/// `k²S = (xx, xz, zz)` in that plane: the roots of `T₂₂u² − 2T₀₂u + T₀₀` of `T = k²S − m mᵀ`.
+/// Range of `x/z` over the part of an ellipsoid in front of the camera, with centre `(x, z)` and
+/// `k²S = (xx, xz, zz)` in that plane: the roots of `T₂₂u² − 2T₀₂u + T₀₀` with `T = k²S − m mᵀ`.
 fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     let (t00, t02, t22) = (xx - x * x, xz - x * z, zz - z * z);
-    // T₀₂² − T₂₂T₀₀ without the terms that cancel.
+    // Expanded form of T₀₂² − T₂₂T₀₀, without the terms that cancel.
     let disc = zz * x * x - 2.0 * xz * x * z + xx * z * z - (xx * zz - xz * xz);
-    // Everything is seen in some direction; the exact test per pixel still decides.
+    // Unbounded: the splat covers some part of every direction, and the exact test per pixel decides.
     if disc <= 0.0 || t22 == 0.0 {
         return (f64::NEG_INFINITY, f64::INFINITY); // the camera is in the shadow on this plane
     }
     let q = t02 + disc.sqrt().copysign(t02);
-    // Two divisions instead of two differences: neither root cancels.
+    // Both roots by division: a difference would cancel for one of them.
     let (a, b) = (q / t22, t00 / q);
     let (r0, r1) = (a.min(b), a.max(b));
     if t22 < 0.0 {
@@ -53,11 +52,11 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     }
 }
 
-/// Pixels of a box around the ellipsoid of the alpha cut as a fisheye sees it.
+/// Bounding box in pixels of the ellipsoid at the alpha cut, seen through a fisheye; not tight.
 ///
-/// The ellipsoid's shadow lies in a rectangle of the plane that touches the unit sphere at the
-/// centre's direction, one side along growing `θ`. Straight lines there are great circles, on which
-/// `θ` and the azimuth are largest and smallest at the corners or half way, see [`FisheyeBox`].
+/// The ellipsoid's shadow lies in a rectangle of the plane that touches the unit sphere in the direction of
+/// the centre. One side points along increasing `θ`. Straight lines in that plane are great circles. Along
+/// them `θ` and the azimuth have their extrema at the corners or midpoints, see [`FisheyeBox`].
 pub(super) fn fisheye(
     view: &CpuView,
     placed: &CameraSplat,
@@ -73,7 +72,7 @@ pub(super) fn fisheye(
     let scaled = placed.axes * DMat3::from_diagonal(placed.scale * extent_squared.sqrt());
     let [r, t, m] = [radial, tangential, ahead].map(|axis| scaled.transpose_mul_vec3(axis));
     let mm = m.length_squared();
-    // The line through a pixel also sees what lies opposite.
+    // The whole line through a pixel also meets the opposite direction.
     if mm >= reach * reach || response == Response::Line {
         return view.clip(DVec2::ZERO, DVec2::INFINITY);
     }
@@ -89,29 +88,29 @@ pub(super) fn fisheye(
     view.pixels(lo * focal + principal, hi * focal + principal)
 }
 
-/// A rectangle of the plane that touches the unit sphere at an angle `theta` from the axis.
+/// Rectangle in the plane that touches the unit sphere at the angle `theta` (radians) from the optical axis.
 struct FisheyeBox {
     theta: f64,
-    /// Along growing `θ`.
+    /// Extent along increasing `θ`.
     radial: (f64, f64),
-    /// Along growing azimuth.
+    /// Extent along increasing azimuth.
     tangential: (f64, f64),
 }
 
 impl FisheyeBox {
-    /// Bounding box of the rectangle's image in an equidistant fisheye, radians from the principal
+    /// Bounding box of the rectangle in an equidistant fisheye image, in radians from the principal
     /// point.
     fn bounds(&self, azimuth: f64) -> (DVec2, DVec2) {
         let (sin, cos) = self.theta.sin_cos();
         let (mut inner, mut outer) = (f64::INFINITY, 0.0f64);
-        // Azimuths are relative to the centre's, so that a box across ±π stays one interval.
+        // Azimuths are relative to the centre's, so that a box across ±π remains one interval.
         let (mut first, mut last, mut holds_axis) = (0.0f64, 0.0f64, false);
         for a in [self.radial.0, self.radial.1] {
             let (out, ahead) = (sin + a * cos, cos - a * sin);
-            // On the axis or past it: every azimuth.
+            // The rectangle reaches or crosses the axis: all azimuths are possible.
             holds_axis |= out <= 0.0;
-            // Half way too: along a great circle the angle to the axis is least there, not at a
-            // corner.
+            // Midpoints count too: along a great circle the angle to the axis has its minimum there,
+            // not at a corner.
             for b in [self.tangential.0, 0.0, self.tangential.1] {
                 let theta = out.hypot(b).atan2(ahead);
                 inner = inner.min(theta);
@@ -121,7 +120,7 @@ impl FisheyeBox {
             }
         }
         if holds_axis {
-            // Past the opposite of the axis, the corners do not say how far.
+            // Beyond the direction opposite to the axis, the corners do not bound the angle.
             let outer = if cos < 0.0 { PI } else { outer };
             return (DVec2::splat(-outer), DVec2::splat(outer));
         }
@@ -129,7 +128,7 @@ impl FisheyeBox {
     }
 }
 
-/// Box of the points at an azimuth from `first` to `last` and a radius from `inner` to `outer`.
+/// Bounding box of the annular sector with azimuths `first..=last` and radii `inner..=outer`.
 fn sector_box(first: f64, last: f64, inner: f64, outer: f64) -> (DVec2, DVec2) {
     let (mut lo, mut hi) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     let mut hold = |azimuth: f64, radius: f64| {
@@ -141,7 +140,7 @@ fn sector_box(first: f64, last: f64, inner: f64, outer: f64) -> (DVec2, DVec2) {
         hold(azimuth, inner);
         hold(azimuth, outer);
     }
-    // Where the outer arc crosses an axis it reaches farther than at its ends.
+    // The outer arc reaches farthest where it crosses a coordinate axis.
     let quarters = (first / FRAC_PI_2).ceil() as i32..=(last / FRAC_PI_2).floor() as i32;
     for quarter in quarters {
         hold(quarter as f64 * FRAC_PI_2, outer);

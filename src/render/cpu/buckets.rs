@@ -1,29 +1,29 @@
-//! Records listed under every row of tiles (or tile) that they touch.
+//! Lists of records per tile or per row of tiles.
 
 use crate::math::pieces::pieces;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Lists of records by bucket, each in the order the records came in.
+/// Lists of records per bucket, each in input order.
 #[derive(Default)]
 pub(super) struct Buckets {
-    /// Where each bucket's list ends, and the next one begins.
+    /// End of each bucket's list in `records`, which is the start of the next one.
     ends: Vec<usize>,
     records: Vec<u32>,
 }
 
 impl Buckets {
-    /// Lists `records` under the buckets that `touched` gives: count, prefix sum, fill.
+    /// Lists `records` under the buckets given by `touched`: count, prefix sum, fill.
     pub(super) fn fill(
         &mut self,
         n_buckets: usize,
         records: impl Iterator<Item = u32> + Clone,
         touched: impl Fn(u32) -> Range<usize>,
     ) {
-        // Used again and not made anew: the lists of the next image need about as much room.
+        // Buffers are reused: the next image needs lists of about the same size.
         let Self { ends, records: listed } = self;
         count(n_buckets, records.clone(), &touched, ends);
-        // Each entry first holds where its bucket starts; filling moves it to the end.
+        // Each entry first holds its bucket's start; filling advances it to the end.
         let mut total = 0;
         for end in ends.iter_mut() {
             total += std::mem::replace(end, total);
@@ -37,8 +37,8 @@ impl Buckets {
         });
     }
 
-    /// The same on all threads, of records in ascending runs, so many runs at a time: those are counted first,
-    /// and then fill their part of every list.
+    /// Parallel form of [`Self::fill`]. `runs` are ascending ranges of records, and each group of `n` runs
+    /// is one task. Every group first counts, then fills its own part of every list.
     pub(super) fn fill_by(
         &mut self,
         n_buckets: usize,
@@ -54,7 +54,7 @@ impl Buckets {
             counts
         };
         let counts: Vec<Vec<usize>> = groups.clone().map(count_group).collect();
-        // List by list, and within a list by group.
+        // Ordered by list and, within a list, by group.
         let sizes: Vec<usize> =
             (0..n_buckets).flat_map(|i| counts.iter().map(move |of_group| of_group[i])).collect();
         ends.clear();
@@ -71,7 +71,7 @@ impl Buckets {
         parts.into_par_iter().zip(groups).for_each(|(mut parts, runs)| {
             for record in runs.iter().cloned().flatten() {
                 for part in &mut parts[touched(record)] {
-                    // There are as many places as were counted.
+                    // Never `None`: each part has exactly the counted number of slots.
                     if let Some(place) = part.next() {
                         *place = record;
                     }
@@ -80,19 +80,18 @@ impl Buckets {
         });
     }
 
-    /// Where each bucket's list ends, among the lists laid end to end, and these.
+    /// End of each bucket's list, and all lists concatenated.
     #[cfg(feature = "gui")]
     pub(super) fn lists(&self) -> (&[usize], &[u32]) {
         (&self.ends, &self.records)
     }
 
-    /// Records of one bucket.
     pub(super) fn get(&self, bucket: usize) -> &[u32] {
         let start = if bucket == 0 { 0 } else { self.ends[bucket - 1] };
         &self.records[start..self.ends[bucket]]
     }
 
-    /// The lists of all buckets, to be put in another order.
+    /// Mutable lists of all buckets, for reordering.
     pub(super) fn each_mut(&mut self) -> Vec<&mut [u32]> {
         let mut start = 0;
         let sizes = self.ends.iter().map(|&end| end - std::mem::replace(&mut start, end));
@@ -100,7 +99,7 @@ impl Buckets {
     }
 }
 
-/// How many records touch each of so many buckets.
+/// Counts the records of each bucket.
 fn count(
     n_buckets: usize,
     records: impl Iterator<Item = u32>,
@@ -108,9 +107,9 @@ fn count(
     counts: &mut Vec<usize>,
 ) {
     counts.clear();
-    // One more: what begins and what ends at a bucket is counted, which takes no loop a record.
+    // One extra entry: a difference array needs no inner loop over a record's buckets.
     counts.resize(n_buckets + 1, 0);
-    // Not `for`: what yields the records may be runs of them, which a closure goes through faster.
+    // `for_each` instead of `for`: internal iteration is faster over flattened ranges.
     records.for_each(|record| {
         let Range { start, end } = touched(record);
         counts[start] = counts[start].wrapping_add(1);

@@ -1,4 +1,4 @@
-//! The exact renderer's records: rational conics through a pinhole or a fisheye
+//! Records of the exact renderer: rational conics through a pinhole or a fisheye
 //! (`rendering.md`, Exact renderer).
 
 use super::bounds;
@@ -10,7 +10,7 @@ use crate::math::camera::Intrinsics;
 use crate::render::options::ExactOptions;
 use glam::{DVec2, DVec3};
 
-/// The splat through a pinhole, or `None` if no pixel can see it.
+/// Projects a splat through a pinhole; `None` if it is invisible.
 pub(super) fn pinhole(
     view: &CpuView,
     placed: CameraSplat,
@@ -34,7 +34,7 @@ pub(super) fn pinhole(
     })
 }
 
-/// The splat through a fisheye, with its frame.
+/// Projects a splat through a fisheye, with its tangent frame; `None` if it is invisible.
 pub(super) fn fisheye(
     view: &CpuView,
     placed: CameraSplat,
@@ -46,8 +46,8 @@ pub(super) fn fisheye(
     let tangent = fisheye_tangent(&placed);
     let conic = Conic::new(&placed, &tangent);
     let drawn = ImageSplat {
-        // A fisheye's offsets are direction cosines in the splat's frame: there is no centre in
-        // pixels.
+        // Fisheye offsets are direction cosines in the tangent frame; a centre in pixels does not
+        // exist.
         centre: DVec2::ZERO,
         conic,
         linear: conic.half_l,
@@ -61,7 +61,7 @@ pub(super) fn fisheye(
     Some((drawn, TangentFrame { rows: rows.map(|row| row.as_vec3().to_array()) }))
 }
 
-/// The plane `z = 1`, with `δ` in pixels.
+/// Tangent plane `z = 1`, with `δ` in pixels.
 pub(super) fn pinhole_tangent(placed: &CameraSplat, k: &Intrinsics) -> Tangent {
     Tangent {
         x0: placed.m / placed.m.z,
@@ -70,7 +70,7 @@ pub(super) fn pinhole_tangent(placed: &CameraSplat, k: &Intrinsics) -> Tangent {
     }
 }
 
-/// The plane that touches the unit sphere where the centre is seen.
+/// Plane that touches the unit sphere in the direction of the centre; `δ` in direction cosines.
 pub(super) fn fisheye_tangent(placed: &CameraSplat) -> Tangent {
     let reach = placed.m.length();
     let x0 = placed.m / reach;

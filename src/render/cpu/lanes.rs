@@ -1,11 +1,11 @@
-//! Arithmetic on eight pixels at a time.
+//! Exponential of eight lanes at a time.
 
 use crate::math::simd::Vector;
 
-/// Adding and subtracting 1.5·2²³ rounds to the nearest integer, which then sits in the low bits.
+/// Adding and subtracting 1.5·2²³ rounds to the nearest integer, whose bits end up in the low mantissa.
 const ROUND: f32 = 12_582_912.0;
 
-/// Minimax polynomial of `2^f` on `[−½, ½]`, constant first; largest relative error 2.3e-7 in f32
+/// Minimax polynomial of `2^f` on `[−½, ½]`, constant first. Maximum relative error in f32: 2.3e-7
 /// (`rendering.md`, CPU renderer).
 const EXP2: [f32; 6] =
     [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
@@ -13,15 +13,15 @@ const EXP2: [f32; 6] =
 /// Smallest exponent of a normal `f32`.
 pub(super) const EXP2_MIN: f32 = -126.0;
 
-/// `2^x` for `x` from [`EXP2_MIN`] to 126; other lanes hold any bits, so the caller masks them.
+/// `2^x` for `x` from [`EXP2_MIN`] to 126. Other lanes are undefined and must be masked by the caller.
 #[inline(always)]
 pub(super) fn exp2<V: Vector>(x: V) -> V {
-    // Rounding by an addition works in every instruction set; a rounding instruction does not.
+    // Rounding by addition works in every instruction set; a rounding instruction is not always available.
     let shifted = x + V::splat(ROUND);
     let f = x - (shifted - V::splat(ROUND));
     let mut sum = V::splat(EXP2[5]);
     for &coefficient in EXP2[..5].iter().rev() {
-        // Not fused: images have the same bits on every instruction set.
+        // No fused multiply-add: results must be bit-identical on every instruction set.
         sum = sum * f + V::splat(coefficient);
     }
     sum.scale_by_bits(shifted)

@@ -1,9 +1,9 @@
-//! Tasks that differ much in how long they take, on all threads.
+//! Parallel scheduling of tasks with very different durations.
 
 use std::sync::{Mutex, PoisonError};
 
-/// Runs tasks, each with about how much work it is, those of most work first: what is left for the end is
-/// short, so that no thread waits long for another.
+/// Runs tasks in parallel, largest work estimate first. Only short tasks remain at the end, so threads
+/// finish at about the same time.
 pub(super) fn longest_first<T: Send>(
     tasks: impl Iterator<Item = (usize, T)>,
     run: impl Fn(T) + Sync,

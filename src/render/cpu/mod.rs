@@ -1,9 +1,8 @@
-//! The CPU renderer: evaluation everywhere, and the viewport where no real GPU exists.
+//! CPU renderer, for evaluation and for the viewport on machines without a GPU.
 //!
-//! Four stages (`rendering.md`, CPU renderer): prepare (parallel), radix sort by depth, list splats
-//! per row of tiles, rasterise (one task per row of tiles). A tile is drawn by one thread from one
-//! sorted list, so an image has the same bits for any number of threads; every instruction set
-//! gives them too.
+//! Four stages (`rendering.md`, CPU renderer): prepare records, list them per row of tiles, radix sort
+//! each list by depth, rasterise (one task per row). One thread draws a tile from one sorted list, so
+//! images are bit-identical for any number of threads and any instruction set.
 
 mod bounds;
 mod buckets;

@@ -1,5 +1,5 @@
-//! From splats to records, in f64 and once per splat, so that the f32 of the inner loop starts from
-//! correctly rounded numbers.
+//! Converts splats to records. Computed in f64 once per splat, so that the f32 inner loop starts from
+//! correctly rounded values.
 
 use super::record::{ConicRecord, DepthEntry, Gradient, Records, TangentFrame};
 use super::shade::{self, ColorGradient};
@@ -10,23 +10,23 @@ use crate::model::splat::splats::Splat;
 use crate::render::options::{Lens, Paint, RenderMethod};
 use rayon::prelude::*;
 
-/// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide the
-/// scheduling.
+/// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide scheduling
+/// overhead.
 pub(super) const CHUNK: usize = 512;
 
-/// What a chunk held; its visible records come first in its part of the lists.
+/// Counts of a chunk. Its visible records are packed at the front of its part of the lists.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ChunkCount {
     pub n_visible: usize,
     pub n_invalid: usize,
 }
 
-/// Whether a view needs the colour gradients of its splats.
+/// True if a view needs the colour gradients of its splats.
 pub(super) fn has_gradients(splats: SplatView<'_>, view: &CpuView) -> bool {
     !splats.appearance().is_empty() && view.look.paint == Paint::Stored
 }
 
-/// Fills the records of every chunk and counts them.
+/// Fills and counts the records of every chunk.
 pub(super) fn prepare(
     splats: SplatView<'_>,
     view: &CpuView,
@@ -62,7 +62,7 @@ pub(super) fn prepare(
             frames: frames.next().unwrap_or(&mut []),
         })
         .collect();
-    // One chunk a task: rayon would join them, and chunks differ much in what is visible.
+    // rayon would merge chunks into one task, but their numbers of visible splats differ widely.
     tasks.into_par_iter().zip(counts.par_iter_mut()).with_max_len(1).for_each(
         |(mut chunk, count)| {
             *count = chunk.fill(view);
@@ -78,12 +78,12 @@ fn grow<T: Clone + Default>(list: &mut Vec<T>, n: usize) {
     }
 }
 
-/// A run of splats and where their records go.
+/// Chunk of splats and its part of the output.
 struct Chunk<'a> {
     splats: &'a [Splat],
-    /// Starts with those of `splats`, or is empty.
+    /// Appearance from the chunk's first splat on, or empty.
     appearance: &'a [Appearance],
-    /// Number of the first of them.
+    /// Index of the chunk's first splat.
     first: u32,
     ids: &'a mut [u32],
     records: &'a mut [ConicRecord],
@@ -97,7 +97,7 @@ impl Chunk<'_> {
     fn fill(&mut self, view: &CpuView) -> ChunkCount {
         let mut count = ChunkCount::default();
         for (i, splat) in self.splats.iter().enumerate() {
-            // Empty slots of the model, not broken splats: they are not counted.
+            // Empty slots of the model are not invalid splats and are not counted.
             if splat.opacity <= 0.0 {
                 continue;
             }
@@ -114,7 +114,7 @@ impl Chunk<'_> {
         count
     }
 
-    /// Writes splat `i` to place `to`; whether any pixel sees it.
+    /// Writes the record of splat `i` at index `to`. Returns false if the splat is invisible.
     fn draw(&mut self, view: &CpuView, i: usize, placed: CameraSplat, to: usize) -> bool {
         let (splats, appearance) = (self.splats, self.appearance.get(i));
         let color = |placed: &CameraSplat| shade::color(view, &splats[i], placed, appearance);
@@ -124,7 +124,7 @@ impl Chunk<'_> {
         };
         let recorded = match view.method {
             RenderMethod::Projected(support) => {
-                // Of many splats the view sees nothing: what colours them comes last.
+                // Colour is computed last, because many splats turn out to be invisible.
                 let drawn = projected::draw(view, &placed, support);
                 drawn.and_then(|drawn| {
                     if let Some((place, shade)) = shade {

@@ -1,4 +1,4 @@
-//! The projected renderer's records: `rendering.md`, Projected renderer.
+//! Records of the projected renderer (`rendering.md`, Projected renderer).
 
 use super::conic::{Conic, Whitened};
 use super::drawn::ImageSplat;
@@ -10,7 +10,7 @@ use crate::render::constants::{LOW_PASS_PX2, TILE};
 use crate::render::options::Support;
 use glam::{DVec2, DVec3};
 
-/// Projected covariance in px², low-pass included.
+/// Projected covariance in px², including the low-pass.
 #[derive(Clone, Copy)]
 struct Covariance2 {
     xx: f64,
@@ -19,7 +19,7 @@ struct Covariance2 {
     det: f64,
 }
 
-/// The splat in the image, or `None` if no pixel can see it.
+/// Projects a splat to the image; `None` if it is invisible.
 pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Option<ImageSplat> {
     let m = placed.m;
     let tangent = m.truncate() / m.z;
@@ -38,8 +38,8 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     Some(ImageSplat { centre, conic, linear, reach: m.z, key: m.z, opacity, extent_squared, rect })
 }
 
-/// The gradient linearised at the centre: the point of largest response is `τ·x` with
-/// `τ ≈ 1 − ½ l·δ` there, so the part along the line of sight goes into the part across it.
+/// Colour gradient, linearised at the centre. The point of largest response is `τ·x` with
+/// `τ ≈ 1 − ½ l·δ`, so the component along the line of sight is folded into the one across it.
 pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuView) -> Gradient {
     let tangent = pinhole_tangent(placed, &view.intrinsics);
     let half_linear = Whitened::new(placed, &tangent).half_linear().as_vec2();
@@ -52,16 +52,16 @@ pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuVi
     gradient
 }
 
-/// Rows of `J R Q diag(s)`, with the Jacobian `J` of the projection at the splat's centre: the standard
-/// deviations along each axis, px.
+/// Rows of `J R Q diag(s)`, with the Jacobian `J` of the projection at the splat's centre: standard
+/// deviations of the splat's axes in the image, px.
 struct ImageAxes([DVec3; 2]);
 
 impl ImageAxes {
     fn new(view: &CpuView, placed: &CameraSplat) -> Self {
         let (k, z) = (&view.intrinsics, placed.m.z);
         let tangent = placed.m.truncate() / z;
-        // Only the Jacobian's point is clamped, not the centre: far outside, the linearisation
-        // would blow splats up (`rendering.md`, Projected renderer).
+        // Only the Jacobian's point is clamped, not the centre. Far outside the image, the linearisation
+        // would enlarge splats without bound (`rendering.md`, Projected renderer).
         let clamped = tangent.max(view.tangent_lo).min(view.tangent_hi);
         let across = DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z);
         let down = DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z);
@@ -69,7 +69,7 @@ impl ImageAxes {
         Self([scaled(across), scaled(down)])
     }
 
-    /// Covariance of the splat's depth with the place in the image, px times world units.
+    /// Covariance of depth and image position, px times world units.
     fn with_depth(&self, placed: &CameraSplat) -> DVec2 {
         let depth = placed.axes.row(2) * placed.scale;
         DVec2::new(depth.dot(self.0[0]), depth.dot(self.0[1]))
@@ -81,7 +81,7 @@ impl Covariance2 {
     fn new(axes: &ImageAxes) -> Self {
         let [w_x, w_y] = axes.0;
         let (xx, yy) = (w_x.length_squared(), w_y.length_squared());
-        // Lagrange's identity: the determinant as a sum of positive terms does not cancel.
+        // Lagrange's identity: as a sum of positive terms, the determinant does not cancel.
         let det = w_x.cross(w_y).length_squared() + LOW_PASS_PX2 * (xx + yy + LOW_PASS_PX2);
         Self { xx: xx + LOW_PASS_PX2, yy: yy + LOW_PASS_PX2, xy: w_x.dot(w_y), det }
     }
@@ -98,27 +98,27 @@ impl Covariance2 {
         }
     }
 
-    /// The inverse covariance times a vector.
+    /// Inverse covariance times `v`.
     fn solved(&self, v: DVec2) -> DVec2 {
         DVec2::new(self.yy * v.x - self.xy * v.y, self.xx * v.y - self.xy * v.x) / self.det
     }
 
-    /// Pixels whose centres lie in the box of the ellipse of the alpha cut.
+    /// Pixels whose centres lie in the bounding box of the ellipse at the alpha cut.
     fn rect_of_alpha(self, view: &CpuView, centre: DVec2, extent_squared: f64) -> Option<Rect> {
         let half = DVec2::new((extent_squared * self.xx).sqrt(), (extent_squared * self.yy).sqrt());
         view.pixels(centre - half, centre + half)
     }
 
-    /// The reference's rectangle of tiles: a square of `⌈3√λ₁⌉` around the centre's pixel index.
+    /// The reference renderer's tile rectangle: a square of `⌈3√λ₁⌉` around the centre's pixel index.
     fn rect_of_tiles(self, view: &CpuView, centre: DVec2) -> Option<Rect> {
-        /// Floor of the reference under the root of the larger eigenvalue.
+        /// Floor of the reference renderer under the square root of the larger eigenvalue.
         const ROOT_FLOOR: f64 = 0.1;
         let half_trace = 0.5 * (self.xx + self.yy);
         let largest = half_trace + (half_trace * half_trace - self.det).max(ROOT_FLOOR).sqrt();
         let radius = (3.0 * largest.sqrt()).ceil();
         let tile = TILE as f64;
         let index = centre - 0.5;
-        // Truncation, not floor, because that is what the reference's casts do.
+        // Truncation instead of floor, like the casts in the reference renderer.
         let lo = ((index - radius) / tile).trunc() * tile;
         let hi = ((index + radius + tile - 1.0) / tile).trunc() * tile;
         view.clip(lo, hi)

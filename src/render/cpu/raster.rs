@@ -1,4 +1,4 @@
-//! One row of tiles: binning its splats, blending them, writing the pixels.
+//! Rasterises one row of tiles: binning, blending, writing pixels.
 
 use super::buckets::Buckets;
 use super::record::Records;
@@ -10,29 +10,29 @@ use crate::render::finish::Finish;
 use crate::render::options::{Lens, RenderMethod, Response};
 use wide::bytemuck::cast_slice;
 
-/// Splats binned to tiles at a time: bounds a row's lists to this many entries per tile, whatever
+/// Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever
 /// the splats cover.
 pub(super) const BATCH: usize = 4096;
 
-/// A row of tiles being drawn, with its lists; reused between images.
+/// Tiles of a row and their lists; reused between images.
 #[derive(Default)]
 pub(super) struct RowCanvas {
     tiles: Vec<Tile>,
     batch: Batch,
 }
 
-/// Some splats of a row, nearest first, by tile.
+/// Consecutive splats of a row, nearest first, listed per tile.
 #[derive(Default)]
 pub(super) struct Batch {
-    /// Side by side: a row's tiles read each record several times, and the view's records lie far
-    /// apart (`rendering.md`, CPU renderer).
+    /// Gathered side by side, because a row's tiles read each record several times and the view's records
+    /// are scattered in memory (`rendering.md`, CPU renderer).
     pub records: Records,
-    /// Those of every tile, by their places among `records`.
+    /// Indices into `records` per tile.
     pub by_tile: Buckets,
 }
 
 impl Batch {
-    /// Becomes the listed records of a view, for a row of so many tiles.
+    /// Gathers the listed records of a view and bins them to the `n_tiles` tiles of a row.
     pub(super) fn fill(&mut self, all: &Records, list: &[u32], n_tiles: usize) {
         let Self { records, by_tile } = self;
         records.gather(all, list);
@@ -42,7 +42,7 @@ impl Batch {
     }
 }
 
-/// What the rows of one image share.
+/// Inputs shared by all rows of an image.
 #[derive(Clone, Copy)]
 pub(super) struct Sheet<'a> {
     pub records: &'a Records,
@@ -86,7 +86,7 @@ impl DrawRow<'_> {
         let Self { sheet, canvas, top, list } = self;
         canvas.clear(top, &sheet);
         for batch in list.chunks(BATCH) {
-            // Batches are nearest first: once every tile is full, no later splat shows.
+            // Batches are ordered nearest first: once every tile is full, later splats are hidden.
             if canvas.tiles.iter().all(Tile::is_finished) {
                 break;
             }
@@ -94,7 +94,7 @@ impl DrawRow<'_> {
             let Batch { records, by_tile } = &canvas.batch;
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let list = by_tile.get(index);
-                // Two loops rather than a branch per splat: plain scenes pay nothing for gradients.
+                // Two loops instead of a branch per splat: scenes without gradients have no overhead.
                 if sheet.records.gradients.is_empty() {
                     tile.blend_all::<V, FORM, false>(list, records, min_front);
                 } else {
@@ -119,7 +119,7 @@ impl RowCanvas {
         }));
     }
 
-    /// Finishes the tiles' pixels and composites them over the background.
+    /// Finishes the pixels of all tiles and composites them over the background.
     pub(super) fn write(
         &self,
         sheet: &Sheet<'_>,
@@ -138,7 +138,7 @@ impl RowCanvas {
             for row in 0..color.len() / width {
                 for column in 0..TILE.min(width - left) {
                     let [t, r, g, b, z] = planes.map(|plane| plane[row * TILE + column]);
-                    // The sign of a transmittance only says that the pixel is finished.
+                    // The sign of a transmittance only marks the pixel as finished.
                     let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
                     let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
                     let t = 1.0 - covered;
@@ -148,10 +148,10 @@ impl RowCanvas {
                         (b + t * sheet.background[2]).clamp(0.0, 1.0),
                     ];
                     coverage[pixel] = covered;
-                    // By the coverage before cracks are filled: that is what the weights sum to.
+                    // Divided by the coverage before crack filling, which is the sum of the weights.
                     depth[pixel] = if open > 0.0 { z / open } else { 0.0 };
-                    // The sums hold the parameter of the ray `(x, y, 1)`; depth is reported as a
-                    // distance along it.
+                    // The sums hold the parameter of the ray `(x, y, 1)`; the reported depth is the distance
+                    // along it.
                     if per_z {
                         depth[pixel] *= k.ray(left + column, top + row).length() as f32;
                     }

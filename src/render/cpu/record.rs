@@ -1,8 +1,8 @@
-//! What the rasteriser reads of a splat: one record for both renderers and both lenses.
+//! Record of a splat for the rasteriser, common to both renderers and both lenses.
 //!
-//! In the tangent frame of its centre every splat is a rational conic (`rendering.md`, Rational
-//! conic). With `δ` the offset from the centre (pixels through a pinhole, direction cosines through
-//! a fisheye) and `c` the share of the ray along the centre's direction (1 through a pinhole):
+//! In the tangent plane of its centre every splat is a rational conic (`rendering.md`, Rational
+//! conic). `δ` is the offset from the centre (pixels for a pinhole, direction cosines for a
+//! fisheye). `c` is the ray's component along the centre's direction (1 for a pinhole):
 //!
 //! ```text
 //! N = p² + q²       p = p_x·δx + p_y·δy,  q = q_y·δy
@@ -10,40 +10,40 @@
 //! D² = N / (f² + w·N)     w = 1/D² at the camera
 //! ```
 //!
-//! since `|g|²` is the sum of the squares along that line and across it. With `f` held above zero
-//! the same formula gives `D² = 1/w` where the response is largest at the camera. The projected
-//! renderer is the case `l = w = 0`. Every sum is one of squares: nothing cancels, and the error of
-//! the numerator grows with `p`, where the expanded form's grows with `(p_x·δx)²`.
+//! `|g|²` is the sum of the squares along that line and across it. With `f` clamped to be non-negative,
+//! the formula gives `D² = 1/w` where the response is largest at the camera. The projected renderer is
+//! the case `l = w = 0`. All sums are sums of squares, so nothing cancels. The error of the numerator
+//! grows with `p`; in the expanded form it would grow with `(p_x·δx)²`.
 
 use crate::render::constants::TILE;
 use std::ops::Range;
 
-/// A splat in the image: one line of the cache, since rows fetch records from all over the list.
+/// Projected splat. Fits one cache line, because rows fetch records from all over the list.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
 pub(super) struct ConicRecord {
-    /// Projected centre in pixels; not used by a fisheye.
+    /// Projected centre in pixels; unused with a fisheye.
     pub u: f32,
     pub v: f32,
-    /// Factor of the numerator, scaled so that `alpha = opacity · 2^−D²`.
+    /// Coefficients of the numerator, scaled so that `alpha = opacity · 2^−D²`.
     pub p_x: f32,
     pub p_y: f32,
     pub q_y: f32,
-    /// Per unit of `δ`: half the linear term `l` of the conic's denominator (exact), or what the depth of
-    /// the splat's surface changes by (projected), world units.
+    /// Change per unit of `δ`. Exact renderer: half the linear term `l` of the conic's denominator.
+    /// Projected renderer: depth gradient of the splat's surface, world units.
     pub linear: [f32; 2],
-    /// `w`, scaled so that `w·N` is what it was.
+    /// `w`, scaled inversely to `N`, so that `w·N` is unchanged.
     pub w: f32,
-    /// Smallest exponent of 2 that passes the alpha cut, and that `exp2` can take.
+    /// Smallest exponent of 2 that passes the alpha cut and that `exp2` supports.
     pub cut: f32,
     pub opacity: f32,
     pub color: [f32; 3],
-    /// Depth of the centre along the ray `(x, y, 1)` (pinhole) or a unit ray (fisheye).
+    /// Depth of the centre along the ray `(x, y, 1)` (pinhole) or distance along a unit ray (fisheye).
     pub reach: f32,
     pub rect: Rect,
 }
 
-/// Change of colour over a splat, one of each per channel: `(τ − 1)·along + τ·(across·δ)`
+/// Colour gradient over a splat, per channel: `(τ − 1)·along + τ·(across·δ)`
 /// (`rendering.md`, Native appearance).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Gradient {
@@ -51,14 +51,14 @@ pub(super) struct Gradient {
     pub across: [[f32; 2]; 3],
 }
 
-/// Orthonormal frame of a splat seen through a fisheye: camera axes.
+/// Orthonormal frame of a splat seen through a fisheye, in camera axes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TangentFrame {
     /// Rows: the two axes of `δ`, then the direction of the centre.
     pub rows: [[f32; 3]; 3],
 }
 
-/// Pixels `x0..x1` × `y0..y1`; not empty in a visible record.
+/// Pixel rectangle `x0..x1` × `y0..y1`; not empty in a visible record.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rect {
     pub x0: u16,
@@ -68,27 +68,25 @@ pub(super) struct Rect {
 }
 
 impl Rect {
-    /// Columns of tiles it touches.
     pub(super) fn tile_columns(&self) -> Range<usize> {
         tiles(self.x0, self.x1)
     }
 
-    /// Rows of tiles it touches.
     #[cfg(feature = "gui")]
     pub(super) fn tile_rows(&self) -> Range<usize> {
         tiles(self.y0, self.y1)
     }
 }
 
-/// Tiles that pixels `lo..hi` lie in.
+/// Tiles that contain the pixels `lo..hi`.
 fn tiles(lo: u16, hi: u16) -> Range<usize> {
     lo as usize / TILE..(hi as usize).div_ceil(TILE)
 }
 
-/// What sorting and listing by row need of a record, by itself.
+/// Sort key and rows of a record, stored separately for sorting and listing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DepthEntry {
-    /// View depth (projected) or distance (exact); positive, so its bits order like its value.
+    /// View depth (projected) or distance (exact). Positive, so its bits order like its value.
     pub key: f32,
     y0: u16,
     y1: u16,
@@ -99,25 +97,24 @@ impl DepthEntry {
         Self { key, y0: rect.y0, y1: rect.y1 }
     }
 
-    /// Rows of tiles that the record touches.
     pub(super) fn tile_rows(&self) -> Range<usize> {
         tiles(self.y0, self.y1)
     }
 }
 
-/// The records of one view. `gradients` and `frames` have as many entries where the view needs
-/// them, else none.
+/// Records of one view. `gradients` and `frames` have one entry per record if the view needs them,
+/// otherwise none.
 #[derive(Default)]
 pub(super) struct Records {
     pub records: Vec<ConicRecord>,
-    /// Number of each record's splat.
+    /// Splat index of each record.
     pub ids: Vec<u32>,
     pub gradients: Vec<Gradient>,
     pub frames: Vec<TangentFrame>,
 }
 
 impl Records {
-    /// Becomes the listed entries of `all`, in that order, without the numbers of their splats.
+    /// Replaces the contents with the listed entries of `all`, in that order; leaves `ids` unchanged.
     pub(super) fn gather(&mut self, all: &Self, list: &[u32]) {
         fn pick<T: Copy>(to: &mut Vec<T>, from: &[T], list: &[u32]) {
             to.clear();

@@ -1,8 +1,8 @@
-//! The CPU renderer as its callers see it: one image from splats, a camera and options.
+//! Public interface of the CPU renderer: one image from splats, a camera and options.
 //!
-//! Buffers stay between images, because a view is drawn again and again at about one size. Lists
-//! are kept per row of tiles and not per tile: with splats that cover the whole image, lists per
-//! tile grew long (`rendering.md`, Tried and dropped).
+//! Buffers are reused between images, because successive views have similar sizes. Lists are stored per row
+//! of tiles: lists per tile grow long when splats cover the whole image (`rendering.md`, Tried and
+//! dropped).
 
 use super::lists::ViewLists;
 use super::longest_first::longest_first;
@@ -16,41 +16,41 @@ use crate::render::constants::TILE;
 use crate::render::finish::Finish;
 use crate::render::options::RenderOptions;
 
-/// An image and what lies behind it; all planes have the size of the camera's image.
+/// Rendered image; all planes have the size of the camera's image.
 #[derive(Clone, Debug)]
 pub struct Rendered {
     /// sRGB-encoded colour over the background, clamped to `[0, 1]`.
     pub color: RgbImage,
     /// `A = 1 − T` in `[0, 1]`.
     pub coverage: Image<f32>,
-    /// Depth in world units, averaged with the blending weights: view depth `z` (projected) or
+    /// Depth in world units, averaged with the blending weights. View depth `z` (projected) or
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
-    /// Splats dropped because they or their appearance are not valid
-    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
+    /// Number of splats dropped as invalid, or with invalid appearance
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats do not count.
     pub n_invalid: usize,
 }
 
-/// A step of an image.
+/// Stage of rendering an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CpuStage {
-    /// Splats become records.
+    /// Converts splats to records.
     Prepare,
-    /// Every list by depth.
+    /// Sorts every list by depth.
     Sort,
-    /// Lists of visible records per row of tiles, before they are sorted.
+    /// Lists the visible records per row of tiles, before sorting.
     Bin,
-    /// Blending and writing pixels; binning to tiles is part of it.
+    /// Bins to tiles, blends and writes pixels.
     Raster,
 }
 
 impl CpuStage {
-    /// Every stage.
+    /// All stages.
     pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
 }
 
-/// Renders splats by either method. Keeps its buffers between images, so one renderer per view is
-/// cheaper than one per image.
+/// Renders splats by either method. Reuses its buffers between images, so keep one renderer per view
+/// instead of creating one per image.
 #[derive(Default)]
 pub struct CpuRenderer {
     lists: ViewLists,
@@ -58,14 +58,13 @@ pub struct CpuRenderer {
 }
 
 impl CpuRenderer {
-    /// A renderer without buffers yet.
+    /// Creates a renderer with empty buffers.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Renders one image on the current rayon pool, up to 65,535 pixels a side (beyond that there is
-    /// only background). Never fails: splats that cannot be drawn are skipped, an image without
-    /// pixels is returned as such.
+    /// Renders one image on the current rayon pool. Pixels beyond 65,535 per side show only background.
+    /// Never fails: invalid splats are skipped, and an image without pixels is returned empty.
     ///
     /// ```
     /// use glam::DVec3;
@@ -102,8 +101,7 @@ impl CpuRenderer {
         self.render_observed(splats.into(), camera, options, |_| ())
     }
 
-    /// [`Self::render`], telling `observer` when each stage is done, so that benches can time
-    /// stages.
+    /// Renders like [`Self::render`] and calls `observer` after each stage, for benchmarks.
     pub fn render_observed(
         &mut self,
         splats: SplatView<'_>,
@@ -119,7 +117,7 @@ impl CpuRenderer {
             depth: Image::filled(width, height, 0.0),
             n_invalid: 0,
         };
-        // Chunks of no pixels would panic, and there is nothing to draw.
+        // Chunks of size 0 would panic, and there is nothing to draw.
         if width == 0 || height == 0 {
             return image;
         }
@@ -157,7 +155,7 @@ impl CpuRenderer {
         let pixels = image.color.data.chunks_mut(pixels_per_row);
         let pixels = pixels.zip(image.coverage.data.chunks_mut(pixels_per_row));
         let pixels = pixels.zip(image.depth.data.chunks_mut(pixels_per_row));
-        // Rows differ much in how many splats they hold.
+        // Rows differ widely in their number of splats.
         let tasks = self.canvases.iter_mut().zip(pixels).enumerate();
         let tasks = tasks.map(|(row, task)| (rows.get(row).len(), (row, task)));
         longest_first(tasks, |(row, (canvas, ((color, coverage), depth)))| {

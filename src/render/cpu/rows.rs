@@ -1,8 +1,8 @@
-//! Visible records by row of tiles.
+//! Lists of visible records per row of tiles.
 //!
-//! Listed first and sorted by depth then, row by row: what is listed is read in the order in which it
-//! lies in memory, lists of a row fit the caches, and all threads sort. Sorted first, the two steps
-//! took twice as long for 10⁶ splats on two cores.
+//! Records are listed first and then sorted by depth, row by row. Listing thus reads memory sequentially,
+//! the lists of a row fit the caches, and all threads sort. In the opposite order both steps took twice as
+//! long for 10⁶ splats on two cores.
 
 use super::buckets::Buckets;
 use super::longest_first::longest_first;
@@ -11,39 +11,37 @@ use super::sort::DepthSorter;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Groups of runs for each thread: runs differ in how many records they hold.
+/// Groups of runs per thread, for load balancing: runs differ in their number of records.
 const GROUPS: usize = 4;
 
-/// Lists of records by row, the nearest first once they are sorted.
+/// Lists of records per row, nearest first after sorting.
 #[derive(Default)]
 pub(super) struct RowLists {
     rows: Buckets,
-    /// One a thread.
+    /// One per thread.
     sorters: Vec<Mutex<DepthSorter>>,
 }
 
 impl RowLists {
-    /// Lists records, which are given in ascending runs.
+    /// Lists the records of the given ascending runs.
     pub(super) fn fill(&mut self, n_rows: usize, runs: &[Range<u32>], listings: &[DepthEntry]) {
         let n = runs.len().div_ceil(GROUPS * rayon::current_num_threads()).max(1);
         self.rows.fill_by(n_rows, runs, n, |record| listings[record as usize].tile_rows());
     }
 
-    /// Sorts every list by depth.
     pub(super) fn sort(&mut self, listings: &[DepthEntry]) {
         let Self { rows, sorters } = self;
         let n_threads = rayon::current_num_threads().max(sorters.len());
         sorters.resize_with(n_threads, Mutex::default);
         let rows = rows.each_mut().into_iter().map(|row| (row.len(), row));
         longest_first(rows, |row| {
-            // Every thread takes its own, so the lock never waits: it is how safe code says so.
+            // Each thread uses its own sorter, so the lock is never contended. It only avoids unsafe code.
             let thread = rayon::current_thread_index().unwrap_or(0) % sorters.len();
             let mut sorter = sorters[thread].lock().unwrap_or_else(PoisonError::into_inner);
             sorter.sort(row, |i| listings[i as usize].key);
         });
     }
 
-    /// Records of one row.
     pub(super) fn get(&self, row: usize) -> &[u32] {
         self.rows.get(row)
     }

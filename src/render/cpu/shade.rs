@@ -1,4 +1,4 @@
-//! What colour a splat has in a view (`rendering.md`, Native appearance), once per splat.
+//! Colour of a splat in a view, computed once per splat (`rendering.md`, Native appearance).
 
 use super::conic::Tangent;
 use super::record::Gradient;
@@ -9,7 +9,7 @@ use crate::render::options::Paint;
 use crate::render::paint::{MARK, ramp};
 use glam::{DMat3, DVec3};
 
-/// The colour gradient of one splat in camera axes.
+/// Colour gradient of one splat in camera axes, per world unit.
 pub(super) struct ColorGradient(DMat3);
 
 impl ColorGradient {
@@ -18,7 +18,7 @@ impl ColorGradient {
         Self(DMat3::from_cols_array_2d(&rows).transpose() * view.world_from_camera)
     }
 
-    /// Coefficients of the colour gradient in the splat's tangent frame (`rendering.md`, Native
+    /// Coefficients of the colour gradient in the splat's tangent plane (`rendering.md`, Native
     /// appearance).
     pub(super) fn gradient(&self, tangent: &Tangent) -> Gradient {
         let image = |v: DVec3| (self.0 * v * tangent.reach).as_vec3().to_array();
@@ -30,7 +30,7 @@ impl ColorGradient {
     }
 }
 
-/// The splat's colour at its centre; `appearance` counts only where the paint is the splat's own.
+/// Colour at the splat's centre. `appearance` only matters for [`Paint::Stored`].
 pub(super) fn color(
     view: &CpuView,
     splat: &Splat,
@@ -48,7 +48,7 @@ pub(super) fn color(
     }
 }
 
-/// `clamp(c₀ + W·d, 0, 1)`, `d` the unit direction from the camera.
+/// `clamp(c₀ + W·d, 0, 1)` with `d` the unit direction from the camera, limited to the observed cone.
 fn directed(
     view: &CpuView,
     splat: &Splat,
@@ -58,7 +58,7 @@ fn directed(
     let d = appearance.observed.nearest(view.world_from_camera * placed.m.normalize());
     std::array::from_fn(|channel| {
         let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
-        // Clamped here and not by the fit: the direction may be one that no camera had.
+        // Clamped here rather than in the fit, because the direction may differ from all training views.
         (f64::from(splat.color[channel]) + w.dot(d)).clamp(0.0, 1.0) as f32
     })
 }
@@ -74,7 +74,7 @@ fn normal(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
         2
     };
     let axis = placed.axes.col(shortest);
-    // An axis has two ends; the one that faces the camera is the side that is seen.
+    // The sign of an axis is arbitrary; the visible side faces the camera.
     let towards = if axis.dot(placed.m) > 0.0 { -axis } else { axis };
     let n = view.world_from_camera * towards;
     (0.5 + 0.5 * n).as_vec3().to_array()

@@ -1,22 +1,21 @@
-//! Lists of records by depth, the nearest first.
+//! Radix sort of record lists by depth, nearest first.
 
-/// A record under its depth.
+/// Record index with its sort key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Keyed {
     /// Bits of a positive `f32`, which order like its value.
     key: u32,
-    /// Index of the record.
     record: u32,
 }
 
-/// Bits per pass: three passes cover the 31 bits of a positive `f32`, and 2¹¹ counters fit L1.
+/// Bits per pass. Three passes cover the 31 bits of a positive `f32`, and 2¹¹ counters fit L1.
 const DIGIT_BITS: u32 = 11;
 const N_DIGITS: usize = 1 << DIGIT_BITS;
 const N_PASSES: usize = 3;
-/// Shorter lists are compared: counters would outnumber what they count.
+/// Shorter lists use a comparison sort: they have fewer items than a pass has counters.
 const MIN_COUNTED: usize = 1024;
 
-/// Least-significant-digit radix sort with its buffers.
+/// Least-significant-digit radix sort with reusable buffers.
 #[derive(Default)]
 pub(super) struct DepthSorter {
     items: Vec<Keyed>,
@@ -24,7 +23,7 @@ pub(super) struct DepthSorter {
 }
 
 impl DepthSorter {
-    /// Sorts an ascending list of records by their depths, which are positive; equals stay ascending.
+    /// Sorts an ascending list of records by depth, which must be positive. Stable.
     pub(super) fn sort(&mut self, records: &mut [u32], depth: impl Fn(u32) -> f32) {
         let Self { items, buffer } = self;
         items.clear();
@@ -33,7 +32,7 @@ impl DepthSorter {
         if items.len() < MIN_COUNTED {
             items.sort_unstable_by_key(|item| (item.key, item.record));
         } else {
-            // All passes are counted in one walk: sorting by a digit leaves the counts of others alone.
+            // One loop counts the digits of all passes, because reordering leaves the counts unchanged.
             let mut starts = digit_starts(items);
             buffer.resize(items.len(), Keyed::default());
             for (pass, starts) in starts.iter_mut().enumerate() {
@@ -54,7 +53,7 @@ fn digit(key: u32, pass: usize) -> usize {
     (key >> (pass as u32 * DIGIT_BITS)) as usize & (N_DIGITS - 1)
 }
 
-/// Where each digit's items begin, for every pass.
+/// Start of each digit's items, per pass.
 fn digit_starts(items: &[Keyed]) -> [[u32; N_DIGITS]; N_PASSES] {
     let mut counts = [[0; N_DIGITS]; N_PASSES];
     for item in items {

@@ -1,10 +1,10 @@
-//! Blending sorted splats into one tile (`rendering.md`, Blending).
+//! Blends sorted splats into one tile (`rendering.md`, Blending).
 //!
-//! All 256 pixels of a tile live in planes of eight lanes, which stay in L1 while the tile's splats
-//! pass by, nearest first. Groups whose pixels are finished are masked, finished rows skipped, and
-//! a tile ends with its last open row: late splats cost next to nothing. Left to the compiler's own
-//! vectors this loop was 4 to 5 times slower (`rendering.md`, CPU renderer), hence explicit lanes.
-//! A finished or outside pixel is one of negative transmittance: one comparison answers both.
+//! The 256 pixels of a tile are stored in planes of eight lanes, which remain in L1 while its splats are
+//! blended nearest first. Finished groups are masked, finished rows are skipped, and a tile ends with its
+//! last open row, so hidden splats cost almost nothing. SIMD is explicit, because the autovectorised loop was
+//! 4 to 5 times slower (`rendering.md`, CPU renderer). A negative transmittance marks pixels that are
+//! finished or outside the image, so that one comparison tests both.
 
 use super::lanes::exp2;
 use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
@@ -16,57 +16,56 @@ use crate::render::options::Lens;
 use glam::DVec2;
 use std::ops::Range;
 
-/// Groups of lanes per row of a tile.
 pub(super) const GROUPS: usize = TILE / LANES;
 
-/// Keeps `0/0` out of the direction opposite to a splat's centre.
+/// Avoids `0/0` in the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
 
-/// What the records mean, as a constant that the compiler builds a loop for each of.
+/// Projection of the records, as a constant: the compiler generates one loop for each.
 pub(super) struct Form;
 
 impl Form {
     /// `D² = N`.
     pub(super) const PROJECTED: u8 = 0;
-    /// Offsets in pixels.
+    /// Offsets in pixels from the centre.
     pub(super) const PINHOLE: u8 = 1;
-    /// Offsets in the splat's frame, of a ray per pixel.
+    /// Offsets in direction cosines along the splat's tangent frame, from one ray per pixel.
     pub(super) const FISHEYE: u8 = 2;
 }
 
-/// 16×16 values, group `GROUPS·row + half`.
+/// 16×16 values; group `GROUPS·row + half` holds eight pixels of a row.
 pub(super) type Plane = [[f32; LANES]; TILE * GROUPS];
 
-/// Planes of a tile; they stay in L1 while it is drawn.
+/// Pixel planes of a tile; they remain in L1 while the tile is drawn.
 pub(super) struct Tile {
     left: usize,
     top: usize,
-    /// Negative once the pixel is finished, and where there is none.
+    /// Negative if the pixel is finished or outside the image.
     transmittance: Plane,
     color: [Plane; 3],
-    /// Sum of weight × depth; of an exact pinhole, of weight × `t` with the ray `(x, y, 1)·t`.
+    /// Sum of weight × depth; for an exact pinhole, of weight × `t` on the ray `(x, y, 1)·t`.
     depth: Plane,
-    /// Unit ray of every pixel in camera axes, of a fisheye only.
+    /// Unit ray of every pixel in camera axes; only for a fisheye.
     rays: Option<Box<[Plane; 3]>>,
-    /// Bit per row with an unfinished pixel.
+    /// One bit per row with an unfinished pixel.
     open_rows: u32,
 }
 
-/// Eight pixels' view of a splat.
+/// Response of a splat in eight pixels.
 struct Response<V> {
     /// `alpha = opacity · 2^exponent`.
     exponent: V,
     /// Position of the largest response on the ray, in units of the splat's depth or distance.
     tau: V,
-    /// `τ·c − 1` with the ray's share `c` along the centre's direction.
+    /// `τ·c − 1` with the ray's component `c` along the centre's direction.
     beyond: V,
     /// Offset `δ` from the splat's centre: pixels (pinhole) or direction cosines (fisheye).
     offset: [V; 2],
 }
 
 impl Tile {
-    /// An empty tile at pixel `(left, top)` of which `columns` × `rows` pixels (or more) lie in the
-    /// image; the others start finished.
+    /// Creates an empty tile at pixel `(left, top)`. Pixels beyond `columns` × `rows` lie outside the image
+    /// and start finished.
     pub(super) fn new(left: usize, top: usize, columns: usize, rows: usize) -> Self {
         let empty = [[0.0; LANES]; TILE * GROUPS];
         let mut tile = Self {
@@ -82,7 +81,7 @@ impl Tile {
         tile
     }
 
-    /// Begins anew elsewhere, but for the rows without a bit in `mask`, which are left out.
+    /// Resets the tile for another position. Rows without a bit in `mask` are skipped.
     pub(super) fn begin(
         &mut self,
         [left, top]: [usize; 2],
@@ -101,7 +100,7 @@ impl Tile {
         }
     }
 
-    /// Adds a unit ray per pixel, as an equidistant fisheye needs; pixels beyond its half turn are
+    /// Adds a unit ray per pixel for an equidistant fisheye. Pixels more than π from the axis are marked
     /// finished.
     pub(super) fn with_fisheye_rays(mut self, k: &Intrinsics) -> Self {
         let mut rays = Box::new([[[0.0; LANES]; TILE * GROUPS]; 3]);
@@ -127,14 +126,14 @@ impl Tile {
         self.open_rows == 0
     }
 
-    /// Transmittance (its sign says nothing outside), colour and depth sums.
+    /// Transmittance (its absolute value), colour and depth sums.
     pub(super) fn planes(&self) -> [&Plane; 5] {
         let [red, green, blue] = &self.color;
         [&self.transmittance, red, green, blue, &self.depth]
     }
 
-    /// Adds splats, nearest first. `min_front` is 0 for rays that begin at the camera, `−∞` for
-    /// whole lines.
+    /// Blends splats, nearest first. `min_front` is 0 for rays that start at the camera and `−∞` for whole
+    /// lines.
     #[inline(always)]
     pub(super) fn blend_all<V: Vector, const FORM: u8, const SHADED: bool>(
         &mut self,
@@ -143,7 +142,7 @@ impl Tile {
         min_front: f32,
     ) {
         for &index in list {
-            // Asked per splat and not per batch: behind a wall the rest of a long list is free.
+            // Tested per splat rather than per batch: behind a wall, the rest of a long list costs nothing.
             if self.is_finished() {
                 break;
             }
@@ -155,7 +154,7 @@ impl Tile {
         }
     }
 
-    /// Adds one splat to the rows and groups inside its rectangle.
+    /// Blends one splat into the rows and groups inside its rectangle.
     #[inline(always)]
     fn blend<V: Vector, const FORM: u8>(
         &mut self,
@@ -166,7 +165,7 @@ impl Tile {
     ) {
         let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
-        // Closures over vectors are not compiled for the instruction set; this is spelled out.
+        // Unrolled by hand: closures over vectors are not compiled for the selected instruction set.
         let x =
             [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];
         for row in rows {
@@ -193,7 +192,7 @@ impl Tile {
         }
     }
 
-    /// Adds a splat to eight pixels; whether a pixel was finished by it.
+    /// Blends a splat into eight pixels. Returns true if it finished a pixel.
     #[inline(always)]
     fn blend_group<V: Vector, const FORM: u8>(
         &mut self,
@@ -202,7 +201,7 @@ impl Tile {
         gradient: Option<&Gradient>,
         response: &Response<V>,
     ) -> bool {
-        let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
+        let group = group % (TILE * GROUPS); // no-op that removes the bounds checks
         let transmittance = &mut self.transmittance[group];
         let Some(passed) = pass(transmittance, splat, response.exponent) else { return false };
         let Passed { weight, stopped, .. } = passed;
@@ -222,24 +221,24 @@ impl Tile {
     }
 }
 
-/// Transmittance of a group before anything is drawn, whose first pixel has the column `first` of so many:
-/// negative where there are no pixels.
+/// Initial transmittance of a group whose first pixel is in column `first`: 1 in the `columns` pixels of
+/// the image, negative beyond them.
 pub(super) fn untouched(first: usize, columns: usize) -> [f32; LANES] {
     std::array::from_fn(|lane| if first + lane < columns { 1.0 } else { -1.0 })
 }
 
-/// A splat in eight pixels.
+/// Contribution of a splat to eight pixels.
 pub(super) struct Passed<V> {
-    /// Alpha before the cap; 0 where a pixel does not show it.
+    /// Alpha before the cap; 0 in a pixel where the splat is invisible.
     pub free: V,
     /// Alpha times the transmittance in front.
     pub weight: V,
-    /// Whether a pixel was finished by it.
+    /// True if the splat finished a pixel.
     pub stopped: bool,
 }
 
-/// Light of eight pixels through one splat, `alpha = opacity · 2^exponent`: what every walk over a tile
-/// does, so that all see the same splats. `None` if none of the pixels shows it.
+/// Attenuates eight pixels by one splat with `alpha = opacity · 2^exponent`. Shared by all loops over a
+/// tile, so that they blend the same splats. `None` if the splat is invisible in all eight.
 #[inline(always)]
 pub(super) fn pass<V: Vector>(
     transmittance: &mut [f32; LANES],
@@ -249,7 +248,7 @@ pub(super) fn pass<V: Vector>(
     let front = V::load(transmittance);
     let visible = V::splat(splat.cut).mask_at_most(exponent);
     let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(front));
-    // Most groups of a splat's rectangle lie outside its ellipse: the exponential is the dear part.
+    // Most groups of a splat's rectangle lie outside its ellipse, and the exponential is expensive.
     if hit.signs() == 0 {
         return None;
     }
@@ -257,10 +256,10 @@ pub(super) fn pass<V: Vector>(
     let mut weight = capped(free) * front;
     let mut next = front - weight;
     let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
-    // Lanes that were not hit are not stopped either.
+    // Lanes without a hit cannot be stopped.
     let stopped = hit.signs() & !open.signs() & 0xFF;
-    // Rare, so the common case does not select. The sign of a stopped pixel's transmittance turns,
-    // its size stays: coverage still needs it.
+    // This case is rare, so the common path avoids the selects. A stopped pixel's transmittance changes sign
+    // but keeps its magnitude, which the coverage still needs.
     if stopped != 0 {
         let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
         (free, weight) = (free.and(goes_on), weight.and(goes_on));
@@ -270,26 +269,26 @@ pub(super) fn pass<V: Vector>(
     Some(Passed { free, weight, stopped: stopped != 0 })
 }
 
-/// Alpha of what it would be without its cap.
+/// Alpha with its cap applied.
 #[inline(always)]
 pub(super) fn capped<V: Vector>(free: V) -> V {
     free.min(V::splat(ALPHA_CAP as f32))
 }
 
-/// Whether no pixel of a row takes any more splats.
+/// True if no pixel of the row accepts more splats.
 pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
     let groups = &transmittance[row * GROUPS..(row + 1) * GROUPS];
     groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
-/// Rows of a tile at a pixel of the image that a rectangle has part in, and groups of these rows.
+/// Rows of a tile at pixel `(left, top)` that a rectangle covers, and the lane groups within these rows.
 #[inline(always)]
 pub(super) fn covered(rect: &Rect, [left, top]: [usize; 2]) -> (Range<usize>, Range<usize>) {
     let columns = span(rect.x0, rect.x1, left);
     (span(rect.y0, rect.y1, top), columns.start / LANES..columns.end.div_ceil(LANES))
 }
 
-/// The part of `lo..hi` inside a tile that begins at `first`, from there.
+/// Part of `lo..hi` inside a tile that starts at `first`, relative to `first`.
 #[inline(always)]
 fn span(lo: u16, hi: u16, first: usize) -> Range<usize> {
     let end = first + TILE;
@@ -301,7 +300,7 @@ fn add<V: Vector>(plane: &mut [f32; LANES], value: V) {
     (V::load(plane) + value).store(plane);
 }
 
-/// A splat through a pinhole: `δ` in pixels, `c = 1`.
+/// Response through a pinhole: `δ` in pixels, `c = 1`.
 #[inline(always)]
 fn through_plane<V: Vector, const FORM: u8>(
     splat: &ConicRecord,
@@ -319,7 +318,7 @@ fn through_plane<V: Vector, const FORM: u8>(
     }
 }
 
-/// A splat through a fisheye: `δ` and `c` are the unit ray's parts along its frame.
+/// Response through a fisheye: `δ` and `c` are the unit ray's components along the splat's tangent frame.
 #[inline(always)]
 fn through_fisheye<V: Vector>(
     splat: &ConicRecord,
@@ -355,7 +354,7 @@ fn respond<V: Vector>(
     let [l_x, l_y] = splat.linear;
     let front = share + (V::splat(l_x) * x + V::splat(l_y) * y);
     let front = front.max(V::splat(min_front));
-    // Opposite to the centre front and numerator are both 0.
+    // In the direction opposite to the centre, front and numerator are both 0.
     let numerator = numerator.max(V::splat(MIN_NUMERATOR));
     let across = V::splat(splat.w) * numerator;
     let inverse = V::splat(1.0) / (front * front + across);
@@ -367,7 +366,7 @@ fn respond<V: Vector>(
     }
 }
 
-/// One channel of a projected splat's colour at an offset from its centre, pixels.
+/// One channel of a projected splat's colour at an offset in pixels from its centre.
 #[inline(always)]
 pub(super) fn offset_color<V: Vector>(
     color: f32,
@@ -387,15 +386,14 @@ fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Respo
     changed(color, V::splat(gradient.along[channel]) * at.beyond + across)
 }
 
-/// A channel of the colour at its centre, changed by what its gradient says.
+/// Colour at the centre plus its change by the gradient, limited and non-negative.
 #[inline(always)]
 fn changed<V: Vector>(color: f32, change: V) -> V {
     let limit = GRADIENT_LIMIT as f32;
-    // Beyond the points that taught it a gradient extrapolates; the limit is the model's.
+    // Away from its training points the gradient extrapolates; the model defines the limit.
     let change = change.max(V::splat(-limit)).min(V::splat(limit));
     (V::splat(color) + change).max(V::splat(0.0))
 }
 
-/// Column of each lane within its tile.
 pub(super) const LANE_COLUMNS: [[f32; LANES]; GROUPS] =
     [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]];

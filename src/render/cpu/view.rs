@@ -1,5 +1,4 @@
-//! Camera and options in the form the preparation uses, and what every renderer does to a splat
-//! first.
+//! Camera and options in the form used for preparation, and the steps common to all renderers.
 
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
@@ -10,7 +9,7 @@ use crate::render::options::{
 };
 use glam::{DMat3, DVec2, DVec3};
 
-/// A view, ready for splats.
+/// View parameters in f64.
 #[derive(Clone)]
 pub(super) struct CpuView {
     pub width: usize,
@@ -19,7 +18,7 @@ pub(super) struct CpuView {
     pub camera_from_world: DMat3,
     pub centre: DVec3,
     pub intrinsics: Intrinsics,
-    /// Range of `x/z` and `y/z` inside which the Jacobian follows the splat.
+    /// Range of `x/z` and `y/z` within which the Jacobian follows the splat's centre.
     pub tangent_lo: DVec2,
     pub tangent_hi: DVec2,
     pub near: f32,
@@ -27,13 +26,13 @@ pub(super) struct CpuView {
     pub look: SplatStyle,
 }
 
-/// A splat in camera axes, about to be drawn.
+/// Splat in camera axes.
 pub(super) struct CameraSplat {
     /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,
-    /// Direction of each scale, in columns.
+    /// Directions of the scales in camera axes, in columns.
     pub axes: DMat3,
-    /// Standard deviations, world units: the look's factor and the floor applied.
+    /// Standard deviations, world units, after the display factor and the floor.
     pub scale: DVec3,
     pub opacity: f64,
 }
@@ -60,9 +59,9 @@ impl CpuView {
         }
     }
 
-    /// The splat in camera axes, or `None` if no pixel can see it.
+    /// Transforms a splat to camera axes; `None` if it is faint, hidden or not beyond the near plane.
     pub(super) fn place(&self, splat: &Splat) -> Option<CameraSplat> {
-        // The camera is subtracted in f64: far from the origin f32 would lose the difference.
+        // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let m = self.camera_from_world * (mean - self.centre);
         let depth = match self.method.lens() {
@@ -70,10 +69,10 @@ impl CpuView {
             Lens::Fisheye => m.length(),
         };
         let opacity = f64::from(splat.opacity);
-        // What the viewer hides and what the alpha cut would skip in every pixel is not even
-        // projected.
+        // Splats hidden by the viewer, or below the alpha cut in every pixel, are dropped before
+        // projection.
         let faint = opacity < ALPHA_CUT || splat.opacity < self.look.opacity_cut;
-        // In f32, as the GPU compares: a splat on the plane must not differ between them.
+        // Compared in f32 as on the GPU, so that both treat a splat on the near plane alike.
         if depth as f32 <= self.near || faint {
             return None;
         }
@@ -81,7 +80,7 @@ impl CpuView {
         Some(CameraSplat { m, axes, scale: self.look.scales(splat), opacity })
     }
 
-    /// Casts saturate: far outside is empty, infinite is the whole image.
+    /// Clips to the image; `None` if nothing remains. Casts saturate: infinite bounds give the whole image.
     pub(super) fn clip(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
         let limit =
             |value: f64, size: usize| (value as u16).min(size.min(usize::from(u16::MAX)) as u16);
@@ -100,8 +99,8 @@ impl CpuView {
     }
 }
 
-/// World directions of the three scales, in columns, of a rotation `w x y z` of any length: what
-/// normalising would divide by enters once.
+/// World directions of the three scales, in columns, for a rotation `w x y z` of any non-zero length. The
+/// squared length is divided out once, instead of normalising.
 fn axes_of(rotation: [f32; 4]) -> DMat3 {
     let [w, x, y, z] = rotation.map(f64::from);
     let double = 2.0 / (w * w + x * x + y * y + z * z);
@@ -117,14 +116,13 @@ fn axes_of(rotation: [f32; 4]) -> DMat3 {
 }
 
 impl CameraSplat {
-    /// `k²`: the squared Mahalanobis distance at which the alpha cut lies, `o·exp(−k²/2)` being the
-    /// cut.
+    /// `k²`: squared Mahalanobis distance of the alpha cut, where `o·exp(−k²/2)` equals the cut.
     pub(super) fn extent_squared(&self) -> f64 {
         2.0 * (self.opacity / ALPHA_CUT).ln()
     }
 
-    /// Widened as the exact renderer's antialiasing says (`rendering.md`, Antialiasing); `None` if
-    /// it fades the splat away.
+    /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing); `None` if it
+    /// fades below the alpha cut.
     pub(super) fn antialiased(mut self, exact: ExactOptions, k: &Intrinsics) -> Option<Self> {
         let variance = match exact.antialias {
             Antialias::None => return Some(self),
@@ -132,8 +130,7 @@ impl CameraSplat {
             Antialias::Reference => REFERENCE_VARIANCE,
         };
         let widened = (self.scale * self.scale + variance).map(f64::sqrt);
-        // Only the reference fades a splat by the volume it gained; see `rendering.md`,
-        // Antialiasing.
+        // Only the reference fades a splat by its gain in volume (`rendering.md`, Antialiasing).
         if exact.antialias == Antialias::Reference {
             self.opacity *= (self.scale / widened).element_product();
         }

@@ -1,29 +1,29 @@
-//! The graphics adapters of this computer, and choosing among them.
+//! Graphics adapters of this computer, and the choice among them.
 //!
-//! Adapters are named by what the user sees of them (name, backend, kind) and a choice matches any
-//! part of that text: drivers word their names in too many ways for an exact match. Software and
-//! OpenGL are allowed but said aloud, since a silent fallback looks like a slow program.
+//! An adapter is described by name, backend and kind. A choice matches any part of that text, because drivers
+//! format names in too many ways for an exact match. Software and OpenGL adapters are allowed but produce a
+//! warning, since a silent fallback would appear as a slow program.
 
 use super::poll::ready;
 use std::fmt;
 use std::path::Path;
 
-/// Which adapter is to draw.
+/// Selection of an adapter.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum AdapterChoice {
-    /// The most capable one, as wgpu (windows) or [`super::headless`] ranks them.
+    /// The most capable adapter, as ranked by wgpu (windows) or [`super::headless`].
     #[default]
     Auto,
-    /// A driver that runs shaders on this computer's CPU (llvmpipe, WARP).
+    /// A driver that runs shaders on the CPU (llvmpipe, WARP).
     Software,
-    /// The first that contains this in what [`AdapterFacts`] says of it, whatever the case.
+    /// The first adapter whose [`AdapterFacts`] text contains this string, ignoring case.
     Named(String),
-    /// The one at this place in [`list`].
+    /// The adapter at this index of [`list`].
     Index(usize),
 }
 
 impl AdapterChoice {
-    /// `auto`, `software`, a number, or anything else as part of a name.
+    /// Parses `auto`, `software`, an index, or otherwise part of a name.
     pub fn parse(text: &str) -> Self {
         match text {
             "auto" => Self::Auto,
@@ -44,34 +44,34 @@ impl fmt::Display for AdapterChoice {
     }
 }
 
-/// What an adapter is.
+/// Description of an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterFacts {
     /// Name of the device.
     pub name: String,
-    /// What it is driven by.
+    /// Graphics API that drives it.
     pub backend: wgpu::Backend,
     /// Discrete, integrated, virtual or software.
     pub device_type: wgpu::DeviceType,
 }
 
 impl AdapterFacts {
-    /// Of an adapter.
+    /// Describes a wgpu adapter.
     pub fn new(adapter: &wgpu::Adapter) -> Self {
         let info = adapter.get_info();
         Self { name: info.name, backend: info.backend, device_type: info.device_type }
     }
 
-    /// Why the user should know that this adapter draws, if so.
+    /// Warning for a software or OpenGL adapter.
     pub fn caveat(&self) -> Option<String> {
         let what = if self.device_type == wgpu::DeviceType::Cpu {
-            "is no graphics card but this computer's CPU"
+            "runs on the CPU instead of a graphics card"
         } else if self.backend == wgpu::Backend::Gl {
-            "is driven by OpenGL, the slower and less tested way"
+            "uses OpenGL, which is slower and less tested"
         } else {
             return None;
         };
-        Some(format!("{self} {what}; another adapter can be chosen in Settings or by --adapter"))
+        Some(format!("{self} {what}; choose another adapter in Settings or with --adapter"))
     }
 }
 
@@ -82,35 +82,35 @@ impl fmt::Display for AdapterFacts {
             wgpu::DeviceType::IntegratedGpu => "integrated",
             wgpu::DeviceType::VirtualGpu => "virtual",
             wgpu::DeviceType::Cpu => "software",
-            wgpu::DeviceType::Other => "of unknown kind",
+            wgpu::DeviceType::Other => "unknown type",
         };
         write!(f, "{} ({}, {kind})", self.name, self.backend)
     }
 }
 
-/// No adapter fits what was asked for.
+/// No adapter matches the choice.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("adapter: expected auto, software, or the name or number of one of {}; found `{choice}`", listed(.there))]
+#[error("adapter: expected auto, software, or the name or number of an available adapter: {}; found `{choice}`", listed(.there))]
 pub struct UnknownAdapter {
-    /// What was asked for.
+    /// The choice that matched nothing.
     pub choice: AdapterChoice,
-    /// What there is.
+    /// Available adapters.
     pub there: Vec<AdapterFacts>,
 }
 
 pub(super) fn listed(adapters: &[AdapterFacts]) -> String {
     let line = |(i, adapter): (usize, &AdapterFacts)| format!("{i}: {adapter}");
     let lines: Vec<String> = adapters.iter().enumerate().map(line).collect();
-    if lines.is_empty() { "none at all".to_owned() } else { format!("[{}]", lines.join("; ")) }
+    if lines.is_empty() { "none".to_owned() } else { format!("[{}]", lines.join("; ")) }
 }
 
-/// Whether this computer may have a graphics card: Linux shows one in `/dev`. Asking the drivers instead
-/// loads them all, and software's brings a compiler of 50 MB.
+/// True if this computer may have a graphics card, which Linux lists in `/dev`. Enumerating adapters instead
+/// would load all drivers, and the software driver brings a compiler of 50 MB.
 pub fn may_be_there() -> bool {
     !cfg!(target_os = "linux") || shows_card(Path::new("/dev"))
 }
 
-/// Whether a folder of devices shows a graphics card, of whatever make; so does one that cannot be read.
+/// True if a device folder lists a graphics card of any vendor, or cannot be read.
 fn shows_card(devices: &Path) -> bool {
     const CARDS: [&str; 7] = ["dri", "nvidia", "dxg", "kgsl", "mali", "pvr", "kfd"];
     let Ok(entries) = std::fs::read_dir(devices) else { return true };
@@ -118,19 +118,19 @@ fn shows_card(devices: &Path) -> bool {
     entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(is_card))
 }
 
-/// The adapters of this computer that windows can be drawn with, in the order that
-/// [`AdapterChoice::Index`] counts them.
+/// Adapters of this computer that can draw windows, in the order of
+/// [`AdapterChoice::Index`].
 pub fn list() -> Vec<AdapterFacts> {
     enumerate().iter().map(AdapterFacts::new).collect()
 }
 
-/// The adapters that [`list`] describes, in its order.
+/// wgpu adapters in the order of [`list`].
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
-    // What windows are drawn with: everything first-class, and OpenGL.
+    // Backends that can draw windows: all first-class ones, and OpenGL.
     enumerate_in(wgpu::Backends::PRIMARY | wgpu::Backends::GL)
 }
 
-/// The adapters of these backends, or of those that the environment names.
+/// Adapters of the given backends, unless the environment selects other backends.
 pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     let backends = wgpu::Backends::from_env().unwrap_or(backends);
     let environment = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
@@ -138,7 +138,7 @@ pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     ready(instance.enumerate_adapters(backends)).unwrap_or_default()
 }
 
-/// Position of the adapter that is asked for; `None` if that is left to wgpu.
+/// Index of the chosen adapter; `None` leaves the choice to wgpu.
 pub fn choose(
     choice: &AdapterChoice,
     adapters: &[AdapterFacts],
@@ -146,7 +146,7 @@ pub fn choose(
     let is_named =
         |a: &AdapterFacts, name: &str| a.to_string().to_lowercase().contains(&name.to_lowercase());
     let found = match choice {
-        // wgpu knows which adapter can show the window's surface; we do not.
+        // Only wgpu knows which adapter can present to the window's surface.
         AdapterChoice::Auto => return Ok(None),
         AdapterChoice::Software => {
             adapters.iter().position(|a| a.device_type == wgpu::DeviceType::Cpu)
@@ -192,7 +192,7 @@ mod tests {
             );
         }
         let none = choose(&AdapterChoice::Software, &[]).unwrap_err().to_string();
-        assert!(none.contains("none at all") && none.contains("`software`"), "{none}");
+        assert!(none.contains("adapter: none") && none.contains("`software`"), "{none}");
     }
 
     #[test]
@@ -202,7 +202,7 @@ mod tests {
         assert!(!shows_card(devices.path()));
         std::fs::write(devices.path().join("nvidia0"), "").unwrap();
         assert!(shows_card(devices.path()));
-        assert!(shows_card(&devices.path().join("none")), "nothing is known");
+        assert!(shows_card(&devices.path().join("none")), "an unreadable folder counts as a card");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Out of memory, which WebGPU may report long after the allocation.
+//! Allocations whose out-of-memory errors may arrive later.
 
 use super::error::GpuError;
 use super::poll::ready;
@@ -8,34 +8,34 @@ use std::pin::Pin;
 
 type Answer = Pin<Box<dyn Future<Output = Option<wgpu::Error>> + Send>>;
 
-/// What became of an allocation.
+/// Outcome of an allocation.
 pub(super) struct Allocation {
-    /// While the driver has not said.
+    /// `None` once the driver has responded.
     answer: Option<Answer>,
     refused: GpuError,
 }
 
 impl Allocation {
-    /// Allocates; `refused` is the error if the driver says no, at once or in a later
-    /// [`Self::check`].
+    /// Runs `allocate`. If the driver reports that it is out of memory, `refused` is returned, either here or
+    /// by a later [`Self::check`].
     pub(super) fn new<T>(
         device: &wgpu::Device,
         refused: GpuError,
         allocate: impl FnOnce() -> T,
     ) -> Result<(T, Self), GpuError> {
-        // A scope of its own, so that the refusal comes here and not to whoever hears of faults.
+        // A separate error scope delivers the error here rather than to the fault handler.
         let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let made = allocate();
         let mut allocation = Self { answer: Some(Box::pin(scope.pop())), refused };
-        // Native backends answer at once, and then nothing is built on a buffer that is not there.
+        // Native backends respond immediately; then nothing is built on an invalid buffer.
         allocation.check()?;
         Ok((made, allocation))
     }
 
-    /// The error, once, if the driver has said no since the last check.
+    /// Returns the error once if the driver has reported one since the last check.
     pub(super) fn check(&mut self) -> Result<(), GpuError> {
         let Some(said) = self.answer.as_mut().and_then(ready) else { return Ok(()) };
-        // An error is reported once; later frames go on with what there is.
+        // Reported once; later frames continue with the existing buffers.
         self.answer = None;
         said.map_or(Ok(()), |_| Err(self.refused.clone()))
     }

@@ -1,17 +1,17 @@
-//! Waiting for what was submitted, with a limit: a lost or hung device never answers.
+//! Waits for submitted work with a timeout, because a lost or hung device never responds.
 
 use super::faults::GpuFaults;
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// A GPU that takes longer than this is not coming back.
+/// Timeout after which the GPU counts as lost.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Waits for a submission; then so many bytes of what comes back are mapped, and given, and all of the uploads
-/// are.
+/// Waits for a submission and maps buffers. Returns the first `bytes` bytes of `readback` and maps all
+/// `uploads` completely for writing.
 ///
 /// # Errors
-/// What wgpu or the driver said.
+/// Message from wgpu or the driver.
 pub(super) fn answer_of<'a>(
     device: &wgpu::Device,
     faults: &GpuFaults,
@@ -25,15 +25,15 @@ pub(super) fn answer_of<'a>(
     readback.get_mapped_range(..bytes).map_err(|error| error.to_string())
 }
 
-/// Lets go of an answer in the buffer that comes back.
+/// Releases a mapped result and unmaps its readback buffer.
 pub(super) fn forget(answer: &mut Option<wgpu::BufferView>, readback: &wgpu::Buffer) {
-    // The view first: a buffer that is still looked at cannot be unmapped.
+    // The view is dropped first, because a buffer with a live view cannot be unmapped.
     if answer.take().is_some() {
         readback.unmap();
     }
 }
 
-/// Waits for a submission; then the first bytes of the buffers are mapped, as many as are said.
+/// Waits for a submission and maps the first bytes of each buffer, with mode and length as given.
 fn wait_mapped(
     device: &wgpu::Device,
     faults: &GpuFaults,
@@ -44,14 +44,14 @@ fn wait_mapped(
     for &(buffer, mode, bytes) in maps {
         let sender = sender.clone();
         buffer.map_async(mode, ..bytes, move |result| {
-            // The receiver is gone only when the wait below has already failed.
+            // The receiver is gone only if the wait below has already failed.
             let _ = sender.send(result);
         });
     }
     let patiently =
         wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
     device.poll(patiently).map_err(|error| error.to_string())?;
-    // The wait above has run all callbacks, or it never will.
+    // All callbacks have run by now, or never will.
     for result in receiver.try_iter() {
         result.map_err(|error| error.to_string())?;
     }

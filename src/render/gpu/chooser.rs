@@ -1,28 +1,28 @@
-//! Which path draws faster on this adapter: measured, not guessed from its name.
+//! Chooses the faster drawing path by measurement.
 //!
 //! Blended quads are slow on chips with much compute and few raster units, and fast on gaming
-//! cards; a name tells neither. So the first images are drawn by both, the medians compared, and
-//! the choice made anew when the load has changed much, since it is the load that tips the balance
-//! (`rendering.md`, GPU renderer).
+//! cards; the adapter's name does not reveal which. The first images are therefore drawn by both paths
+//! and the medians compared. The choice is repeated after a large change of load, because the load affects
+//! which path is faster (`rendering.md`, GPU renderer).
 
 use super::path::DrawPath;
 
-/// Measurements of a path before it is judged. The first ones are of buffers that still grow and of
-/// clocks that still rise.
+/// Measurements per path. The first ones are ignored: buffers are still growing and clocks still
+/// rising.
 const N_TRIALS: usize = 8;
 const N_IGNORED: usize = 4;
-/// Factors of the number of splats and of pixels past which the choice is made anew.
+/// Factors of change in splats and pixels that trigger a new choice.
 const MANY_SPLATS: f64 = 2.0;
 const MANY_PIXELS: f64 = 1.5;
 
-/// How much there is to draw.
+/// Amount of work per image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Load {
     pub(super) n_splats: usize,
     pub(super) n_pixels: usize,
 }
 
-/// Tries both paths and keeps the faster one.
+/// Measures both paths and selects the faster one.
 #[derive(Debug)]
 pub(super) struct Chooser {
     state: State,
@@ -31,7 +31,7 @@ pub(super) struct Chooser {
 
 #[derive(Debug)]
 enum State {
-    /// Not by measurement.
+    /// Not measured.
     Fixed(DrawPath),
     Trying {
         path: DrawPath,
@@ -42,22 +42,22 @@ enum State {
 }
 
 impl Chooser {
-    /// Keeps to one path.
+    /// Always selects one path.
     pub(super) fn fixed(path: DrawPath) -> Self {
         Self { state: State::Fixed(path), load: Load { n_splats: 0, n_pixels: 0 } }
     }
 
-    /// Begins with quads.
+    /// Starts measuring, with quads first.
     pub(super) fn measuring() -> Self {
         Self { state: trying(DrawPath::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
     }
 
-    /// Whether measurements decide.
     pub(super) fn is_free(&self) -> bool {
         !matches!(self.state, State::Fixed(_))
     }
 
-    /// Tiles cannot draw this load; quads do until it changes.
+    /// Selects quads because tiles cannot draw the current load. A free choice is repeated when the load
+    /// changes.
     pub(super) fn rule_out_tiles(&mut self) {
         self.state = if self.is_free() {
             State::Chosen(DrawPath::Quads)
@@ -66,7 +66,6 @@ impl Chooser {
         };
     }
 
-    /// The path of the next image.
     pub(super) fn path(&self) -> DrawPath {
         match &self.state {
             State::Fixed(path) | State::Chosen(path) => *path,
@@ -74,7 +73,7 @@ impl Chooser {
         }
     }
 
-    /// Begins anew if there is much more or much less to draw than when the choice was made.
+    /// Restarts the measurement if the load differs greatly from that of the last choice.
     pub(super) fn note(&mut self, load: Load) {
         let is_new = differs(load.n_splats, self.load.n_splats, MANY_SPLATS)
             || differs(load.n_pixels, self.load.n_pixels, MANY_PIXELS);
@@ -84,10 +83,10 @@ impl Chooser {
         }
     }
 
-    /// A measurement of an image, possibly of one a few frames ago.
+    /// Records the time of an image in milliseconds; the image may be a few frames old.
     pub(super) fn measured(&mut self, path: DrawPath, total: f64) {
         let State::Trying { path: tried, milliseconds, quads } = &mut self.state else { return };
-        // Results arrive frames late, so the first ones may still be of the other path.
+        // Results arrive some frames late, so the first ones may belong to the other path.
         if path != *tried {
             return;
         }
@@ -96,7 +95,7 @@ impl Chooser {
             return;
         }
         let kept = &mut milliseconds[N_IGNORED..];
-        // The median: another program's frame in between must not decide.
+        // Median, so that a disturbance by another program does not decide.
         kept.sort_by(f64::total_cmp);
         let median = kept[kept.len() / 2];
         self.state = match *quads {
@@ -122,7 +121,7 @@ mod tests {
 
     const LOAD: Load = Load { n_splats: 1000, n_pixels: 100 };
 
-    /// Draws until the choice is made, measurements two frames late.
+    /// Draws until the choice is made, with measurements two frames late.
     fn settle(chooser: &mut Chooser, load: Load, quads: f64, tiles: f64) -> DrawPath {
         let mut under_way = Vec::new();
         for _ in 0..4 * N_TRIALS {
@@ -141,7 +140,7 @@ mod tests {
         for (quads, tiles, faster) in [(3.0, 1.0, DrawPath::Tiles), (1.0, 3.0, DrawPath::Quads)] {
             let mut chooser = Chooser::measuring();
             assert_eq!(settle(&mut chooser, LOAD, quads, tiles), faster);
-            // Nothing much changes: no new trial, whatever is measured.
+            // Small changes of load do not start a new trial, whatever is measured.
             let more = Load { n_splats: 1900, n_pixels: 149 };
             assert_eq!(settle(&mut chooser, more, tiles, quads), faster);
         }

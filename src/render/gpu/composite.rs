@@ -1,8 +1,7 @@
-//! Splat image over a background, into whatever the window or a picture wants.
+//! Composites the splat image over a background into the window or a screenshot.
 //!
-//! A pass of its own and not the splats' last step, because the image is drawn once and shown
-//! often: while nothing moves, only this pass runs, and backgrounds, wipes and differences change
-//! without drawing a splat again.
+//! A separate pass, because an image is drawn once and shown many times. While nothing moves, only this pass
+//! runs. Background, wipe and difference change without drawing splats again.
 
 use super::constants::{COMPARE_DIFFERENCE, COMPARE_NOTHING, COMPARE_WIPE, module};
 use super::draw_pipeline::DrawPipeline;
@@ -11,21 +10,21 @@ use super::target::SplatTarget;
 use crate::render::compare::{Area, Combination};
 use crate::render::finish::Finish;
 
-/// A second picture to compare with.
+/// Second image of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub struct Second<'a> {
-    /// Of another [`SplatTarget`] or of a [`super::photo::PhotoTexture`].
+    /// View of another [`SplatTarget`] or of a [`super::photo::PhotoTexture`].
     pub view: &'a wgpu::TextureView,
-    /// What becomes of its pixels; nothing of a photograph's.
+    /// Finishing of its pixels; [`Finish::NONE`] for a photograph.
     pub finish: Finish,
-    /// The part of the viewport that it fills.
+    /// Part of the viewport that it fills.
     pub area: Area,
-    /// What is shown of the two.
+    /// Method of combining the two images.
     pub how: Combination,
 }
 
-/// Finishes a splat image, lays it over a background, `C + (1 − A)·bg` (`rendering.md`, GPU
-/// renderer), and compares it with a second picture if there is one.
+/// Finishes a splat image, composites it over a background as `C + (1 − A)·bg` (`rendering.md`, GPU
+/// renderer), and combines it with an optional second image.
 #[derive(Debug)]
 pub struct Compositor {
     pipeline: wgpu::RenderPipeline,
@@ -35,8 +34,8 @@ pub struct Compositor {
 }
 
 impl Compositor {
-    /// For targets of `format`. Values are sRGB-encoded; a `*Srgb` format, which encodes what it is
-    /// given, gets them decoded so that the same colours are shown.
+    /// Creates a compositor for targets of `format`. Values are sRGB-encoded. For a `*Srgb` format, which
+    /// encodes on write, the shader decodes them first, so the displayed colours are the same.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
         Self {
             pipeline: pipeline(device, format),
@@ -46,7 +45,7 @@ impl Compositor {
                 usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             }),
-            // Exact where sizes agree; smooth where the image is smaller than the viewport.
+            // Exact for equal sizes, smooth if the image is smaller than the viewport.
             sampler: device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("composite"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -57,8 +56,8 @@ impl Compositor {
         }
     }
 
-    /// Chooses the image and the background (sRGB-encoded) of the next [`Self::draw`]; call it after
-    /// the render that made the image and before the pass that draws it is submitted.
+    /// Sets the image and the sRGB-encoded background of the next [`Self::draw`]. Call it after the
+    /// image has been rendered and before the pass that draws it is submitted.
     pub fn prepare(
         &mut self,
         device: &wgpu::Device,
@@ -69,7 +68,7 @@ impl Compositor {
         self.prepare_pair(device, queue, image, background, None);
     }
 
-    /// [`Self::prepare`] with a second picture to compare with, laid over an equal background.
+    /// Like [`Self::prepare`], with a second image composited over the same background.
     pub fn prepare_pair(
         &mut self,
         device: &wgpu::Device,
@@ -80,7 +79,7 @@ impl Compositor {
     ) {
         let uniforms = uniforms(background, image.finish(), second);
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
-        // A binding cannot be empty: without a second picture the first stands in, unread.
+        // A binding cannot be empty: without a second image the first is bound but unused.
         let second_view = second.map_or(image.view(), |second| second.view);
         self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("composite"),
@@ -103,8 +102,8 @@ impl Compositor {
         }));
     }
 
-    /// Fills the viewport that `pass` has set; the pass must have one colour attachment of this
-    /// compositor's format and no depth. Draws nothing before the first [`Self::prepare`].
+    /// Fills the viewport set on `pass`. The pass must have one colour attachment of this
+    /// compositor's format and no depth attachment. Does nothing before the first [`Self::prepare`].
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
         if let Some(bindings) = &self.bindings {
             pass.set_pipeline(&self.pipeline);
@@ -139,7 +138,7 @@ fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) ->
 
 fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
     let module = module(device, "composite", shader::COMPOSITE);
-    // Values are sRGB-encoded already; such a target would encode them twice.
+    // The values are already sRGB-encoded, and such a target would encode them again.
     let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
     DrawPipeline {
         label: "composite",

@@ -1,6 +1,6 @@
-//! Constants that shaders share with Rust. They are written once, here or where the CPU renderer has
-//! them, and stand as WGSL in front of every shader when its module is made: two truths would drift
-//! apart in silence, because a shader with another cut draws nearly the same picture.
+//! Constants shared by shaders and Rust. Each is defined once, here or in the CPU renderer, and prepended as
+//! WGSL to every shader module. Two definitions could diverge unnoticed, because a shader with a different
+//! cut draws almost the same image.
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::MAX_TILE_POINTS;
@@ -17,64 +17,64 @@ use crate::render::{
 };
 use std::fmt::Write;
 
-/// [`super::layout::GpuSplat::flags`]: the slot holds a splat that can be drawn.
+/// [`super::layout::GpuSplat::flags`]: the slot holds a drawable splat.
 pub const FLAG_LIVE: u32 = 1;
 
-/// [`super::layout::GpuView::renderer`]: covariances projected to the image.
+/// [`super::layout::GpuView::renderer`]: projected renderer.
 pub const RENDERER_PROJECTED: u32 = 0;
-/// [`super::layout::GpuView::renderer`]: the response along each ray.
+/// [`super::layout::GpuView::renderer`]: exact renderer.
 pub const RENDERER_EXACT: u32 = 1;
 
-/// [`super::layout::GpuView::paint`]: the splats' own colours.
+/// [`super::layout::GpuView::paint`]: stored colours.
 pub const PAINT_STORED: u32 = 0;
-/// [`super::layout::GpuView::paint`]: by distance to the camera.
+/// [`super::layout::GpuView::paint`]: distance from the camera.
 pub const PAINT_DEPTH: u32 = 1;
-/// [`super::layout::GpuView::paint`]: by the direction of the shortest axis.
+/// [`super::layout::GpuView::paint`]: direction of the shortest axis.
 pub const PAINT_NORMAL: u32 = 2;
 
-/// [`super::layout::Composite::mode`]: the first picture alone.
+/// [`super::layout::Composite::mode`]: only the first image.
 pub const COMPARE_NOTHING: u32 = 0;
-/// [`super::layout::Composite::mode`]: one picture left, the other right of a divider.
+/// [`super::layout::Composite::mode`]: first image left and second image right of a divider.
 pub const COMPARE_WIPE: u32 = 1;
-/// [`super::layout::Composite::mode`]: what differs.
+/// [`super::layout::Composite::mode`]: difference of the images.
 pub const COMPARE_DIFFERENCE: u32 = 2;
 
-/// Lanes of a workgroup of [`super::tiles`]: a lane for each pixel of a tile and each value of a digit.
+/// Workgroup size of [`super::tiles`]: one lane per pixel of a tile and per value of a digit.
 pub(super) const GROUP: u32 = 256;
-// The running sum of a workgroup takes a step for each bit, and ends in the half where it began.
+// The prefix sum of a workgroup takes one step per bit. An even number ends in the half where it started.
 const _: () = assert!(GROUP.is_power_of_two() && GROUP.ilog2().is_multiple_of(2));
-/// Lanes of a workgroup of sparse uploads.
+/// Workgroup size of sparse uploads.
 pub(super) const SCATTER_GROUP: u32 = 64;
-/// Points whose terms a workgroup of [`super::points`] adds, a lane a sum; and its lanes.
+/// Points per workgroup when summing terms of [`super::points`], and its size: one lane per sum.
 pub(super) const SUM_GROUP: u32 = 64;
 const _: () = assert!(SUM_GROUP as usize >= N_SUMS);
-/// Cells of means that a workgroup counts up; the lanes of one share them.
+/// Grid cells per workgroup in the prefix sum over means, divided among its lanes.
 pub(super) const STRIP_CELLS: u32 = 16 * GROUP;
-/// Workgroups of the passes of the radix sort over all keys.
+/// Workgroups of the radix sort passes that read all keys.
 pub(super) const N_STRIPS: u32 = 1024;
 
-/// A splat's sums of [`super::photometric`] in one tile, by fours.
+/// Number of `vec4` values that hold a splat's sums in one tile in [`super::photometric`].
 pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
 
-/// Slots of the buffer of counts of [`super::tiles`], which never leave the GPU within a frame.
+/// Slots of the counter buffer of [`super::tiles`], which is not read back within a frame.
 pub(super) mod slot {
-    /// Splats in the scene.
+    /// Number of splats in the scene.
     pub(in super::super) const N_SPLATS: u32 = 0;
-    /// Of those, with an entry at least.
+    /// Number of splats with at least one entry.
     pub(in super::super) const N_VISIBLE: u32 = 1;
-    /// Pairs of splat and tile that fit.
+    /// Number of stored splat-tile pairs.
     pub(in super::super) const N_ENTRIES: u32 = 2;
-    /// Pairs there are; the largest u32 stands for more.
+    /// Number of splat-tile pairs needed, saturated at the largest u32.
     pub(in super::super) const N_NEEDED: u32 = 3;
-    /// Key of the nearest splat with an entry, all ones without any.
+    /// Key of the nearest splat with an entry; all ones if there is none.
     pub(in super::super) const NEAREST: u32 = 4;
-    /// Key of the farthest one.
+    /// Key of the farthest splat with an entry.
     pub(in super::super) const FARTHEST: u32 = 5;
-    /// Slots there are.
+    /// Number of slots.
     pub(in super::super) const N_SLOTS: usize = 6;
 }
 
-/// Whole numbers by their names in WGSL.
+/// Integer constants by WGSL name.
 const WORDS: [(&str, u32); 33] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
@@ -111,7 +111,7 @@ const WORDS: [(&str, u32); 33] = [
     ("SUM_GROUP", SUM_GROUP),
 ];
 
-/// Other numbers by their names in WGSL.
+/// Floating-point constants by WGSL name.
 const NUMBERS: [(&str, f32); 15] = [
     ("ALPHA_CAP", ALPHA_CAP as f32),
     ("ALPHA_CUT", ALPHA_CUT as f32),
@@ -130,14 +130,14 @@ const NUMBERS: [(&str, f32); 15] = [
     ("QUANTA", (1.0 / QUANTUM) as f32),
 ];
 
-/// A shader behind the declarations of all shared constants.
+/// Prepends the declarations of all shared constants to a shader.
 pub fn with_constants(shader: &str) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
     for (name, value) in WORDS {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
     }
-    // The shortest digits that give the same f32 back, read as f32 because of the suffix.
+    // `{:?}` prints the shortest digits that restore the same f32; the suffix makes WGSL parse them as f32.
     for (name, value) in NUMBERS {
         let _ = writeln!(text, "const {name}: f32 = {value:?}f;");
     }
@@ -154,7 +154,7 @@ pub fn with_constants(shader: &str) -> String {
     text + ");\n" + shader
 }
 
-/// A module of a shader that leaves the shared constants out.
+/// Creates a shader module with the shared constants prepended.
 pub(super) fn module(device: &wgpu::Device, label: &str, shader: &str) -> wgpu::ShaderModule {
     device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),

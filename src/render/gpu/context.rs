@@ -1,54 +1,54 @@
-//! What an adapter offers of the things we use, and what to ask of it.
+//! Features, limits and capabilities of an adapter.
 
 use super::error::GpuError;
 
-/// Features that help when offered; the renderer works without.
+/// Optional features, requested if available.
 const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
 
-/// Everything an adapter allows: its own limits (a splat buffer wants the largest binding there is)
-/// and the optional features it has.
+/// Requests the adapter's own limits (a splat buffer needs the largest possible binding) and the
+/// available optional features.
 pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     wgpu::DeviceDescriptor {
         label: Some("vbgs device"),
-        // Asking for a feature that is not offered fails; what is missing is done without.
+        // Requesting an unavailable feature would fail.
         required_features: adapter.features() & OPTIONAL,
         required_limits: required_limits(adapter),
         ..Default::default()
     }
 }
 
-/// The adapter's own limits: the defaults would stop at 2 million splats on any card.
+/// Limits of the adapter itself: wgpu's defaults would allow only 2 million splats on any card.
 pub fn required_limits(adapter: &wgpu::Adapter) -> wgpu::Limits {
     adapter.limits()
 }
 
-/// What a device can do for us and how to name it to the user.
+/// Capabilities of a device and its description for the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GpuCaps {
     /// Name of the adapter.
     pub adapter: String,
-    /// Vulkan, Metal, Dx12 or Gl.
+    /// Graphics API: Vulkan, Metal, Dx12 or Gl.
     pub backend: wgpu::Backend,
-    /// Driver and its version, as the driver words them; may be empty.
+    /// Driver and version as reported by the driver; may be empty.
     pub driver: String,
     /// Discrete, integrated, virtual or software.
     pub device_type: wgpu::DeviceType,
-    /// Bytes that one buffer can hold and a shader can see at once.
+    /// Largest buffer that a shader can bind completely, bytes.
     pub max_buffer_bytes: u64,
-    /// Pixels a side of the largest texture.
+    /// Largest side of a texture, pixels.
     pub max_texture_side: u32,
-    /// Whether passes can be timed on the GPU.
+    /// True if passes can be timed on the GPU.
     pub has_timestamps: bool,
     missing: Option<&'static str>,
 }
 
 impl GpuCaps {
-    /// Of a device in use; `adapter` is the one it came from.
+    /// Reads the capabilities of `device`, created from `adapter`.
     pub fn new(adapter: &wgpu::Adapter, device: &wgpu::Device) -> Self {
         let info = adapter.get_info();
         let limits = device.limits();
         let flags = adapter.get_downlevel_capabilities().flags;
-        // Downlevel adapters (OpenGL ES, WebGL) may lack both, and no limit says so.
+        // Downlevel adapters (OpenGL ES, WebGL) may lack both; limits do not show that.
         let missing = [
             (wgpu::DownlevelFlags::VERTEX_STORAGE, "storage buffers in vertex shaders"),
             (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),
@@ -67,13 +67,13 @@ impl GpuCaps {
         }
     }
 
-    /// Whether the "GPU" is this computer's CPU (llvmpipe, WARP): our CPU renderer is then many
-    /// times faster (`rendering.md`, Software adapters).
+    /// True if the adapter runs on the CPU (llvmpipe, WARP), where the CPU renderer is many times
+    /// faster (`rendering.md`, Software adapters).
     pub fn is_software(&self) -> bool {
         self.device_type == wgpu::DeviceType::Cpu
     }
 
-    /// Whether the shaders can run at all.
+    /// Fails if the adapter cannot run the shaders.
     pub fn check(&self) -> Result<(), GpuError> {
         match self.missing {
             Some(missing) => Err(GpuError::Unsupported { adapter: self.adapter.clone(), missing }),
@@ -83,7 +83,7 @@ impl GpuCaps {
 }
 
 impl std::fmt::Display for GpuCaps {
-    /// One line for the status bar: name, backend, driver.
+    /// Formats name, backend and driver as one line for the status bar.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} ({}", self.adapter, self.backend)?;
         if !self.driver.is_empty() {
@@ -93,7 +93,7 @@ impl std::fmt::Display for GpuCaps {
     }
 }
 
-/// Bytes that fit in one buffer and in one binding of it.
+/// Largest buffer, in bytes, that fits in one binding.
 pub(super) fn max_buffer_bytes(limits: &wgpu::Limits) -> u64 {
     limits.max_buffer_size.min(limits.max_storage_buffer_binding_size)
 }

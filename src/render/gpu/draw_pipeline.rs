@@ -1,10 +1,10 @@
-//! Pipelines that draw into one colour target, without depth.
+//! Render pipelines with one colour target and no depth.
 
-/// What distinguishes them.
+/// Varying parameters of such a pipeline.
 pub(super) struct DrawPipeline<'a> {
     pub label: &'a str,
     pub module: &'a wgpu::ShaderModule,
-    /// Functions of vertex and fragment.
+    /// Entry points of the vertex and the fragment shader.
     pub entries: [&'a str; 2],
     pub buffers: &'a [Option<wgpu::VertexBufferLayout<'a>>],
     pub topology: wgpu::PrimitiveTopology,
@@ -12,12 +12,11 @@ pub(super) struct DrawPipeline<'a> {
 }
 
 impl DrawPipeline<'_> {
-    /// The pipeline.
     pub(super) fn made(&self, device: &wgpu::Device) -> wgpu::RenderPipeline {
         let Self { label, module, entries: [vertex, fragment], buffers, topology, target } = self;
         device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
-            // Derived from the shader, where each binding is declared once.
+            // Derived from the shader, which declares each binding once.
             layout: None,
             vertex: wgpu::VertexState {
                 module,

@@ -1,161 +1,157 @@
-//! What can go wrong on the GPU, said with what was asked for, what the adapter has and what to do.
+//! Errors of the GPU renderer, with the requested amount, the adapter's limit and a remedy.
 
-/// Why the GPU could not do what was asked.
+/// Failure of a GPU operation.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GpuError {
-    /// The adapter cannot run the shaders at all.
+    /// The adapter cannot run the shaders.
     #[error(
-        "{adapter}: expected {missing}, which this adapter does not offer; the CPU renderer draws instead"
+        "{adapter}: {missing} required but not supported by this adapter; the CPU renderer draws instead"
     )]
     Unsupported {
         /// Name of the adapter.
         adapter: String,
-        /// What it lacks.
+        /// Missing feature.
         missing: &'static str,
     },
-    /// More splats than one buffer of this adapter holds.
+    /// The splats do not fit in one buffer of this adapter.
     #[error(
-        "{n_splats} splats need {needed_mib} MiB, this adapter binds at most {limit_mib} MiB: keep to {max_splats} splats or draw with the CPU renderer"
+        "{n_splats} splats need {needed_mib} MiB, but this adapter binds at most {limit_mib} MiB: use at most {max_splats} splats or the CPU renderer"
     )]
     TooManySplats {
-        /// Splats that were to be uploaded.
+        /// Number of splats to upload.
         n_splats: usize,
-        /// Size of those splats' records, MiB.
+        /// Size of their records, MiB.
         needed_mib: u64,
-        /// Largest buffer that a shader of this adapter sees whole, MiB.
+        /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
-        /// What fits in it.
+        /// Number of splats that would fit.
         max_splats: usize,
     },
     /// The driver refused an allocation that is within its limits.
     #[error(
-        "{n_splats} splats: the GPU is out of memory ({mib} MiB asked for); the splats uploaded before are still drawn, close other GPU programs or train fewer components"
+        "{n_splats} splats: the GPU is out of memory ({mib} MiB requested); the previously uploaded splats are still drawn; close other GPU programs or train fewer components"
     )]
     OutOfMemory {
-        /// Splats that were to be uploaded.
+        /// Number of splats to upload.
         n_splats: usize,
-        /// Size of all buffers asked for, MiB.
+        /// Total size of the requested buffers, MiB.
         mib: u64,
     },
-    /// Comparing a photograph needs a larger buffer than this adapter has.
+    /// Comparing a photograph needs a larger buffer than this adapter supports.
     #[error(
-        "comparing a photograph needs a buffer of {needed_mib} MiB, this adapter binds at most {limit_mib} MiB; the processor compares instead"
+        "comparing a photograph needs a buffer of {needed_mib} MiB, but this adapter binds at most {limit_mib} MiB; the processor compares instead"
     )]
     ComparisonTooLarge {
         /// Size of the buffer, MiB.
         needed_mib: u64,
-        /// Largest buffer that a shader of this adapter sees whole, MiB.
+        /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
     },
     /// The driver refused a buffer for comparing a photograph.
     #[error(
-        "the GPU is out of memory for comparing a photograph ({mib} MiB asked for); the processor compares instead, close other GPU programs to change that"
+        "the GPU is out of memory for comparing a photograph ({mib} MiB requested); the processor compares instead; close other GPU programs to use the GPU"
     )]
     NoMemoryToCompare {
-        /// Size of the buffer asked for, MiB.
+        /// Size of the requested buffer, MiB.
         mib: u64,
     },
-    /// What a photograph says did not come back.
-    #[error(
-        "the GPU did not say what a photograph teaches: {reason}; the processor compares instead"
-    )]
+    /// The result of comparing a photograph could not be read back.
+    #[error("the GPU failed to compare a photograph: {reason}; the processor compares instead")]
     NoComparison {
-        /// What wgpu or the driver said.
+        /// Message from wgpu or the driver.
         reason: String,
     },
-    /// A pass over a frame needs a larger buffer than this adapter has.
+    /// A pass over a frame needs a larger buffer than this adapter supports.
     #[error(
-        "{what} need a buffer of {needed_mib} MiB, this adapter binds at most {limit_mib} MiB; the processor trains instead"
+        "{what} need a buffer of {needed_mib} MiB, but this adapter binds at most {limit_mib} MiB; the processor trains instead"
     )]
     PassTooLarge {
-        /// What was to be held.
+        /// Contents of the buffer.
         what: &'static str,
         /// Size of the buffer, MiB.
         needed_mib: u64,
-        /// Largest buffer that a shader of this adapter sees whole, MiB.
+        /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
     },
     /// The driver refused a buffer for a pass over a frame.
     #[error(
-        "the GPU is out of memory for {what} ({mib} MiB asked for); the processor trains instead, close other GPU programs to change that"
+        "the GPU is out of memory for {what} ({mib} MiB requested); the processor trains instead; close other GPU programs to use the GPU"
     )]
     NoMemoryForPass {
-        /// What was to be held.
+        /// Contents of the buffer.
         what: &'static str,
-        /// Size of the buffer asked for, MiB.
+        /// Size of the requested buffer, MiB.
         mib: u64,
     },
-    /// A pass over a frame did not come back.
-    #[error("the GPU did not say what a frame teaches: {reason}; the processor trains instead")]
+    /// The result of a pass over a frame could not be read back.
+    #[error("the GPU failed to process a frame: {reason}; the processor trains instead")]
     NoPass {
-        /// What wgpu or the driver said.
+        /// Message from wgpu or the driver.
         reason: String,
     },
-    /// An image needs more pairs of splat and tile than the GPU has room for.
+    /// An image needs more splat-tile pairs than fit in GPU memory.
     #[error(
-        "{needed} pairs of splat and tile, this GPU has room for {capacity}: the farthest splats are left out; make the window smaller or come no closer"
+        "{needed} splat-tile pairs, but GPU memory holds {capacity}: the farthest splats are left out; make the window smaller or move the camera away"
     )]
     TooManyEntries {
-        /// Pairs of splat and tile in the image.
+        /// Number of splat-tile pairs in the image.
         needed: u64,
-        /// Of these are drawn.
+        /// Number of pairs drawn.
         capacity: u64,
     },
-    /// A setting for comparisons that the shaders do not have.
-    #[error(
-        "{found}: the GPU follows rays, up to where alpha ends; draw with the CPU renderer, which has this too"
-    )]
+    /// An option, intended for comparisons, that the shaders do not support.
+    #[error("{found} is not supported on the GPU; use the CPU renderer")]
     CpuOnly {
-        /// What was asked for.
+        /// The unsupported option.
         found: &'static str,
     },
-    /// An order names a splat that is not there: it belongs to another scene.
+    /// A draw order contains an invalid splat index: it belongs to another scene.
     #[error(
-        "draw order names splat {index}, the scene holds {n_splats}: sort the current splats again"
+        "draw order contains splat {index}, but the scene has {n_splats}: sort the current splats again"
     )]
     StaleOrder {
-        /// Largest index in the order.
+        /// Invalid index.
         index: u32,
-        /// Splats in the scene.
+        /// Number of splats in the scene.
         n_splats: usize,
     },
     /// The viewport is larger than a texture may be.
     #[error(
-        "viewport {width}x{height}: this adapter draws at most {limit} pixels a side; make the window smaller"
+        "viewport {width}x{height}: this adapter supports at most {limit} pixels per side; make the window smaller"
     )]
     ViewportTooLarge {
-        /// Columns asked for.
+        /// Requested width, pixels.
         width: u32,
-        /// Rows asked for.
+        /// Requested height, pixels.
         height: u32,
-        /// Pixels that a side of a texture may have at most.
+        /// Maximum side of a texture, pixels.
         limit: u32,
     },
     /// The photograph is larger than a texture may be.
     #[error(
-        "photograph {width}x{height}: this adapter shows at most {limit} pixels a side; compare with smaller images"
+        "photograph {width}x{height}: this adapter supports at most {limit} pixels per side; use smaller images"
     )]
     PhotoTooLarge {
-        /// Columns of the image, pixels.
+        /// Width of the image, pixels.
         width: u32,
-        /// Rows of the image, pixels.
+        /// Height of the image, pixels.
         height: u32,
-        /// Pixels that a side of a texture may have at most.
+        /// Maximum side of a texture, pixels.
         limit: u32,
     },
-    /// An image did not come back from the GPU.
-    #[error("image of {width}x{height} did not come back from the GPU: {reason}")]
+    /// An image could not be read back from the GPU.
+    #[error("image of {width}x{height} could not be read back from the GPU: {reason}")]
     Readback {
-        /// Columns of the image, pixels.
+        /// Width of the image, pixels.
         width: u32,
-        /// Rows of the image, pixels.
+        /// Height of the image, pixels.
         height: u32,
-        /// What wgpu said.
+        /// Message from wgpu.
         reason: String,
     },
 }
 
-/// What wgpu or the driver said of a pass over a frame that did not come back.
+/// Wraps the message of a failed pass over a frame.
 pub(super) fn no_pass(reason: String) -> GpuError {
     GpuError::NoPass { reason }
 }

@@ -1,36 +1,36 @@
-//! Errors that no call returns: a lost device, errors wgpu reports after the fact.
+//! Asynchronous GPU errors, which no call returns: a lost device, or errors that wgpu reports later.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Different messages kept; a broken driver can word the same trouble in endless ways.
+/// Maximum number of distinct messages; a broken driver can report the same fault in endless variants.
 const MAX_FAULTS: usize = 32;
 
-/// What kind of trouble.
+/// Category of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultKind {
-    /// The device is gone with everything on it; rebuild from the CPU's splats.
+    /// The device is lost with all its resources; rebuild them from the splats on the CPU.
     DeviceLost,
     /// An allocation failed.
     OutOfMemory,
-    /// wgpu refused a call of ours.
+    /// wgpu rejected an invalid call.
     Validation,
     /// The driver failed.
     Internal,
 }
 
-/// One kind of trouble with one message.
+/// Fault with its message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpuFault {
-    /// Which of the kinds of trouble, by what wgpu called it.
+    /// Category reported by wgpu.
     pub kind: FaultKind,
-    /// wgpu's or the driver's words.
+    /// Message from wgpu or the driver.
     pub message: String,
-    /// Times seen when it was taken.
+    /// Number of occurrences when it was taken.
     pub n_seen: u64,
 }
 
-/// Collects the faults of devices from whatever thread wgpu calls on; the app polls it. The same
-/// fault every frame is reported once.
+/// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats every
+/// frame is reported once.
 #[derive(Clone, Debug, Default)]
 pub struct GpuFaults(Arc<Mutex<Log>>);
 
@@ -42,7 +42,7 @@ struct Log {
 }
 
 impl GpuFaults {
-    /// Sends a device's loss and its uncaptured errors here instead of to a panic.
+    /// Redirects a device's loss and uncaptured errors here, instead of panicking.
     pub fn watch(&self, device: &wgpu::Device) {
         let lost = self.clone();
         device.set_device_lost_callback(move |reason, message| {
@@ -59,7 +59,7 @@ impl GpuFaults {
         }));
     }
 
-    /// Faults not taken before, oldest first.
+    /// New faults since the last call, oldest first.
     pub fn take(&self) -> Vec<GpuFault> {
         let mut log = self.lock();
         let fresh = log.faults[log.n_taken..].to_vec();
@@ -67,16 +67,16 @@ impl GpuFaults {
         fresh
     }
 
-    /// Whether a watched device was lost.
+    /// True if a watched device was lost.
     pub fn is_lost(&self) -> bool {
         self.lock().is_lost
     }
 
     fn record(&self, kind: FaultKind, message: String) {
         let mut log = self.lock();
-        // Before the bound on messages: a full log must still notice the loss.
+        // Before the limit on messages, so that a full log still records the loss.
         log.is_lost |= kind == FaultKind::DeviceLost;
-        // A fault in every frame would fill log and window with one sentence.
+        // A fault in every frame would flood log and window with one message.
         if let Some(known) = log.faults.iter_mut().find(|f| f.kind == kind && f.message == message)
         {
             known.n_seen += 1;
@@ -86,7 +86,7 @@ impl GpuFaults {
         }
     }
 
-    /// A thread that panicked while it held the log left it whole: every write is one push.
+    /// Ignores poisoning: each write is a single push, so a panicking thread leaves the log consistent.
     fn lock(&self) -> MutexGuard<'_, Log> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -113,6 +113,6 @@ mod tests {
         }
         assert_eq!(faults.take().len(), MAX_FAULTS - 2);
         faults.record(FaultKind::DeviceLost, "gone".into());
-        assert!(faults.is_lost(), "a full log still notices the loss");
+        assert!(faults.is_lost(), "a full log still records the loss");
     }
 }

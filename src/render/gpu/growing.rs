@@ -1,4 +1,4 @@
-//! Buffers that grow with what they are asked to hold.
+//! Buffers that grow on demand.
 
 use super::context::max_buffer_bytes;
 use super::error::GpuError;
@@ -6,25 +6,25 @@ use super::poll::ready;
 use wgpu::BufferUsages as Usage;
 
 const MIB: u64 = 1 << 20;
-/// Bytes before anything is asked for: a binding cannot be empty.
+/// Initial size in bytes; a binding cannot be empty.
 const SMALLEST: u64 = 256;
 
-/// What shaders read, from a buffer on its way in.
+/// Shader input, filled by copies.
 pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
-/// What shaders write, for a buffer on its way out.
+/// Shader output, source of copies.
 pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
-/// What goes to the GPU, on its way.
+/// Staging buffer for uploads.
 pub(super) const WAY_IN: Usage = Usage::MAP_WRITE.union(Usage::COPY_SRC);
-/// What comes back, on its way.
+/// Staging buffer for readbacks.
 pub(super) const WAY_OUT: Usage = Usage::MAP_READ.union(Usage::COPY_DST);
 
-/// Buffers by number, each as large as anything asked of it so far.
+/// Numbered buffers, each as large as the largest size requested so far.
 #[derive(Debug)]
 pub(super) struct GrowingBuffers(Vec<GrowingBuffer>);
 
 impl GrowingBuffers {
-    /// Of these names and uses. One that may be written by mapping is mapped whenever nothing on its way
-    /// is in it.
+    /// Creates buffers with these labels and usages. Buffers with `MAP_WRITE` start mapped and must be mapped
+    /// again after each upload.
     pub(super) fn new(
         device: &wgpu::Device,
         buffers: impl IntoIterator<Item = (&'static str, Usage)>,
@@ -41,10 +41,11 @@ impl GrowingBuffers {
         &self.0[number].buffer
     }
 
-    /// Makes room for so many bytes in one; whether what was there is lost, as it is if there was less.
+    /// Ensures a size of at least `needed` bytes. Returns true if the buffer was replaced, which loses its
+    /// contents.
     ///
     /// # Errors
-    /// [`GrowthError`]; the buffer is as it was then.
+    /// [`GrowthError`]; the buffer is unchanged then.
     pub(super) fn make_room(
         &mut self,
         device: &wgpu::Device,
@@ -54,7 +55,8 @@ impl GrowingBuffers {
         self.0[number].make_room(device, needed)
     }
 
-    /// Makes room in some, by number and bytes, for a pass over a frame; whether any has lost what was there.
+    /// Resizes several buffers, given by number and bytes, for a pass over a frame. Returns true if any was
+    /// replaced and lost its contents.
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
@@ -84,12 +86,12 @@ struct GrowingBuffer {
     usage: Usage,
 }
 
-/// Why a buffer did not grow.
+/// Reason why a buffer could not grow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GrowthError {
-    /// The adapter binds no such buffer.
+    /// Exceeds the adapter's limit.
     TooLarge { needed_mib: u64, limit_mib: u64 },
-    /// The driver has no memory.
+    /// The driver is out of memory.
     Refused { mib: u64 },
 }
 
@@ -104,15 +106,15 @@ impl GrowingBuffer {
         }
         let is_small = needed > self.buffer.size();
         if is_small {
-            // Some more than needed: scenes grow frame by frame.
+            // Larger than needed, because scenes grow frame by frame.
             let bytes = (needed + needed / 2).min(most) / 4 * 4;
             self.buffer = self.refusable(device, bytes)?;
         }
         Ok(is_small)
     }
 
-    /// Takes the driver's refusal from a scope of its own, so that it comes here and not to whoever hears
-    /// of faults. A backend that answers later is heard of by these.
+    /// Creates a buffer. A separate error scope delivers an out-of-memory error here rather than to the fault
+    /// handler; an error that arrives later still goes to that handler.
     fn refusable(&self, device: &wgpu::Device, bytes: u64) -> Result<wgpu::Buffer, GrowthError> {
         let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = made(device, self.label, self.usage, bytes);

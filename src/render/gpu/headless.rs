@@ -1,4 +1,4 @@
-//! A device without a window: for benches, and for pictures where there is no display.
+//! GPU device without a window, for benchmarks, training and rendering without a display.
 
 use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
@@ -10,66 +10,66 @@ use super::points::GpuPoints;
 use super::poll::ready;
 use std::time::Duration;
 
-/// A GPU that takes longer than this for one frame is not coming back.
+/// Timeout after which the GPU counts as lost.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Why there is no device, or no more.
+/// Failure to open or use a headless device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadlessError {
-    /// Nothing but software, or nothing at all.
+    /// Only software adapters, or none.
     #[error(
-        "expected a graphics adapter that is not software, found {found}; install its driver, or choose with --adapter"
+        "expected a hardware graphics adapter, found {found}; install its driver or choose an adapter with --adapter"
     )]
     NoHardware {
-        /// What there is.
+        /// Available adapters.
         found: String,
     },
-    /// Nothing goes by that name.
+    /// No adapter matches the choice.
     #[error("--{0}")]
     NotFound(#[from] UnknownAdapter),
-    /// The driver gives no device.
+    /// The driver did not create a device.
     #[error(
-        "{adapter}: expected a device, which the driver refused ({reason}); choose another with --adapter"
+        "{adapter}: the driver could not create a device ({reason}); choose another adapter with --adapter"
     )]
     Refused {
         /// Name of the adapter.
         adapter: String,
-        /// What the driver said.
+        /// Message from the driver.
         reason: String,
     },
-    /// The device failed, or does not answer.
+    /// The device failed or does not respond.
     #[error("{adapter}: {reason}")]
     Failed {
         /// Name of the adapter.
         adapter: String,
-        /// What wgpu said.
+        /// Message from wgpu.
         reason: String,
     },
-    /// The adapter cannot do what is asked.
+    /// The adapter does not support the operation.
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }
 
-/// A device, its queue and what they can do.
+/// Device, queue and capabilities.
 #[derive(Debug)]
 pub struct HeadlessGpu {
-    /// The device, with every limit and optional feature its adapter offers.
+    /// Device with all limits and optional features of its adapter.
     pub device: wgpu::Device,
-    /// The queue that takes the device's commands and uploads.
+    /// Queue for commands and uploads.
     pub queue: wgpu::Queue,
-    /// What it can do.
+    /// Capabilities of the device.
     pub caps: GpuCaps,
     faults: GpuFaults,
 }
 
 impl HeadlessGpu {
-    /// Opens a device with all that its adapter offers; [`AdapterChoice::Auto`] takes no software.
+    /// Opens a device with all features of its adapter. [`AdapterChoice::Auto`] excludes software adapters.
     pub fn new(choice: &AdapterChoice) -> Result<Self, HeadlessError> {
         let adapter = choose(choice)?;
         let name = adapter.get_info().name;
         let refused = |reason: String| HeadlessError::Refused { adapter: name.clone(), reason };
         let (device, queue) = ready(adapter.request_device(&device_descriptor(&adapter)))
-            .ok_or_else(|| refused("no answer".to_owned()))?
+            .ok_or_else(|| refused("no response".to_owned()))?
             .map_err(|e| refused(e.to_string()))?;
         let faults = GpuFaults::default();
         faults.watch(&device);
@@ -78,26 +78,29 @@ impl HeadlessGpu {
         Ok(Self { device, queue, caps, faults })
     }
 
-    /// What compares photographs on it.
+    /// Creates a comparer of photographs on this device.
     pub fn comparer(self) -> GpuComparer {
         GpuComparer::new(self.device, self.queue, self.faults, &self.caps)
     }
 
-    /// What computes passes over frames on it.
+    /// Creates a runner of mixture passes over frames on this device.
     pub fn mixture(self) -> GpuMixture {
         GpuMixture::new(self.device, self.queue, self.faults, &self.caps)
     }
 
-    /// What finds the seeds of a scene's points on it, and sums points.
+    /// Creates a finder of seeds and summation of points on this device.
     pub fn points(self) -> GpuPoints {
         GpuPoints::new(self.device, self.queue, self.faults, &self.caps)
     }
 
-    /// Waits until everything submitted is done. An error if it was not done well.
+    /// Waits until all submitted work is done.
+    ///
+    /// # Errors
+    /// [`HeadlessError::Failed`] if the wait times out or a fault was reported.
     pub fn wait(&self) -> Result<(), HeadlessError> {
         let failed =
             |reason: String| HeadlessError::Failed { adapter: self.caps.adapter.clone(), reason };
-        // A lost or hung device never answers; a bench must end with a message.
+        // A lost or hung device never responds; a benchmark must then end with a message.
         let patiently = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
         self.device.poll(patiently).map_err(|e| failed(e.to_string()))?;
         match self.faults.take().into_iter().next() {
@@ -109,7 +112,7 @@ impl HeadlessGpu {
 
 fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
     let mut adapters = match choice {
-        // OpenGL is never taken unasked, and its drivers are the slowest to start.
+        // OpenGL is used only if chosen explicitly, and its drivers start slowest.
         AdapterChoice::Auto => adapters::enumerate_in(wgpu::Backends::PRIMARY),
         _ => adapters::enumerate(),
     };
@@ -122,7 +125,7 @@ fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
     Ok(adapters.swap_remove(position))
 }
 
-/// The first of the most capable kind that is there, software and OpenGL left out.
+/// Index of the first adapter of the most capable kind, excluding software and OpenGL.
 fn fastest(adapters: &[AdapterFacts]) -> Option<usize> {
     let rank = |adapter: &AdapterFacts| match adapter.device_type {
         wgpu::DeviceType::DiscreteGpu => Some(0),
@@ -131,7 +134,7 @@ fn fastest(adapters: &[AdapterFacts]) -> Option<usize> {
         wgpu::DeviceType::Other => Some(3),
         wgpu::DeviceType::Cpu => None,
     };
-    // OpenGL is the slower and less tested way: it must be asked for.
+    // OpenGL is slower and less tested, so it must be chosen explicitly.
     let hardware = adapters.iter().enumerate().filter(|(_, a)| a.backend != wgpu::Backend::Gl);
     hardware
         .filter_map(|(i, adapter)| Some((rank(adapter)?, i)))

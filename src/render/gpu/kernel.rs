@@ -1,19 +1,19 @@
-//! Small words for compute pipelines: build, bind, dispatch.
+//! Helpers for compute pipelines: creation, binding, dispatch.
 
 use super::constants::GROUP;
 
-/// A compute pipeline; its bindings are laid out as its shader names them.
+/// Compute pipeline whose binding layout is derived from its shader.
 #[derive(Debug)]
 pub(super) struct ComputeKernel(wgpu::ComputePipeline);
 
-/// A kernel with its buffers, ready to be dispatched every frame.
+/// Kernel with bound buffers, to be dispatched repeatedly.
 #[derive(Clone, Debug)]
 pub(super) struct Bound {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
 }
 
-/// Workgroups in two dimensions, because one holds 65,535.
+/// Two-dimensional grid of workgroups, because one dimension is limited to 65,535.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Grid {
     pub(super) columns: u32,
@@ -25,7 +25,7 @@ impl ComputeKernel {
         Self::specialized(device, module, entry, &[])
     }
 
-    /// With values for the shader's override constants.
+    /// Creates a pipeline with values for the shader's override constants.
     pub(super) fn specialized(
         device: &wgpu::Device,
         module: &wgpu::ShaderModule,
@@ -38,8 +38,8 @@ impl ComputeKernel {
             module,
             entry_point: Some(entry),
             compilation_options: wgpu::PipelineCompilationOptions {
-                // Every kernel writes its workgroup memory before it reads it; drivers without a
-                // feature for this would let one lane clear all of it, in every workgroup.
+                // Every kernel writes its workgroup memory before reading it. Some drivers would let
+                // one lane clear all of it in every workgroup.
                 zero_initialize_workgroup_memory: false,
                 constants,
             },
@@ -47,7 +47,7 @@ impl ComputeKernel {
         }))
     }
 
-    /// With whole buffers and images, by binding number.
+    /// Binds whole buffers and textures by binding number.
     pub(super) fn bind(
         &self,
         device: &wgpu::Device,
@@ -78,25 +78,25 @@ impl Bound {
 }
 
 impl Grid {
-    /// So many workgroups in a row, at most 65,535.
+    /// One row of workgroups, at most 65,535.
     pub(super) fn row(columns: u32) -> Self {
         Self { columns, rows: 1 }
     }
 
-    /// At least one lane for each of `n` things.
+    /// At least one lane per item.
     pub(super) fn lanes(n: usize) -> Self {
         Self::groups(n.div_ceil(GROUP as usize))
     }
 
-    /// At least so many workgroups.
+    /// At least `n_groups` workgroups.
     pub(super) fn groups(n_groups: usize) -> Self {
-        // A dimension of a dispatch holds 65,535 groups.
+        // Each dimension of a dispatch is limited to 65,535 groups.
         let columns = n_groups.clamp(1, 65_535);
         Self { columns: columns as u32, rows: n_groups.div_ceil(columns).max(1) as u32 }
     }
 }
 
-/// A buffer that kernels read and write.
+/// Creates a buffer that only kernels read and write.
 pub(super) fn storage(device: &wgpu::Device, label: &str, bytes: u64) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),

@@ -1,9 +1,9 @@
-//! The structs that Rust and WGSL share; `tests/gpu/shaders.rs` compares sizes and offsets with naga's.
+//! Structs shared by Rust and WGSL. There is no common header, so both define each struct, and
+//! `tests/gpu/shaders.rs` compares sizes and offsets with naga's.
 //!
-//! Rust and WGSL have no common header, so both spell each struct and a test compares them. Scales
-//! and a quaternion are sent rather than a covariance, whose six f32 lose the width of needles
-//! (`rendering.md`, Tried and dropped). Vectors of three are followed by a scalar, because WGSL
-//! aligns them to 16 bytes and would pad there anyway.
+//! Splats store scales and a quaternion rather than a covariance, whose six f32 lose the width of needles
+//! (`rendering.md`, Tried and dropped). A scalar follows each vector of three, because WGSL aligns vectors of
+//! three to 16 bytes and would otherwise pad there.
 
 use super::constants::{
     FLAG_LIVE, PAINT_DEPTH, PAINT_NORMAL, PAINT_STORED, RENDERER_EXACT, RENDERER_PROJECTED,
@@ -16,29 +16,29 @@ use crate::model::splat::splats::Splat;
 use crate::render::constants::FRUSTUM_MARGIN;
 use crate::render::options::{ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support};
 
-/// WGSL of each pipeline: the shared structs, then the file; [`super::constants`] come in front.
+/// WGSL of each pipeline, to be prefixed by [`super::constants`].
 pub mod shader {
-    /// `record.wgsl` with what it needs: the start of every file that turns splats into pixels.
+    /// `record.wgsl` with its dependencies: common prefix of all files that draw splats.
     pub const RECORD: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/paint.wgsl"),
         include_str!("../../../shaders/record.wgsl")
     );
-    /// `quads.wgsl` behind what it needs: splats as blended quads.
+    /// `quads.wgsl` with its dependencies: splats as blended quads.
     pub const QUADS: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/paint.wgsl"),
         include_str!("../../../shaders/record.wgsl"),
         include_str!("../../../shaders/quads.wgsl")
     );
-    /// `composite.wgsl` behind what it needs: the image over a background.
+    /// `composite.wgsl` with its dependencies: the image over a background.
     pub const COMPOSITE: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/composite.wgsl")
     );
-    /// `meshes.wgsl`: triangles of a user interface.
+    /// `meshes.wgsl`: user interface triangles.
     pub const MESHES: &str = include_str!("../../../shaders/meshes.wgsl");
-    /// `scatter.wgsl` behind what it needs: changed records to their places.
+    /// `scatter.wgsl` with its dependencies: sparse updates of records.
     pub const SCATTER: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/scatter.wgsl")
@@ -51,25 +51,25 @@ pub mod shader {
 pub struct GpuSplat {
     /// Centre, world units.
     pub mean: [f32; 3],
-    /// Peak opacity, 0 to 1 or more: alpha is capped, not the opacity.
+    /// Peak opacity; may exceed 1, because alpha rather than opacity is capped.
     pub opacity: f32,
     /// Colour at the centre, sRGB-encoded, nominally in `[0, 1]`.
     pub color: [f32; 3],
-    /// Bit 0 [`FLAG_LIVE`], bit 1 selected, bits 8–31 evidence.
+    /// Bit 0: [`FLAG_LIVE`]; the other bits are 0.
     pub flags: u32,
     /// Unit quaternion `x y z w`.
     pub rotation: [f32; 4],
     /// Standard deviations, world units.
     pub scale: [f32; 3],
-    /// Frame of birth; 0 when unknown.
+    /// Birth frame; 0 if unknown.
     pub birth: u32,
 }
 
 impl GpuSplat {
-    /// The record of a splat. One that cannot be drawn (empty or not valid) becomes all
-    /// zeros, so no shader meets a NaN.
+    /// Converts a splat. An empty or invalid splat becomes all zeros, so that no shader encounters
+    /// a NaN.
     pub fn new(splat: &Splat) -> Self {
-        // Zero opacity and no flag: a shader drops it before any arithmetic.
+        // With zero opacity and no flag, a shader drops it before any arithmetic.
         if !splat.is_drawable() {
             return bytemuck::Zeroable::zeroed();
         }
@@ -87,13 +87,13 @@ impl GpuSplat {
     }
 }
 
-/// A record and its index, for sparse updates.
+/// Record and index for sparse updates.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct SparseSplat {
     /// The new record.
     pub splat: GpuSplat,
-    /// Where it goes.
+    /// Index of the record to replace.
     pub index: u32,
     /// WGSL rounds the size up to 80.
     pub padding: [u32; 3],
@@ -103,18 +103,18 @@ pub struct SparseSplat {
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct GpuAppearance {
-    /// Colour gradient: row per channel, column per world axis; per world unit.
+    /// Colour gradient per world unit: one row per channel, one column per world axis.
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 colour, laid out alike.
+    /// Degree-1 view dependence, same layout.
     pub directional: [[f32; 3]; 3],
-    /// Mean of the observed directions.
+    /// Mean of the unit directions it was observed from, world axes.
     pub observed: [f32; 3],
-    /// Their cone: upper triangle, row by row.
+    /// Cone of the observed directions: upper triangle, row by row.
     pub cone: [f32; 6],
 }
 
 impl GpuAppearance {
-    /// `None` if it is not finite.
+    /// Converts an appearance; `None` if it is not finite.
     pub fn new(appearance: &Appearance) -> Option<Self> {
         let Appearance { gradient, directional, observed } = *appearance;
         let ObservedCone { mean, inverse } = observed;
@@ -123,37 +123,37 @@ impl GpuAppearance {
     }
 }
 
-/// An appearance and its index, for sparse updates.
+/// Appearance and index for sparse updates.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct SparseAppearance {
-    /// The new values.
+    /// The new appearance.
     pub appearance: GpuAppearance,
-    /// Where they go.
+    /// Index of the appearance to replace.
     pub index: u32,
 }
 
-/// Uniforms of whatever draws splats: one camera, one set of options.
+/// Uniforms of splat drawing: one camera and one set of options.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct GpuView {
-    /// The camera's x axis in the world.
+    /// Camera x axis in world space.
     pub right: [f32; 3],
-    /// Splats at `z ≤ near` (fisheye: at a distance `≤ near`) are not drawn; world units.
+    /// Near plane: splats at `z ≤ near` (fisheye: at a distance `≤ near`) are not drawn; world units.
     pub near: f32,
-    /// The camera's y axis in the world.
+    /// Camera y axis in world space.
     pub down: [f32; 3],
-    /// Largest support of a splat, in its standard deviations.
+    /// Maximum support of a splat, in standard deviations.
     pub extent_cap: f32,
-    /// The camera's z axis in the world.
+    /// Camera z axis in world space.
     pub forward: [f32; 3],
     /// Factor on the standard deviations.
     pub scale: f32,
-    /// The camera's centre, world units.
+    /// Camera centre, world units.
     pub centre: [f32; 3],
-    /// Splats of less opacity are not drawn.
+    /// Splats with a smaller opacity are not drawn.
     pub opacity_cut: f32,
-    /// What rounding took from `centre`.
+    /// Rounding error of `centre`: the exact centre minus `centre`.
     pub centre_rest: [f32; 3],
     /// `RENDERER_*` of [`super::constants`].
     pub renderer: u32,
@@ -161,17 +161,17 @@ pub struct GpuView {
     pub focal: [f32; 2],
     /// Principal point, px.
     pub principal: [f32; 2],
-    /// Columns and rows, px.
+    /// Width and height, px.
     pub viewport: [f32; 2],
-    /// Smallest `x/z` and `y/z` that the Jacobian may see (`rendering.md`, Projected renderer).
+    /// Lower clamp of `x/z` and `y/z` in the Jacobian (`rendering.md`, Projected renderer).
     pub tangent_min: [f32; 2],
-    /// Largest `x/z` and `y/z` that the Jacobian may see.
+    /// Upper clamp of `x/z` and `y/z` in the Jacobian.
     pub tangent_max: [f32; 2],
-    /// Ends of the depth paint, world units.
+    /// Range of the depth paint, world units.
     pub depth_range: [f32; 2],
-    /// The setting's place in [`crate::render::Antialias`].
+    /// Discriminant of [`crate::render::Antialias`].
     pub antialias: u32,
-    /// The lens's place in [`crate::render::Lens`].
+    /// Discriminant of [`crate::render::Lens`].
     pub lens: u32,
     /// `PAINT_*` of [`super::constants`].
     pub paint: u32,
@@ -180,7 +180,10 @@ pub struct GpuView {
 }
 
 impl GpuView {
-    /// `extent_cap` in standard deviations. [`GpuError::CpuOnly`] for what the shaders do not have.
+    /// Converts camera and options; `extent_cap` is in standard deviations.
+    ///
+    /// # Errors
+    /// [`GpuError::CpuOnly`] for options that the shaders do not support.
     pub fn new(
         camera: &Camera,
         options: &RenderOptions,
@@ -211,14 +214,14 @@ impl GpuView {
             right: axes.x_axis.as_vec3().to_array(),
             near: options.near.max(0.0) as f32,
             down: axes.y_axis.as_vec3().to_array(),
-            // WGSL may assume that there are no infinities.
+            // WGSL implementations may assume that infinities do not occur.
             extent_cap: extent_cap.min(f32::MAX),
             forward: axes.z_axis.as_vec3().to_array(),
             scale: options.look.scale,
             centre: centre.as_vec3().to_array(),
             opacity_cut: options.look.opacity_cut,
-            // Two f32 together hold the camera's place to about f64: subtracted one after the other
-            // from a mean, far scenes keep their digits.
+            // Two f32 hold the camera centre to about f64 precision. Subtracted in turn from a mean, they
+            // preserve precision far from the origin.
             centre_rest: (centre - centre.as_vec3().as_dvec3()).as_vec3().to_array(),
             renderer,
             focal: pair(k.fx, k.fy),
@@ -242,25 +245,25 @@ impl GpuView {
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Composite {
-    /// sRGB-encoded colour behind the splats.
+    /// Colour behind the splats, sRGB-encoded.
     pub background: [f32; 3],
     /// `COMPARE_*` of [`super::constants`].
     pub mode: u32,
-    /// Upper left corner of the second picture, shares of the viewport.
+    /// Upper left corner of the second image, fractions of the viewport.
     pub area_min: [f32; 2],
-    /// Lower right corner.
+    /// Lower right corner of the second image, fractions of the viewport.
     pub area_max: [f32; 2],
-    /// Divider of a wipe (share of the width) or gain of a difference.
+    /// Divider of a wipe (fraction of the width) or gain of a difference.
     pub amount: f32,
-    /// Coverage that counts as full in the second picture.
+    /// Coverage at which a pixel of the second image counts as full.
     pub second_full_coverage: f32,
-    /// The next vector begins at 48.
+    /// Padding; the next vector starts at byte 48.
     pub padding: [u32; 2],
-    /// Factors on the first picture's colour.
+    /// Factors on the colour of the first image.
     pub exposure: [f32; 3],
-    /// Coverage that counts as full in the first picture.
+    /// Coverage at which a pixel of the first image counts as full.
     pub full_coverage: f32,
-    /// Factors on the second picture's colour.
+    /// Factors on the colour of the second image.
     pub second_exposure: [f32; 3],
     /// WGSL rounds the size up to 80.
     pub end: u32,

@@ -1,8 +1,8 @@
-//! Triangles of a user interface into a picture that is kept, and that picture into the window.
+//! Draws user interface triangles into a persistent image, and that image into the window.
 //!
-//! For adapters that compute on the cores (`rendering.md`, The window on the cores): there every
-//! fragment is dear, so only what has changed is drawn again, what needs no texture reads none, and what
-//! is opaque is not blended. Colours are sRGB-encoded bytes throughout, as in the window.
+//! Used on software adapters (`rendering.md`, The window on the cores), where fragments are expensive. Only
+//! changed areas are redrawn, untextured triangles read no texture, and opaque ones are not blended.
+//! Colours are sRGB-encoded bytes, as in the window.
 
 use super::constants::module;
 use super::draw_pipeline::DrawPipeline;
@@ -11,70 +11,70 @@ use std::collections::HashMap;
 use std::ops::Range;
 use wgpu::util::DeviceExt;
 
-/// A corner of a triangle.
+/// Corner of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct MeshVertex {
-    /// In the target's clip space: from −1 to 1, to the right and up.
+    /// Position in clip space, −1 to 1, right and up.
     pub position: [f32; 2],
-    /// Place in the texture, 0 to 1.
+    /// Texture coordinates, 0 to 1.
     pub uv: [f32; 2],
-    /// Premultiplied, sRGB-encoded.
+    /// Colour, premultiplied and sRGB-encoded.
     pub color: [u8; 4],
 }
 
-/// Pixels of a target, the last column and row left out.
+/// Half-open pixel rectangle in a target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelRect {
     /// First column and row.
     pub min: [u32; 2],
-    /// One after the last column and row.
+    /// One past the last column and row.
     pub max: [u32; 2],
 }
 
-/// How triangles become pixels, the cheapest first.
+/// Shading of triangles, cheapest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshKind {
-    /// Colours without transparency, whose blending would change nothing.
+    /// Opaque vertex colours, drawn without blending.
     Opaque,
-    /// Colours over what is there.
+    /// Vertex colours blended over the image.
     Blended,
-    /// Colours times a texture of [`MeshPainter::set_texture`], over what is there.
+    /// Vertex colours times a texture of [`MeshPainter::set_texture`], blended over the image.
     Textured(u64),
 }
 
-/// Triangles that are drawn at once.
+/// Triangles drawn by one call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshBatch {
-    /// How they become pixels.
+    /// Shading.
     pub kind: MeshKind,
-    /// Where they may.
+    /// Clip rectangle.
     pub scissor: PixelRect,
-    /// Their part of [`MeshList::indices`].
+    /// Range in [`MeshList::indices`].
     pub indices: Range<u32>,
 }
 
-/// What is drawn over the kept picture, in this order.
+/// Batches to draw over the persistent image, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshList {
     /// Corners of all triangles.
     pub vertices: Vec<MeshVertex>,
-    /// Three corners a triangle.
+    /// Three vertex indices per triangle.
     pub indices: Vec<u32>,
-    /// What is drawn at once.
+    /// Batches in drawing order.
     pub batches: Vec<MeshBatch>,
 }
 
-/// How a texture is read between its texels; at its edge, the nearest texel goes on.
+/// Texture filtering; coordinates are clamped to the edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeshSampling {
-    /// Where a texel is larger than a pixel: a mean of the four nearest, else the nearest.
+    /// True for linear filtering where texels are larger than pixels, false for nearest.
     pub is_magnified_smoothly: bool,
-    /// Where it is smaller.
+    /// True for linear filtering where texels are smaller than pixels, false for nearest.
     pub is_minified_smoothly: bool,
 }
 
-/// Draws lists of triangles into a picture of its own, and shows it.
+/// Draws triangle lists into its own image and presents it.
 #[derive(Debug)]
 pub struct MeshPainter {
     format: wgpu::TextureFormat,
@@ -100,7 +100,7 @@ struct Picture {
 }
 
 impl MeshPainter {
-    /// For targets of `format`, which must not encode by itself (`*Srgb`).
+    /// Creates a painter for targets of `format`, which must not be a `*Srgb` format.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
         let module = module(device, "meshes", shader::MESHES);
         let over = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
@@ -129,7 +129,7 @@ impl MeshPainter {
         }
     }
 
-    /// Lets batches read a texture of sRGB-encoded, premultiplied colours by this key.
+    /// Registers a texture of sRGB-encoded, premultiplied colours under a key.
     pub fn set_texture(
         &mut self,
         device: &wgpu::Device,
@@ -169,18 +169,18 @@ impl MeshPainter {
         self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
     }
 
-    /// Lets go of the textures that are not wanted.
+    /// Removes textures whose key is not wanted.
     pub fn retain_textures(&mut self, is_wanted: impl Fn(u64) -> bool) {
         self.textures.retain(|key, _| is_wanted(*key));
     }
 
-    /// Columns and rows of the kept picture; `None` before the first [`Self::draw`].
+    /// Width and height of the persistent image; `None` before the first [`Self::draw`].
     pub fn size(&self) -> Option<[u32; 2]> {
         self.picture.as_ref().map(|picture| [picture.texture.width(), picture.texture.height()])
     }
 
-    /// Draws a list over the kept picture, which must cover a picture of another `size` (columns and
-    /// rows, not 0) than the last one had. Batches of textures that are not set are left out.
+    /// Draws a list over the persistent image. If `size` (width and height, not 0) differs from the last
+    /// call, the list must cover the whole image. Batches of unregistered textures are skipped.
     pub fn draw(
         &mut self,
         device: &wgpu::Device,
@@ -232,9 +232,9 @@ impl MeshPainter {
         }
     }
 
-    /// Fills the viewport that `pass` has set, which must be as large as the kept picture; the pass must
-    /// have one colour attachment of this painter's format and no depth. Draws nothing before the first
-    /// [`Self::draw`].
+    /// Copies the persistent image to the viewport set on `pass`, which must have the same size. The pass
+    /// must have one colour attachment of this painter's format and no depth attachment. Does nothing before
+    /// the first [`Self::draw`].
     pub fn show(&self, pass: &mut wgpu::RenderPass<'_>) {
         if let Some(picture) = &self.picture {
             pass.set_pipeline(&self.whole);

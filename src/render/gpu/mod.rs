@@ -1,19 +1,19 @@
-//! Splats to pixels on a GPU (`rendering.md`, GPU renderer): the only place that speaks wgpu.
+//! GPU renderer (`rendering.md`, GPU renderer): the only module that calls wgpu.
 //!
-//! The window owns device and queue and hands them over. In the order of one frame:
+//! The window owns device and queue and passes them in. Order of one frame:
 //!
-//! 1. [`scene::GpuScene::update`] uploads what the trainer changed, [`scene::GpuScene::set_order`]
-//!    the order that [`sort::back_to_front`] found on another thread;
+//! 1. [`scene::GpuScene::update`] uploads the splats changed by training. [`scene::GpuScene::set_order`]
+//!    uploads the order computed by [`sort::back_to_front`] on another thread.
 //! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
-//!    [`target::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster;
-//! 3. [`composite::Compositor`] lays that over a background inside the window's own pass, beside
-//!    another image or a photograph if two are compared.
+//!    [`target::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster.
+//! 3. [`composite::Compositor`] composites the image over a background inside the window's own pass,
+//!    optionally combined with another image or a photograph.
 //!
-//! Where the adapter computes on the cores, [`meshes::MeshPainter`] draws the window itself.
-//! [`photometric`], [`mixture`] and [`points`] do a learner's work on a device of their own.
+//! On software adapters, [`meshes::MeshPainter`] draws the window itself.
+//! [`photometric`], [`mixture`] and [`points`] run parts of training on a separate device.
 //!
-//! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
-//! and everything is rebuilt from the splats on the CPU with `new`.
+//! Resources do not survive a lost device. [`faults::GpuFaults`] reports the loss, and `new` rebuilds
+//! everything from the splats on the CPU.
 
 pub mod adapters;
 mod allocation;

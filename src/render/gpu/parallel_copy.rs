@@ -1,18 +1,18 @@
-//! Copies into mapped memory on all threads: one alone fills memory that a device reads too slowly.
+//! Multi-threaded copies into mapped memory, because one thread alone is too slow.
 
 use rayon::prelude::*;
 use wgpu::WriteOnly;
 
-/// Bytes that a task copies at a time.
+/// Bytes per piece.
 const COPIED: usize = 1 << 14;
 
-/// Pieces that a task copies at least: to wake a thread takes as long as some of them.
+/// Minimum number of pieces per task: waking a thread takes about as long as copying a few.
 const TASK: usize = 8;
 
-/// Copies the pieces, one behind the other, to so many bytes of a mapped buffer.
+/// Copies the pieces consecutively into the first `bytes` bytes of a mapped buffer.
 ///
 /// # Errors
-/// What wgpu says of a buffer that is not mapped.
+/// Message from wgpu if the buffer is not mapped.
 pub(super) fn copy_pieces<'a>(
     buffer: &wgpu::Buffer,
     bytes: u64,
@@ -27,9 +27,9 @@ pub(super) fn copy_pieces<'a>(
     Ok(())
 }
 
-/// Copies every `from` to memory of its length, on all threads at once.
+/// Copies every `from` to its `to` of equal length, on all threads.
 pub(super) fn copy_all<'a, 'b>(copies: impl Iterator<Item = (WriteOnly<'a, [u8]>, &'b [u8])>) {
-    // Of a fixed size, since only such pieces may be sent to other threads.
+    // Fixed-size pieces, because only those can be sent to other threads.
     let mut pieces: Vec<(WriteOnly<'_, [u8; COPIED]>, &[u8; COPIED])> = Vec::new();
     for (to, from) in copies {
         let (to, mut end) = to.into_chunks::<COPIED>();

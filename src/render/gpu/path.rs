@@ -1,25 +1,25 @@
-//! The two ways splats become pixels on a GPU, and what each costs.
+//! The two drawing paths on a GPU and their timings.
 
 use strum::Display;
 
-/// How splats become pixels. Both give the same image.
+/// Drawing path. Both give the same image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
 #[strum(serialize_all = "kebab-case")]
 pub enum DrawPath {
-    /// Blended quads, in the order of the CPU.
+    /// Blended quads in the order sorted on the CPU.
     Quads,
-    /// Sorted and blended by compute shaders.
+    /// Sorting and blending by compute shaders.
     Tiles,
 }
 
-/// Milliseconds on the GPU of the stages of one image; `None` where a path has no such stage.
+/// GPU times of the stages of one image in milliseconds; `None` if the path lacks the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpuTimes {
-    /// Splats to records.
+    /// Converting splats to records.
     pub preprocess: Option<f64>,
-    /// Records into their order.
+    /// Sorting records by depth and tile.
     pub sort: Option<f64>,
-    /// Records to pixels; with quads, splats to pixels.
+    /// Drawing records; for quads, drawing splats.
     pub draw: f64,
 }
 

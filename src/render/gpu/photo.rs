@@ -1,16 +1,16 @@
-//! A photograph on the GPU, to lay beside splats.
+//! Photograph as a GPU texture, for comparison with splats.
 
 use super::error::GpuError;
 use crate::math::image::{RgbImage, unit_to_byte};
 
-/// An opaque picture, sRGB-encoded bytes.
+/// Opaque image of sRGB-encoded bytes.
 #[derive(Debug)]
 pub struct PhotoTexture {
     view: wgpu::TextureView,
 }
 
 impl PhotoTexture {
-    /// Uploads a picture; one without pixels becomes a single white one.
+    /// Uploads an image. An empty image becomes a single white texel.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -18,7 +18,7 @@ impl PhotoTexture {
     ) -> Result<Self, GpuError> {
         let (width, height) = (picture.width as u32, picture.height as u32);
         let limit = device.limits().max_texture_dimension_2d;
-        // wgpu would refuse by an uncaptured error, which names no picture.
+        // wgpu would report an uncaptured error that does not mention the photograph.
         if width.max(height) > limit {
             return Err(GpuError::PhotoTooLarge { width, height, limit });
         }
@@ -39,7 +39,7 @@ impl PhotoTexture {
             .iter()
             .flat_map(|&[r, g, b]| [unit_to_byte(r), unit_to_byte(g), unit_to_byte(b), u8::MAX])
             .collect();
-        // An empty picture still has one texel.
+        // An empty image still needs one texel.
         bytes.resize((4 * size.width * size.height) as usize, u8::MAX);
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
@@ -50,7 +50,7 @@ impl PhotoTexture {
         Ok(Self { view: texture.create_view(&Default::default()) })
     }
 
-    /// To sample from.
+    /// View for sampling.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }

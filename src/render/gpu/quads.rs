@@ -1,4 +1,4 @@
-//! One pass of instanced quads, back to front: both renderers and both lenses, by the uniforms.
+//! Draws splats as instanced quads, back to front, for both renderers and both lenses.
 
 use super::constants::module;
 use super::draw_pipeline::DrawPipeline;
@@ -6,10 +6,10 @@ use super::layout::shader;
 use super::scene::{GpuScene, OrderOf};
 use super::target;
 
-/// Pipelines that draw a scene into a pass with one attachment of the splat image's format.
+/// Pipelines for drawing a scene into one attachment of the splat image's format.
 #[derive(Debug)]
 pub(super) struct QuadPath {
-    /// Splats of one colour; the scene has no appearance.
+    /// For scenes without appearance.
     plain: wgpu::RenderPipeline,
     shaded: wgpu::RenderPipeline,
 }
@@ -23,7 +23,8 @@ impl QuadPath {
         }
     }
 
-    /// Draws what the scene's order holds through the camera in `view`; neither may be empty.
+    /// Draws the splats of the scene's order through the camera in `view`. Order and viewport must not be
+    /// empty.
     pub(super) fn draw(
         &self,
         device: &wgpu::Device,
@@ -42,7 +43,7 @@ impl QuadPath {
                 resource: buffer.as_entire_binding(),
             })
             .collect();
-        // Plain splats carry fewer varyings from vertex to fragment.
+        // Scenes without appearance pass fewer varyings from vertex to fragment.
         let pipeline = if scene.appearance_buffer().is_some() { &self.shaded } else { &self.plain };
         let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("splats"),
@@ -55,7 +56,7 @@ impl QuadPath {
     }
 }
 
-/// Back to front, premultiplied: source over destination.
+/// Premultiplied source over destination.
 const OVER: wgpu::BlendComponent = wgpu::BlendComponent {
     src_factor: wgpu::BlendFactor::One,
     dst_factor: wgpu::BlendFactor::OneMinusSrcAlpha,

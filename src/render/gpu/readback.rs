@@ -1,8 +1,8 @@
-//! GPU images on the CPU, for tests and screenshots. Everything here waits for the GPU.
+//! Reads GPU images back to the CPU, for tests and screenshots. All functions block until the GPU is done.
 //!
-//! Rows in a buffer must be multiples of 256 bytes apart, images rarely are: rows are copied with
-//! that stride and packed on the CPU. Half floats are widened here by hand, which is exact and
-//! saves a dependency for one function.
+//! Buffer rows must be a multiple of 256 bytes apart, which image rows rarely are. They are copied with
+//! padding and packed on the CPU. Half floats are widened here to avoid a dependency for one
+//! function; the conversion is exact.
 
 use super::composite::Compositor;
 use super::error::GpuError;
@@ -11,10 +11,10 @@ use crate::math::image::Image;
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// A GPU that takes longer than this for one picture is not coming back.
+/// Timeout after which the GPU counts as lost.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Premultiplied, sRGB-encoded colour and coverage of every finished pixel, without background.
+/// Premultiplied, sRGB-encoded colour and coverage after finishing, without background.
 pub fn premultiplied(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -26,8 +26,8 @@ pub fn premultiplied(
     Ok(halves.map(|texel| finish.apply(texel.map(f32_from_f16))))
 }
 
-/// The bytes a screen would show: `image` over an sRGB-encoded background, opaque RGBA. `format` is
-/// `Rgba8Unorm` or `Rgba8UnormSrgb`; both give the same picture.
+/// Bytes as displayed: `image` over an sRGB-encoded background, opaque RGBA. `format` is
+/// `Rgba8Unorm` or `Rgba8UnormSrgb`; both give the same bytes.
 pub fn composited(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -66,7 +66,7 @@ pub fn composited(
     texels(device, queue, &screen, width, height)
 }
 
-/// Copies the upper left `width` by `height` texels, each a `T`.
+/// Reads the upper left `width` by `height` texels, each a `T`.
 fn texels<T: bytemuck::AnyBitPattern>(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -78,7 +78,7 @@ fn texels<T: bytemuck::AnyBitPattern>(
         return Ok(Image::from_vec(width as usize, height as usize, Vec::new()));
     }
     let row_bytes = width as usize * size_of::<T>();
-    // wgpu copies rows only at multiples of 256 bytes.
+    // wgpu requires row strides that are multiples of 256 bytes.
     let stride = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
     let staging = device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("readback"),
@@ -118,16 +118,16 @@ fn wait_for(
     staging: &wgpu::Buffer,
     submission: wgpu::SubmissionIndex,
 ) -> Result<Vec<u8>, String> {
-    // One buffer is mapped once.
+    // Capacity 1: only one buffer is mapped.
     let (sender, receiver) = mpsc::sync_channel(1);
     staging.map_async(wgpu::MapMode::Read, .., move |result| {
-        // The receiver is gone only when the wait below has already failed.
+        // The receiver is gone only if the wait below has already failed.
         let _ = sender.send(result);
     });
     device
         .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) })
         .map_err(|error| error.to_string())?;
-    // The wait above has run the callback, or it never will.
+    // The callback has run by now, or never will.
     match receiver.try_recv() {
         Ok(Ok(())) => {
             let bytes = staging.get_mapped_range(..).map_err(|error| error.to_string())?;
@@ -138,13 +138,13 @@ fn wait_for(
     }
 }
 
-/// IEEE 754 half precision, widened without loss.
+/// Converts IEEE 754 half precision to f32 exactly.
 fn f32_from_f16(bits: u16) -> f32 {
     let sign = u32::from(bits >> 15) << 31;
     let exponent = u32::from(bits >> 10) & 0x1f;
     let fraction = u32::from(bits) & 0x3ff;
     let magnitude = match exponent {
-        // Halves below 2⁻¹⁴ have no implicit one: 24 binary places in all.
+        // Subnormal halves, below 2⁻¹⁴, have no implicit one; their unit is 2⁻²⁴.
         0 => (fraction as f32 * 2f32.powi(-24)).to_bits(),
         0x1f => 0x7f80_0000 | fraction << 13,
         _ => (exponent + 112) << 23 | fraction << 13,

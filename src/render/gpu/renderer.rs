@@ -1,8 +1,8 @@
-//! The renderer that the window and the benches see: a scene and a camera to an image.
+//! Public interface of the GPU renderer: draws a scene through a camera into an image.
 //!
-//! Quads and tiles share the camera's uniforms and the image, so that a change of path is a change
-//! of what is recorded and of nothing else. The tile path is built only when it is first drawn
-//! with: a software adapter never needs its pipelines and buffers.
+//! Quads and tiles share the camera's uniforms and the image; the paths differ only in the
+//! recorded commands. The tile path is created on first use, so a software adapter never creates its
+//! pipelines and buffers.
 
 use super::chooser::{Chooser, Load};
 use super::error::GpuError;
@@ -16,12 +16,12 @@ use crate::math::camera::Camera;
 use crate::render::gpu::tiles::{TileFrame, TilePath};
 use crate::render::options::RenderOptions;
 
-/// Draws scenes into an image of its own; several renderers may share a scene.
+/// Draws scenes into its own image. Several renderers may share a scene.
 #[derive(Debug)]
 pub struct SplatRenderer {
     of: OrderOf,
     quads: QuadPath,
-    /// Built when first drawn with.
+    /// Created on first use.
     tiles: Option<TilePath>,
     chooser: Chooser,
     view: wgpu::Buffer,
@@ -31,8 +31,9 @@ pub struct SplatRenderer {
 }
 
 impl SplatRenderer {
-    /// Builds the pipelines for the picture `of` a scene; the image starts empty. Draws quads on a software adapter and on one
-    /// without timestamps; elsewhere the first images measure both paths and the faster one stays.
+    /// Creates the pipelines and an empty image; `of` selects the draw order of the scene. Uses quads on
+    /// software adapters and on adapters without timestamps. Otherwise the first images measure both paths
+    /// and the faster one is used.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, of: OrderOf) -> Result<Self, GpuError> {
         let timer = StageTimer::new(device, queue);
         let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
@@ -42,8 +43,8 @@ impl SplatRenderer {
             tiles: None,
             chooser: match timer {
                 Some(_) if !is_software => Chooser::measuring(),
-                // Without timestamps nothing can be measured, and on a CPU adapter nothing is worth
-                // it.
+                // Without timestamps nothing can be measured; on a CPU adapter measuring is not
+                // worthwhile.
                 _ => Chooser::fixed(DrawPath::Quads),
             },
             view: device.create_buffer(&wgpu::BufferDescriptor {
@@ -58,28 +59,26 @@ impl SplatRenderer {
         })
     }
 
-    /// Largest support of a splat in its standard deviations where quads are drawn: 3 is faster while
-    /// the camera moves, infinity (what a renderer starts with) keeps everything that passes the
-    /// alpha cut.
+    /// Sets the maximum support of a splat in standard deviations, for quads only. 3 is faster while the
+    /// camera moves. The default, infinity, draws everything above the alpha cut.
     pub fn set_extent_cap(&mut self, extent_cap: f32) {
         self.extent_cap = extent_cap;
     }
 
-    /// Draws by this path from now on, for tests and benches.
+    /// Fixes the path, for tests and benchmarks.
     pub fn set_path(&mut self, path: DrawPath) {
         self.chooser = Chooser::fixed(path);
     }
 
-    /// The path of the next image.
+    /// Path of the next image.
     pub fn path(&self) -> DrawPath {
         self.chooser.path()
     }
 
-    /// Records the drawing of a scene into `encoder`, the image as large as the camera's. For quads
-    /// the scene's order must be that of the same camera and options
-    /// ([`super::sort::back_to_front`]); the background belongs to [`super::composite::Compositor`].
-    /// One render per submission: the camera reaches the GPU with the submission, not with the
-    /// encoder.
+    /// Records the drawing of a scene into `encoder`; the image has the camera's size. For quads the scene's
+    /// order must have been computed for the same camera and options ([`super::sort::back_to_front`]).
+    /// The background is added by [`super::composite::Compositor`]. Call it once per submission: the
+    /// camera's uniforms are written at submission, not when encoding.
     pub fn render(
         &mut self,
         device: &wgpu::Device,
@@ -93,17 +92,17 @@ impl SplatRenderer {
         let path = self.choose(scene, (width, height));
         let extent_cap = match path {
             DrawPath::Quads => self.extent_cap,
-            // Tiles end early by themselves; a cap would only make images differ.
+            // Tiles stop at full pixels anyway; a cap would only change images.
             DrawPath::Tiles => f32::INFINITY,
         };
         let view = GpuView::new(camera, options, extent_cap)?;
-        // A resized window asks every frame; a texture is made only when it changes.
+        // Called every frame, but the texture is recreated only after a resize.
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
         self.target.set_finish(scene.finish(camera, options));
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
-        // A minimised window: a pass of no pixels is refused.
+        // A minimised window has no pixels, and wgpu rejects an empty pass.
         if self.target.is_empty() {
             return Ok(());
         }
@@ -121,17 +120,17 @@ impl SplatRenderer {
         Ok(())
     }
 
-    /// The image of the last render.
+    /// Image of the last render.
     pub fn target(&self) -> &SplatTarget {
         &self.target
     }
 
-    /// Measured a few frames ago; `None` where the adapter cannot tell or no measurement is back yet.
+    /// Measurement from a few frames ago; `None` without timestamps or before the first result.
     pub fn gpu_times(&self) -> Option<GpuTimes> {
         self.timer.as_ref().and_then(StageTimer::latest)
     }
 
-    /// Why the farthest splats are missing in the image, if they are.
+    /// Shortage that leaves out the farthest splats, if any.
     pub fn shortage(&self) -> Option<&GpuError> {
         self.tiles.as_ref().filter(|_| self.path() == DrawPath::Tiles).and_then(TilePath::shortage)
     }
@@ -146,7 +145,7 @@ impl SplatRenderer {
         if let Some((path, times)) = self.timer.as_mut().and_then(StageTimer::take) {
             self.chooser.measured(path, times.total());
         }
-        // Quads without an order draw nothing, which would be hard to beat.
+        // Quads without an order draw nothing, so their time would be meaningless.
         if scene.n_drawn(self.of) > 0 {
             let n_pixels = width as usize * height as usize;
             self.chooser.note(Load { n_splats: scene.n_splats(), n_pixels });

@@ -1,12 +1,12 @@
-//! Small results that come back from the GPU without anyone waiting for them.
+//! Asynchronous readback of small results from the GPU.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Results under way at once: they are read two frames late, so the third slot is free.
+/// Results in flight. They are read two frames late, so the third slot is free.
 pub(super) const N_SLOTS: usize = 3;
 
-/// Buffers that are filled by the GPU and read by the CPU in turn.
+/// Buffers that the GPU fills and the CPU reads in turn.
 #[derive(Debug)]
 pub(super) struct ReadbackRing {
     slots: [Slot; N_SLOTS],
@@ -16,13 +16,13 @@ pub(super) struct ReadbackRing {
 #[derive(Debug)]
 struct Slot {
     buffer: wgpu::Buffer,
-    /// Set once the buffer is mapped. wgpu's callback holds the other reference while it waits, so
-    /// a sole owner of `false` has nothing in flight, even when a submission never came.
+    /// True once the buffer is mapped. wgpu's callback holds the second reference while it is pending. If
+    /// this is the only reference and the value is false, the slot is free, even if a submission was dropped.
     mapped: Arc<AtomicBool>,
 }
 
 impl ReadbackRing {
-    /// Each result has `bytes` bytes.
+    /// Creates buffers of `bytes` bytes each.
     pub(super) fn new(device: &wgpu::Device, label: &str, bytes: u64) -> Self {
         let slots = std::array::from_fn(|_| Slot {
             buffer: device.create_buffer(&wgpu::BufferDescriptor {
@@ -36,8 +36,8 @@ impl ReadbackRing {
         Self { slots, next: 0 }
     }
 
-    /// Reads what has come back, oldest first, each with the slot it was sent from, and takes a free
-    /// slot; `None` while the GPU is behind.
+    /// Passes all arrived results to `read`, oldest first, with their slots. Returns a free slot; `None` if
+    /// the GPU is behind.
     pub(super) fn turn(&mut self, mut read: impl FnMut(usize, &[u8])) -> Option<usize> {
         for age in 0..N_SLOTS {
             let slot = (self.next + age) % N_SLOTS;
@@ -50,8 +50,8 @@ impl ReadbackRing {
             }
         }
         let slot = self.next;
-        // The callback of a submission still holds its flag: the GPU is behind, and nobody waits
-        // for it.
+        // The pending callback of a submission still holds the flag: the GPU is behind, and the
+        // CPU does not wait for it.
         if Arc::strong_count(&self.slots[slot].mapped) > 1 {
             return None;
         }
@@ -59,7 +59,7 @@ impl ReadbackRing {
         Some(slot)
     }
 
-    /// Copies the first `bytes` bytes of `source` and sends them on their way to the CPU.
+    /// Records a copy of the first `bytes` bytes of `source` to a slot, and maps the slot on submission.
     pub(super) fn send(
         &self,
         encoder: &mut wgpu::CommandEncoder,

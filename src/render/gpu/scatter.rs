@@ -1,10 +1,10 @@
-//! Sparse uploads: one compact list of (record, index), spread by a compute pass.
+//! Sparse uploads: a compact list of (record, index), scattered by a compute pass.
 
 use super::constants::{SCATTER_GROUP, module};
 use super::layout::{SparseAppearance, SparseSplat, shader};
 use std::marker::PhantomData;
 
-/// A record with its index, and what spreads it.
+/// Record with its index.
 pub(super) trait Sparse: bytemuck::NoUninit {
     /// Entry point of `scatter.wgsl`.
     const ENTRY_POINT: &'static str;
@@ -18,7 +18,7 @@ impl Sparse for SparseAppearance {
     const ENTRY_POINT: &'static str = "scatter_appearances";
 }
 
-/// The compute pass that spreads changed records over their buffer.
+/// Compute pass that scatters changed records into their buffer.
 #[derive(Debug)]
 pub(super) struct Scatter<T> {
     pipeline: wgpu::ComputePipeline,
@@ -39,7 +39,7 @@ impl<T: Sparse> Scatter<T> {
         Self { pipeline, records: PhantomData }
     }
 
-    /// Writes `changed` into `target`, which must hold every index named. Returns the bytes
+    /// Writes `changed` into `target`, which must contain every index. Returns the number of bytes
     /// uploaded.
     pub(super) fn run(
         &self,
@@ -48,7 +48,7 @@ impl<T: Sparse> Scatter<T> {
         target: &wgpu::Buffer,
         changed: &[T],
     ) -> u64 {
-        // A buffer of no bytes cannot be bound.
+        // An empty buffer cannot be bound.
         if changed.is_empty() {
             return 0;
         }
@@ -68,7 +68,7 @@ impl<T: Sparse> Scatter<T> {
                 wgpu::BindGroupEntry { binding: 1, resource: target.as_entire_binding() },
             ],
         });
-        // A dimension of a dispatch holds 65,535 groups; more records need a second one.
+        // Each dimension of a dispatch is limited to 65,535 groups, so large lists need a second one.
         let widest = device.limits().max_compute_workgroups_per_dimension;
         let (columns, rows) = grid(changed.len().div_ceil(SCATTER_GROUP as usize), widest);
         let mut encoder = device.create_command_encoder(&Default::default());
@@ -82,7 +82,7 @@ impl<T: Sparse> Scatter<T> {
     }
 }
 
-/// Columns and rows of workgroups, none above `widest`, that hold at least `n_groups`.
+/// Columns and rows, each at most `widest`, of a grid of at least `n_groups` workgroups.
 fn grid(n_groups: usize, widest: u32) -> (u32, u32) {
     let columns = n_groups.clamp(1, widest as usize);
     (columns as u32, n_groups.div_ceil(columns) as u32)

@@ -1,10 +1,10 @@
-//! The splats on the GPU and the orders in which to draw them.
+//! Splats in GPU memory and their draw orders.
 //!
-//! Only what training changed is sent (`rendering.md`, Uploads): few changes as (index, record)
-//! pairs that a compute pass scatters, many as one whole upload, which streams faster than it
-//! scatters. Buffers grow by half, so that growing scenes are copied a logarithmic number of times.
-//! Orders live here too, one for each picture of a comparison, because they name splats of this
-//! scene and of no other.
+//! Only changes are uploaded (`rendering.md`, Uploads). Few changes are sent as (index, record)
+//! pairs and scattered by a compute pass. Many changes are sent as one whole upload, because streaming is
+//! faster than scattering. Buffers grow by half, so the number of reallocations is logarithmic in the scene's
+//! size. Draw orders, one per image of a comparison, are stored here because their indices refer to this
+//! scene.
 
 use super::allocation::Allocation;
 use super::context::max_buffer_bytes;
@@ -17,17 +17,17 @@ use crate::render::finish::Finish;
 use crate::render::options::RenderOptions;
 
 const MIB: u64 = 1 << 20;
-/// Share of changed splats above which the whole scene is uploaded: a sparse record costs 80 bytes
-/// and a second pass over memory against 64 bytes streamed (`rendering.md`, Uploads).
+/// Fraction of changed splats above which the whole scene is uploaded. A sparse record costs 80 bytes
+/// and a second pass over memory; a streamed one costs 64 bytes (`rendering.md`, Uploads).
 const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 
-/// Which of two pictures of a scene an order belongs to: those compared may be drawn by different
-/// methods, which order differently.
+/// Image that a draw order belongs to. The two images of a comparison may use different renderers, which
+/// sort differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OrderOf {
-    /// The picture, or the first of two.
+    /// The image, or the first of two.
     First,
-    /// What it is compared with.
+    /// The image compared with the first.
     Second,
 }
 
@@ -41,7 +41,7 @@ pub struct GpuScene {
     buffers: Buffers,
     n_splats: usize,
     n_order: [usize; N_ORDERS],
-    /// By splat, whether it cannot be drawn although it has an opacity.
+    /// Per splat: true if it has an opacity but cannot be drawn.
     is_invalid: Vec<bool>,
     n_invalid: usize,
     finishing: Finishing,
@@ -57,8 +57,8 @@ struct Buffers {
 }
 
 impl GpuScene {
-    /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also the way back after a
-    /// lost device: the splats on the CPU are all it needs.
+    /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also restores the scene after a
+    /// lost device, from the splats on the CPU.
     pub fn new<'a>(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -79,11 +79,13 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// Brings the GPU to `splats`, of which only `changed` (any order, repeats allowed) and those
-    /// past the previous length differ from the last call; gaining or losing their appearance
-    /// changes them all. Returns the bytes uploaded. On an error the scene draws on as it was,
-    /// unless it is a backend's late answer to the allocation before. Orders stay valid
-    /// unless there are fewer splats than before, which empties them.
+    /// Updates the GPU to `splats`. Only the splats in `changed` (any order, repeats allowed) and those
+    /// beyond the previous length may differ from the last call. Gaining or losing appearance updates all of
+    /// them. Returns the number of bytes uploaded. Orders stay valid unless the number of splats decreases,
+    /// which clears them.
+    ///
+    /// # Errors
+    /// The scene keeps its previous contents, unless the error is a late report for the previous allocation.
     pub fn update<'a>(
         &mut self,
         device: &wgpu::Device,
@@ -93,15 +95,15 @@ impl GpuScene {
     ) -> Result<u64, GpuError> {
         let splats: SplatView<'a> = splats.into();
         self.buffers.allocation.check()?;
-        // Even when no splat changed: crack filling and exposures are the scene's, not a splat's.
+        // Updated even if no splat changed, because crack filling and exposure belong to the scene.
         self.finishing.clone_from(splats.finishing());
         let n_splats = splats.splats().len();
         if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
-            // Made before the old ones are dropped: if memory is short, the scene draws on as it
-            // was.
+            // Created before the old buffers are dropped, so that the scene remains drawable if memory is
+            // short.
             let grown = Buffers::new(device, splats, self.buffers.capacity)?;
             let mut encoder = device.create_command_encoder(&Default::default());
-            // Orders name splats by place, so they stay right in a larger buffer.
+            // Orders hold indices, so they stay valid in a larger buffer.
             for (order, grown) in self.buffers.orders.iter().zip(&grown.orders) {
                 let kept = order.size().min(grown.size());
                 encoder.copy_buffer_to_buffer(order, 0, grown, 0, kept);
@@ -112,7 +114,7 @@ impl GpuScene {
         }
         let n_kept = self.n_splats.min(n_splats);
         let n_dirty = changed.len() + n_splats - n_kept;
-        // Above this share one stream is faster than scattering (`rendering.md`, Uploads).
+        // Above this fraction, streaming is faster than scattering (`rendering.md`, Uploads).
         if n_dirty as f64 > WHOLE_UPLOAD_SHARE * n_splats as f64 {
             return Ok(self.upload_whole(queue, splats));
         }
@@ -125,9 +127,9 @@ impl GpuScene {
         Ok(self.upload_some(device, queue, &ids, splats))
     }
 
-    /// Uploads the order in which to draw, farthest first (see [`super::sort::back_to_front`]);
-    /// splats that it leaves out are not drawn. An order of fewer or older splats is fine, one that
-    /// names a splat which is not there is refused and the previous one kept.
+    /// Uploads a draw order, farthest first (see [`super::sort::back_to_front`]). Splats missing from it
+    /// are not drawn. It may be outdated as long as all its indices exist; otherwise it is rejected and the
+    /// previous order is retained.
     pub fn set_order(
         &mut self,
         queue: &wgpu::Queue,
@@ -135,9 +137,9 @@ impl GpuScene {
         order: &[u32],
     ) -> Result<(), GpuError> {
         self.buffers.allocation.check()?;
-        // An index past the splats would read another splat's memory, or none.
+        // An index out of range would read another splat's memory, or none.
         let stale = order.iter().find(|&&index| index as usize >= self.n_splats);
-        // Repeated indices could make it longer than the scene.
+        // Repeated indices could make the order longer than the scene.
         if let Some(&index) = stale.or_else(|| order.get(self.n_splats)) {
             return Err(GpuError::StaleOrder { index, n_splats: self.n_splats });
         }
@@ -146,23 +148,23 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Number of splats on the GPU, empty slots included.
+    /// Number of splats on the GPU, including empty slots.
     pub fn n_splats(&self) -> usize {
         self.n_splats
     }
 
-    /// Splats with an opacity that cannot be drawn, because a field is not finite or out of its
+    /// Number of splats with an opacity that cannot be drawn because a field is not finite or out of
     /// range (`Splat::is_valid`).
     pub fn n_invalid(&self) -> usize {
         self.n_invalid
     }
 
-    /// Splats in the order, which is what a render pass draws.
+    /// Number of splats in the order, which is the number of drawn instances.
     pub fn n_drawn(&self, of: OrderOf) -> usize {
         self.n_order[of as usize]
     }
 
-    /// Splats that fit before the next growth.
+    /// Number of splats that fit before the next growth.
     pub fn capacity(&self) -> usize {
         self.buffers.capacity
     }
@@ -175,7 +177,7 @@ impl GpuScene {
         &self.buffers.splats
     }
 
-    /// `None` if the splats are plain.
+    /// `None` for a scene without appearance.
     pub(super) fn appearance_buffer(&self) -> Option<&wgpu::Buffer> {
         self.buffers.appearance.as_ref()
     }
@@ -230,7 +232,7 @@ impl GpuScene {
         n_bytes + self.scatter_appearance.run(device, queue, buffer, &appearances)
     }
 
-    /// Counts a record that cannot be drawn; such a one becomes all zeros.
+    /// Updates the count of invalid splats. An invalid record becomes all zeros.
     fn note(&mut self, id: usize, record: Option<GpuSplat>) -> GpuSplat {
         self.n_invalid -= usize::from(self.is_invalid[id]);
         self.is_invalid[id] = record.is_none();
@@ -240,7 +242,7 @@ impl GpuScene {
 
     fn set_length(&mut self, n_splats: usize) {
         if n_splats < self.n_splats {
-            // An order could name a splat that is gone.
+            // An order could contain the index of a removed splat.
             self.n_order = [0; N_ORDERS];
             let gone = self.is_invalid[n_splats..].iter().filter(|invalid| **invalid).count();
             self.n_invalid -= gone;
@@ -250,7 +252,7 @@ impl GpuScene {
     }
 }
 
-/// All zeros for an empty slot, so that no shader meets a NaN; `None` for a splat that is broken.
+/// Record of a splat; all zeros for an empty slot, `None` for an invalid splat.
 fn record(splats: SplatView<'_>, id: usize) -> Option<GpuSplat> {
     let splat = &splats.splats()[id];
     let is_sound = splats.appearance().get(id).is_none_or(|a| GpuAppearance::new(a).is_some());
@@ -258,7 +260,7 @@ fn record(splats: SplatView<'_>, id: usize) -> Option<GpuSplat> {
     (is_empty || (splat.is_valid() && is_sound)).then(|| GpuSplat::new(splat))
 }
 
-/// Zeros for one that is broken, whose splat is not drawn.
+/// Appearance of a splat; zeros if invalid, as its splat is not drawn either.
 fn appearance(splats: SplatView<'_>, id: usize) -> GpuAppearance {
     GpuAppearance::new(&splats.appearance()[id]).unwrap_or_else(bytemuck::Zeroable::zeroed)
 }
@@ -268,7 +270,7 @@ fn has_appearance(splats: SplatView<'_>) -> bool {
 }
 
 impl Buffers {
-    /// For the splats; half as many slots again as `before` when that fits the adapter.
+    /// Allocates buffers for the splats, with 1.5 times the capacity `before` if they no longer fit.
     fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
         let splat_bytes = size_of::<GpuSplat>() as u64;
         let appearance_bytes =
@@ -306,7 +308,7 @@ impl Buffers {
     }
 }
 
-/// Slots of `bytes_each` for `n_splats`: half as many again as `before` when that fits the adapter.
+/// Number of slots of `bytes_each` for `n_splats`: at least 1.5 times `before`, within the adapter's limit.
 fn capacity_for(
     n_splats: usize,
     before: usize,
@@ -359,8 +361,8 @@ mod tests {
         let message = capacity_for(3_000_000, 0, 64, &limits).unwrap_err().to_string();
         assert_eq!(
             message,
-            "3000000 splats need 184 MiB, this adapter binds at most 128 MiB: keep to 2097152 \
-             splats or draw with the CPU renderer"
+            "3000000 splats need 184 MiB, but this adapter binds at most 128 MiB: use at most \
+             2097152 splats or the CPU renderer"
         );
     }
 }

@@ -1,9 +1,8 @@
-//! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
+//! Sorts the visible splats back to front on a CPU thread, outside the frame loop.
 //!
-//! Three passes of 11 bits cover a key of 32 and 2¹¹ counters fit L1; a pass whose keys all share a
-//! digit is skipped. Keys of 16 bits were tried and swapped splats visibly (`rendering.md`, Tried
-//! and dropped). Sorting runs on the CPU because quads need no other compute; the tile path sorts
-//! on the GPU (`super::tiles`).
+//! Three passes of 11 bits cover a 32-bit key, and 2¹¹ counters fit L1. A pass is skipped if all keys share
+//! its digit. Keys of 16 bits visibly swapped splats (`rendering.md`, Tried and dropped). The sort runs
+//! on the CPU because quads use no other compute; the tile path sorts on the GPU (`super::tiles`).
 
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
@@ -12,22 +11,20 @@ use glam::DVec3;
 
 const DIGIT_BITS: u32 = 11;
 const N_BUCKETS: usize = 1 << DIGIT_BITS;
-/// Three digits cover the 32 bits of a key.
 const N_PASSES: usize = 3;
 
-/// Memory reused from sort to sort.
+/// Reusable buffers of [`back_to_front`].
 #[derive(Debug, Default)]
 pub struct SortScratch {
-    /// Key in the upper half, splat index in the lower.
+    /// Key in the upper half, splat index in the lower half.
     entries: Vec<u64>,
     swap: Vec<u64>,
     order: Vec<u32>,
 }
 
-/// Indices of the splats that the options let through (drawable, not too near), farthest first: by
-/// view depth for the projected renderer, by distance for the exact one. Ties put the later splat
-/// first, since the earlier one is in front (`rendering.md`, Blending). Indices are u32: at most
-/// 2³² splats.
+/// Indices of the drawable splats beyond the near plane, farthest first. The key is view depth for the
+/// projected renderer and distance for the exact one. For ties the later splat comes first, because the
+/// earlier one is drawn in front (`rendering.md`, Blending). Indices are u32: at most 2³² splats.
 pub fn back_to_front<'a>(
     splats: &[Splat],
     camera: &Camera,
@@ -39,7 +36,7 @@ pub fn back_to_front<'a>(
     let by_depth = options.method.renderer() == Renderer::Projected;
     let near_by_depth = options.method.lens() == Lens::Pinhole;
     scratch.entries.clear();
-    // From the last splat on: the sort is stable, and of equal depths the earlier one must be drawn
+    // Reversed, because the sort is stable and the earlier of two splats at equal depth must be drawn
     // later.
     scratch.entries.extend(splats.iter().enumerate().rev().filter_map(|(index, splat)| {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - centre;
@@ -55,12 +52,12 @@ pub fn back_to_front<'a>(
     &scratch.order
 }
 
-/// Bits of positive floats compare as integers; inverted, the farthest comes first.
+/// Inverted bits of a positive float: integer order, farthest first.
 fn far_first_key(depth: f32) -> u32 {
     !depth.to_bits()
 }
 
-/// Stable LSD radix sort by the upper 32 bits; the result is in `entries`.
+/// Sorts `entries` by their upper 32 bits with a stable LSD radix sort.
 fn radix_sort(entries: &mut Vec<u64>, swap: &mut Vec<u64>) {
     let mut counts = [[0usize; N_BUCKETS]; N_PASSES];
     for &entry in entries.iter() {
@@ -70,7 +67,7 @@ fn radix_sort(entries: &mut Vec<u64>, swap: &mut Vec<u64>) {
     }
     swap.resize(entries.len(), 0);
     for (pass, count) in counts.iter_mut().enumerate() {
-        // All keys share this digit: the pass would copy without moving.
+        // All keys share this digit, so the pass would change nothing.
         if count.contains(&entries.len()) {
             continue;
         }
@@ -116,7 +113,7 @@ mod tests {
         RenderOptions { near, ..RenderOptions::evaluation(method, [0.0; 3]) }
     }
 
-    /// What must be beyond the near plane, and what the order goes by.
+    /// Depth tested against the near plane, and sort key.
     fn keys(splat: &Splat, camera: &Camera, method: RenderMethod) -> (f32, f32) {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
         let depth = from_camera.dot(camera.pose.forward()) as f32;
@@ -133,7 +130,7 @@ mod tests {
         let mut scratch = SortScratch::default();
         for (seed, n) in [(0, 0), (1, 1), (2, 2), (3, 1000), (4, 40_000), (5, 37)] {
             let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
-            // A coarse grid makes many exact ties; a wide one spans 30 binary orders.
+            // A coarse grid creates many exact ties; a wide one spans 30 powers of two.
             let splats: Vec<Splat> = (0..n)
                 .map(|_| {
                     let reach = 2f64.powi(rng.below(30) as i32 - 10);
@@ -175,6 +172,10 @@ mod tests {
         assert_eq!(order(RenderMethod::PROJECTED, 0.2), [7, 8, 0]);
         assert_eq!(order(RenderMethod::PROJECTED, -9.0), [7, 8, 0, 1]);
         assert_eq!(order(RenderMethod::EXACT, 0.2), [7, 8, 0]);
-        assert_eq!(order(FISHEYE, 0.2), [7, 2, 8, 0], "behind the plane is in sight");
+        assert_eq!(
+            order(FISHEYE, 0.2),
+            [7, 2, 8, 0],
+            "a fisheye shows splats behind the camera plane"
+        );
     }
 }

@@ -1,12 +1,12 @@
-//! The offscreen image that splats are drawn into.
+//! Offscreen image that splats are drawn into.
 
 use super::error::GpuError;
 use crate::render::finish::Finish;
 
-/// Premultiplied colour and coverage in half floats: blending in bytes would band.
+/// Half floats, because blending in bytes would cause banding.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// Premultiplied, sRGB-encoded splat colour and coverage, not finished yet; the background is not in it.
+/// Premultiplied, sRGB-encoded splat colour and coverage before finishing, without background.
 #[derive(Debug)]
 pub struct SplatTarget {
     texture: wgpu::Texture,
@@ -17,11 +17,11 @@ pub struct SplatTarget {
 }
 
 impl SplatTarget {
-    /// A target of `width` by `height` pixels. An empty viewport (a side of 0) gets one pixel that
-    /// nothing is drawn into, because a texture cannot be empty.
+    /// Creates a target of `width` by `height` pixels. An empty viewport (a side of 0) gets a single unused
+    /// pixel, because a texture cannot be empty.
     pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Result<Self, GpuError> {
         let limit = device.limits().max_texture_dimension_2d;
-        // wgpu would refuse by an uncaptured error, which names no viewport.
+        // wgpu would report an uncaptured error that does not mention the viewport.
         if width.max(height) > limit {
             return Err(GpuError::ViewportTooLarge { width, height, limit });
         }
@@ -47,12 +47,12 @@ impl SplatTarget {
         Ok(Self { texture, view, width, height, finish: Finish::NONE })
     }
 
-    /// Columns and rows, either may be 0.
+    /// Width and height; either may be 0.
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
     }
 
-    /// What becomes of the pixels when the image is laid over a background.
+    /// Finishing to apply when the image is composited.
     pub fn finish(&self) -> Finish {
         self.finish
     }
@@ -69,7 +69,7 @@ impl SplatTarget {
         &self.texture
     }
 
-    /// To sample from or to draw into.
+    /// View for sampling or drawing.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }

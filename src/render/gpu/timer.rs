@@ -1,13 +1,12 @@
-//! How long the stages of an image take on the GPU, read back without ever waiting for them.
+//! Measures the stages of an image on the GPU without blocking.
 //!
-//! Reading a timestamp at once would make the CPU wait for the GPU in every frame, so results go
-//! through a ring of buffers and arrive some frames late: enough for a choice of path and for the
-//! panel that shows them.
+//! Reading a timestamp immediately would make the CPU wait for the GPU in every frame. Results pass through
+//! a ring of buffers and arrive some frames late, which suffices for choosing the path and for display.
 
 use super::path::{DrawPath, GpuTimes};
 use super::ring::{N_SLOTS, ReadbackRing};
 
-/// What is measured, in the order in which it happens.
+/// Measured stage, in execution order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GpuStage {
     Preprocess,
@@ -16,16 +15,16 @@ pub(super) enum GpuStage {
 }
 
 const N_STAGES: u32 = 3;
-/// A stage is one pass: a timestamp at its beginning, one at its end.
+/// Each stage is one pass with a timestamp at its start and end.
 const STAGE_BYTES: u64 = 2 * wgpu::QUERY_SIZE as u64;
 
-/// A ring of timestamps.
+/// Timestamps of the last images.
 #[derive(Debug)]
 pub(super) struct StageTimer {
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
     ring: ReadbackRing,
-    /// Which path each slot measures.
+    /// Path measured by each slot.
     paths: [DrawPath; N_SLOTS],
     milliseconds_per_tick: f64,
     latest: Option<(DrawPath, GpuTimes)>,
@@ -33,7 +32,7 @@ pub(super) struct StageTimer {
 }
 
 impl StageTimer {
-    /// `None` when the device has no timestamps.
+    /// `None` if the device has no timestamps.
     pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Self> {
         if !device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             return None;
@@ -59,8 +58,8 @@ impl StageTimer {
         })
     }
 
-    /// Collects what has come back and takes a free slot for an image by `path`; `None` while the
-    /// GPU is behind.
+    /// Collects arrived results and reserves a slot for an image drawn by `path`; `None` if the GPU is
+    /// behind.
     pub(super) fn begin(&mut self, path: DrawPath) -> Option<usize> {
         let Self { ring, paths, latest, is_new, .. } = self;
         let slot = ring.turn(|slot, bytes| {
@@ -73,7 +72,7 @@ impl StageTimer {
         Some(slot)
     }
 
-    /// For the descriptor of the compute pass that is a stage.
+    /// Timestamp writes for the compute pass of a stage.
     pub(super) fn of_compute(
         &self,
         slot: usize,
@@ -87,7 +86,7 @@ impl StageTimer {
         }
     }
 
-    /// For the descriptor of the render pass that is a stage.
+    /// Timestamp writes for the render pass of a stage.
     pub(super) fn of_render(
         &self,
         slot: usize,
@@ -101,7 +100,7 @@ impl StageTimer {
         }
     }
 
-    /// After the passes, in the same encoder: sends their times on their way to the CPU.
+    /// Resolves the timestamps and sends them to the CPU. Must follow the passes in the same encoder.
     pub(super) fn end(&self, encoder: &mut wgpu::CommandEncoder, slot: usize) {
         let stages = stages_of(self.paths[slot]);
         let first = first_query(slot, stages[0]);
@@ -110,19 +109,19 @@ impl StageTimer {
         self.ring.send(encoder, slot, &self.resolved, stages.len() as u64 * STAGE_BYTES);
     }
 
-    /// The last measurement that came back.
+    /// Most recent measurement.
     pub(super) fn latest(&self) -> Option<GpuTimes> {
         self.latest.map(|(_, times)| times)
     }
 
-    /// The last measurement that came back and the path it is of, once.
+    /// Most recent measurement and its path, if not taken before.
     pub(super) fn take(&mut self) -> Option<(DrawPath, GpuTimes)> {
         // The choice of path must count each measurement once.
         std::mem::take(&mut self.is_new).then_some(self.latest).flatten()
     }
 }
 
-/// The stages that a path has; the last ones of all.
+/// Stages of a path, which are always the last ones of [`GpuStage`].
 fn stages_of(path: DrawPath) -> &'static [GpuStage] {
     match path {
         DrawPath::Quads => &[GpuStage::Draw],
@@ -134,12 +133,12 @@ fn first_query(slot: usize, stage: GpuStage) -> u32 {
     2 * (N_STAGES * slot as u32 + stage as u32)
 }
 
-/// `None` from a GPU that was reset or put to sleep and ran its clock backwards.
+/// Times in milliseconds; `None` if the GPU's clock ran backwards, for example after a reset or sleep.
 fn times(path: DrawPath, bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
     let mut out = GpuTimes { preprocess: None, sort: None, draw: 0.0 };
     for (&stage, bytes) in stages_of(path).iter().zip(bytes.chunks_exact(STAGE_BYTES as usize)) {
         let [begin, end]: [u64; 2] = bytemuck::pod_read_unaligned(bytes);
-        // A GPU that slept may run its clock backwards; no time is better than a huge one.
+        // The clock may run backwards after sleep; no result is better than a huge one.
         let elapsed = end.checked_sub(begin)? as f64 * milliseconds_per_tick;
         match stage {
             GpuStage::Preprocess => out.preprocess = Some(elapsed),

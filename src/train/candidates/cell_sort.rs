@@ -1,38 +1,36 @@
-//! Ids in the order of their cells, those of one cell ascending: a counting sort.
+//! Counting sort of ids by cell; ids in a cell ascend.
 //!
-//! With threads enough, parts of the ids are sorted into ranges of cells first, side by side, and then the ids of
-//! each range into its cells. These are two steps for one, which two threads take no faster than one takes the
-//! one.
+//! With enough threads it takes two parallel steps: parts of the ids are sorted into ranges of cells, then
+//! each range into its cells. Two threads gain nothing from this over one sequential step.
 
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Threads from which on two steps side by side are faster (`train.md`, Speed).
+/// Number of threads from which two parallel steps are faster (`train.md`, Speed).
 const MANY: usize = 4;
-/// Parts of the ids.
-// A fixed number, not one a thread: memory grows once, whoever sorts.
+// Number of parts of the ids. Fixed rather than one per thread, so memory grows only once.
 const PARTS: usize = 16;
-/// Ranges of cells.
+/// Number of ranges of cells.
 const RANGES: usize = 64;
 
-/// Sorts ids by cell, in memory kept from sort to sort.
+/// Sorts ids by cell; buffers are reused.
 #[derive(Debug, Default)]
 pub(super) struct CellSort {
     parts: [Part; PARTS],
 }
 
-/// Consecutive ids in the order of ranges.
+/// Consecutive ids, sorted by range.
 #[derive(Debug, Default)]
 struct Part {
-    /// Cells and ids.
+    /// Pairs of cell and id.
     entries: Vec<(u32, u32)>,
     /// Range `r` holds `entries[starts[r]..starts[r + 1]]`.
     starts: Vec<u32>,
 }
 
 impl CellSort {
-    /// Fills `ids` with the places of cells in `cell_of_id`, in the order of cells, and `start` with where those
-    /// of each cell begin, and all end.
+    /// Writes the indices of `cell_of_id`, sorted by cell, to `ids`. Fills `start` with the first entry of
+    /// each cell, then the total.
     pub fn sort(
         &mut self,
         cell_of_id: &[u32],
@@ -46,7 +44,7 @@ impl CellSort {
         start.resize(n_cells + 1, 0);
         let (cells, end) = start.split_at_mut(n_cells);
         end.fill(ids.len() as u32);
-        // A power of two: cells are told their range by a shift.
+        // A power of two, so that a shift gives a cell's range.
         let width = n_cells.div_ceil(RANGES).next_power_of_two();
         let size = cell_of_id.len().div_ceil(PARTS).max(1);
         self.parts.par_iter_mut().enumerate().for_each(|(i, part)| {
@@ -58,8 +56,8 @@ impl CellSort {
     }
 }
 
-/// Puts the places of cells in a list in the order of their ranges of `2^shift`, those of one range ascending:
-/// `put` is given where each comes to, and the place. Fills `start` with where each range begins, and all end.
+/// Sorts the indices of `cells` by range of `2^shift` cells; indices in a range ascend. Calls
+/// `put(to, index)` for each. Fills `start` with the first entry of each range, then the total.
 fn sort_alone(
     cells: &[u32],
     shift: u32,
@@ -68,8 +66,8 @@ fn sort_alone(
     mut put: impl FnMut(usize, usize),
 ) {
     start.clear();
-    // Counted two places late, summed one place late: filling a range then moves the start of the next one to
-    // where it belongs.
+    // Counts are stored two slots late and summed one slot late: filling a range then advances the next
+    // range's start to its final value.
     start.resize(n_ranges + 2, 0);
     cells.iter().for_each(|&cell| start[(cell >> shift) as usize + 2] += 1);
     sum_up(0, start);
@@ -95,17 +93,17 @@ impl Part {
     }
 }
 
-/// What is to be put together from all parts.
+/// Merges the parts range by range.
 #[derive(Clone, Copy)]
 struct Ranges<'a> {
     parts: &'a [Part; PARTS],
-    /// Cells of a range.
+    /// Number of cells in a range.
     width: usize,
 }
 
 impl Ranges<'_> {
-    /// Fills the starts of the cells of some ranges and their ids, of which the first is the `first` of all;
-    /// half of them on another thread.
+    /// Fills cell starts and ids of some ranges; `first` is the index of their first entry. Halves are
+    /// processed in parallel.
     fn fill(self, ranges: Range<usize>, first: u32, start: &mut [u32], ids: &mut [u32]) {
         if ranges.len() == 1 {
             return self.fill_one(ranges.start, first, start, ids);
@@ -128,7 +126,7 @@ impl Ranges<'_> {
         start.fill(0);
         entries().for_each(|&(cell, _)| start[place(cell)] += 1);
         sum_up(first, start);
-        // Ends of cells, which become their starts as they are filled from behind.
+        // Holds the ends of cells, which become starts as cells are filled from the back.
         entries().rev().for_each(|&(cell, id)| {
             let next = &mut start[place(cell)];
             *next -= 1;
@@ -137,7 +135,7 @@ impl Ranges<'_> {
     }
 }
 
-/// Replaces every number by the sum of all up to it, counted on from one.
+/// Replaces each number by the running total, which starts at `sum`.
 fn sum_up(mut sum: u32, numbers: &mut [u32]) {
     for number in numbers {
         sum += *number;

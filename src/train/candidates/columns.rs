@@ -1,35 +1,31 @@
-//! Positions side by side, as the search reads them.
+//! Positions in columns, the layout of the candidate search.
 
 use crate::math::simd::LANES;
 use std::ops::Range;
 
-/// Elements handled by one step of the search: two vectors.
-// Two, because least distances of sixteen lanes then bound up to sixteen neighbours, without a
-// selection.
+// Entries per step of the search. Two vectors, because the minima of sixteen lanes bound up to sixteen
+// neighbours without a selection.
 pub(super) const STEP: usize = 2 * LANES;
 
-/// Points that share a list of candidates.
+/// Number of points that share a candidate list.
 pub(in crate::train) const CHUNK: usize = 16;
 
-/// Positions as columns, and what each stands for. Behind the `len` entries every column has at
-/// least [`STEP`] more, so that whole vectors can be read and written at any entry.
+/// Positions in columns, with a tag each. Every column has at least [`STEP`] entries of padding behind
+/// `len`, so that whole vectors can be read and written at any entry.
 #[derive(Clone, Debug, Default)]
 pub(in crate::train) struct Columns {
-    /// Positions, first axis.
     pub x: Vec<f32>,
-    /// Positions, second axis.
     pub y: Vec<f32>,
-    /// Positions, third axis.
     pub z: Vec<f32>,
-    /// What an entry stands for: in the grid a component's id, in a list of candidates an entry of
-    /// the grid, among points a place in the tile.
+    /// Meaning by use: component id in the grid, grid entry in a candidate list, index in the tile for
+    /// points.
     pub tag: Vec<u32>,
-    /// Entries that mean something.
+    /// Number of valid entries.
     pub len: usize,
 }
 
 impl Columns {
-    /// Makes room for `len` entries. Never shrinks, never loses an entry.
+    /// Makes room for `len` entries; never shrinks.
     #[inline(always)]
     pub fn reserve(&mut self, len: usize) {
         if self.x.len() < len + STEP {
@@ -39,7 +35,7 @@ impl Columns {
 
     #[cold]
     fn grow(&mut self, needed: usize) {
-        // In steps that soon end: a warm search allocates nothing.
+        // Powers of two, so that a warm search allocates nothing.
         let size = needed.next_power_of_two();
         for column in [&mut self.x, &mut self.y, &mut self.z] {
             column.resize(size, 0.0);
@@ -47,7 +43,7 @@ impl Columns {
         self.tag.resize(size, 0);
     }
 
-    /// Replaces all entries by positions in columns of one length; tags are their places.
+    /// Replaces all entries by positions in columns of equal length; tags are indices.
     #[inline(always)]
     pub fn load(&mut self, [x, y, z]: [&[f32]; 3]) {
         let n = x.len();
@@ -59,13 +55,13 @@ impl Columns {
         self.tag[..n].iter_mut().zip(0..).for_each(|(tag, place)| *tag = place);
     }
 
-    /// Appends the positions of the entries `span` of `other`, which become the tags.
+    /// Appends entries `span` of `other`, tagged with their indices there.
     #[inline(always)]
     pub fn append(&mut self, other: &Columns, span: Range<usize>) {
         let n = span.len();
         self.reserve(self.len + n);
-        // Whole vectors: what is written beyond the end is overwritten or padding. Of one length each, so that
-        // one comparison bounds all columns.
+        // Whole vectors: writes beyond the end go to padding. Slices of equal length need only one bounds
+        // check.
         let whole = n.next_multiple_of(LANES);
         let (to, from) = (self.len..self.len + whole, span.start..span.start + whole);
         let (x, y, z) = (&other.x[from.clone()], &other.y[from.clone()], &other.z[from]);
@@ -81,21 +77,20 @@ impl Columns {
         self.len += n;
     }
 
-    /// Overwrites an entry.
     pub fn set(&mut self, i: usize, position: [f32; 3], tag: u32) {
         [self.x[i], self.y[i], self.z[i]] = position;
         self.tag[i] = tag;
     }
 
-    /// Makes the padding infinitely far away.
+    /// Moves the padding to infinity.
     #[inline(always)]
     pub fn pad(&mut self) {
         self.reserve(self.len);
-        // One axis is enough: whatever finite numbers the others hold, the distance is infinite.
+        // One axis suffices: the distance is infinite for any finite values of the others.
         self.x[self.len..self.len + STEP].fill(f32::INFINITY);
     }
 
-    /// Squared distance of an entry to a point, by the formula of the whole search.
+    /// Squared distance of an entry to a point, rounded as everywhere in the search.
     #[inline(always)]
     pub fn distance2(&self, i: usize, point: [f32; 3]) -> f32 {
         let p = self.position(i);
@@ -103,7 +98,6 @@ impl Columns {
         (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
     }
 
-    /// Position of an entry.
     #[inline(always)]
     pub fn position(&self, i: usize) -> [f32; 3] {
         [self.x[i], self.y[i], self.z[i]]

@@ -1,19 +1,18 @@
-//! How the order of a grid's entries changes when few means move: entries that are left out and others
-//! that are put in, in the order of cells and components.
+//! Incremental update of the grid's order when few means move: entries to remove and entries to
+//! insert, sorted by cell and component.
 
-/// Changes of an order of entries.
+/// Removals and insertions in an ordered list of entries.
 #[derive(Debug, Default)]
 pub(in crate::train) struct Edits {
-    /// Cell and component, and whether it comes to the cell or leaves it.
+    /// Cell, component, and true for an insertion, false for a removal.
     moves: Vec<(u32, u32, bool)>,
-    /// Entry of the old order that is left out or that something is put before, and what that is.
+    /// Old entry to remove (`None`) or to insert a component before (`Some`).
     places: Vec<(u32, Option<u32>)>,
 }
 
 impl Edits {
-    /// Finds what changes when components move from the cells where `cell_of_id` has them, which hears
-    /// of it, to those that `cell_of` names. `cell` is the first entry of a cell and the components in
-    /// it, ascending.
+    /// Finds the edits for components that move from the cells in `cell_of_id`, which is updated, to those
+    /// given by `cell_of`. `cell` returns the first entry of a cell and its components, ascending.
     pub fn find<'a>(
         &mut self,
         moved: &[u32],
@@ -28,7 +27,7 @@ impl Edits {
             let before = std::mem::replace(&mut cell_of_id[id as usize], now);
             moves.extend([(before, id, false), (now, id, true)]);
         }
-        // Whoever stays in a cell leaves it first.
+        // Removals sort before insertions, also for a component that remains in its cell.
         moves.sort_unstable();
         places.clear();
         places.extend(moves.iter().map(|&(of, id, comes)| {
@@ -40,7 +39,7 @@ impl Edits {
         }));
     }
 
-    /// Moves the first entries of cells, one more than there are.
+    /// Shifts the first entries of cells (one more than the number of cells).
     pub fn shift_starts(&self, start: &mut [u32]) {
         let (mut from, mut shift) = (0, 0u32);
         for &(cell, _, comes) in &self.moves {
@@ -52,8 +51,8 @@ impl Edits {
         start[from..].iter_mut().for_each(|start| *start = start.wrapping_add(shift));
     }
 
-    /// Writes a table of the entries in their new order, given the old one; `of` is what a component
-    /// that has moved gets.
+    /// Writes a table of entries in the new order from the old one; `of` gives the value of a moved
+    /// component.
     pub fn apply<T: Copy>(&self, old: &[T], new: &mut [T], of: impl Fn(u32) -> T) {
         let (mut from, mut to) = (0, 0);
         for &(at, comes) in &self.places {

@@ -1,13 +1,13 @@
-//! Why there is no index over the initial means.
+//! Error of building the candidate index.
 
-/// The index could not be built.
+/// The candidate index could not be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "building the candidate index over {components} components failed: {reason}; try fewer --components"
+    "building the candidate index over {components} components failed: {reason}; try fewer components"
 )]
 pub struct IndexError {
     /// Number of means.
     pub components: usize,
-    /// What the index said.
+    /// Message of the index library.
     pub reason: String,
 }

@@ -1,10 +1,10 @@
 //! A uniform grid over the initial spatial means (`train.md`, Grid of means).
 //!
-//! Cells are filled by a counting sort, stable by id, so that a row of cells is one span of memory
-//! and ties fall to the lower id. Bounds are quantiles of a sample: one stray mean must not stretch
-//! the cells over empty space; what lies outside is kept in border cells, which extend to infinity.
-//! One mean per cell: half as many or twice as many change the search by less than 7 %. Where few
-//! means have moved, they are taken from the old order and put into it again (`edits`).
+//! Cells are filled by a counting sort, stable by id: a row of cells is one span of memory, and ties
+//! go to the lower id. Bounds are quantiles of a sample, so a stray mean does not stretch the cells
+//! over empty space; means outside go to border cells, which extend to infinity. One mean per cell
+//! on average: half or twice as many change search time by less than 7 %. If few means move, the
+//! order is updated incrementally (`edits`).
 
 use super::cell_sort::CellSort;
 use super::columns::Columns;
@@ -13,51 +13,50 @@ use super::error::IndexError;
 use crate::model::paper::mixture_device::GridShape;
 use rayon::prelude::*;
 
-/// Most cells of a grid.
 const MAX_CELLS: usize = 1 << 22;
-/// Means looked at for the bounds of the grid.
+/// Number of means sampled for the bounds.
 const SAMPLE: usize = 2048;
-/// Share of the sample cut off at either side of an axis: outliers live in border cells.
+/// Share of the sample trimmed on either side of an axis.
 const TRIM: f64 = 0.005;
-/// By how much the trimmed bounds grow, as a share of their length, at either side.
+/// Growth of the trimmed bounds on either side, as a share of their length.
 const MARGIN: f64 = 0.02;
 
-/// Means that one task of the build takes.
+/// Number of means per parallel task.
 const PART: usize = 1 << 12;
 
-/// Means in the order of the cells they lie in. Cells at the border extend to infinity.
+/// Means sorted by grid cell. Border cells extend to infinity.
 #[derive(Debug, Default)]
 pub struct MeanGrid {
     shape: GridShape,
     /// Cell `c` holds the entries `start[c]..start[c + 1]`.
     start: Vec<u32>,
     means: Columns,
-    /// Cell of every id, needed while the grid is built.
+    /// Cell of each id.
     cell_of_id: Vec<u32>,
     cell_sort: CellSort,
-    /// Coordinates the bounds are taken from, needed while the grid is built.
+    /// Buffer for the sampled coordinates.
     sample: Vec<f32>,
-    /// What the last [`MeanGrid::shift`] made of the entries before it, which `shifted` holds.
+    /// Edits of the last [`MeanGrid::shift`]; `shifted` holds the entries before it.
     edits: Edits,
     shifted: Columns,
 }
 
 impl MeanGrid {
-    /// Over finite means.
+    /// Builds a grid over finite means.
     pub fn new(means: &[[f32; 3]]) -> Result<Self, IndexError> {
         let mut grid = Self::default();
         grid.rebuild(means)?;
         Ok(grid)
     }
 
-    /// Sorts finite means into cells, reusing memory. On error the grid is as it was.
+    /// Rebuilds the grid over finite means, reusing memory. On error the grid is unchanged.
     pub fn rebuild(&mut self, means: &[[f32; 3]]) -> Result<(), IndexError> {
         let shape = grid_shape(means, &mut self.sample)?;
         self.fill(shape, means);
         Ok(())
     }
 
-    /// Sorts means into the cells that [`grid_shape`] found for them, reusing memory.
+    /// Sorts means into the cells found by [`grid_shape`], reusing memory.
     pub(in crate::train) fn fill(&mut self, shape: GridShape, means: &[[f32; 3]]) {
         self.shape = shape;
         self.cell_of_id.resize(means.len(), 0);
@@ -70,9 +69,8 @@ impl MeanGrid {
         self.sort(means);
     }
 
-    /// Takes components whose means have moved, each named once, to the cells where they are now. The
-    /// others keep their order, so that entries are those of [`MeanGrid::fill`]; entries that other
-    /// tables have beside them follow by [`MeanGrid::edits`].
+    /// Updates the cells of components whose means have moved, each listed once. The result equals
+    /// [`MeanGrid::fill`]. Parallel tables can be updated with [`MeanGrid::edits`].
     pub(in crate::train) fn shift(&mut self, moved: &[u32], means: &[[f32; 3]]) {
         let Self { shape, start, means: sorted, cell_of_id, edits, shifted, .. } = self;
         edits.find(
@@ -106,7 +104,7 @@ impl MeanGrid {
         sorted.pad();
     }
 
-    /// What the last [`MeanGrid::shift`] made of the entries.
+    /// Edits of the last [`MeanGrid::shift`].
     pub(in crate::train) fn edits(&self) -> &Edits {
         &self.edits
     }
@@ -118,7 +116,7 @@ impl MeanGrid {
         sorted.len = means.len();
         let Columns { x, y, z, tag: ids, len } = sorted;
         let (x, y, z, ids) = (&mut x[..*len], &mut y[..*len], &mut z[..*len], &mut ids[..*len]);
-        // Only ids are sorted; positions are then fetched in order.
+        // Only ids are sorted; positions are then gathered in that order.
         cell_sort.sort(cell_of_id, shape.n_cells(), start, ids);
         let positions = x.par_chunks_mut(PART).zip(y.par_chunks_mut(PART));
         let positions = positions.zip(z.par_chunks_mut(PART)).zip(ids.par_chunks(PART));
@@ -135,28 +133,27 @@ impl MeanGrid {
         self.means.len
     }
 
-    /// Whether there are none.
+    /// True if there are no means.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Components by entry.
+    /// Component of each entry.
     pub(in crate::train) fn ids(&self) -> &[u32] {
         &self.means.tag[..self.means.len]
     }
 
-    /// Mean of an entry.
     #[inline(always)]
     pub(in crate::train) fn mean(&self, entry: u32) -> [f32; 3] {
         self.means.position(entry as usize)
     }
 
-    /// Edge of a cell.
+    /// Edge length of a cell.
     pub(super) fn cell(&self) -> f32 {
         self.shape.cell
     }
 
-    /// Largest distance along an axis from a box to the box of the grid; 0 where they meet.
+    /// Largest distance along an axis between a box and the grid's bounds; 0 if they overlap.
     pub(super) fn gap(&self, lo: [f32; 3], hi: [f32; 3]) -> f32 {
         let GridShape { lo: first, cell, dims, .. } = self.shape;
         (0..3).fold(0f32, |gap, axis| {
@@ -165,12 +162,12 @@ impl MeanGrid {
         })
     }
 
-    /// Replaces `list` by entries: a superset of those in the box `lo..hi` grown by `radius`.
+    /// Fills `list` with a superset of the entries in the box `lo..hi` grown by `radius`.
     #[inline(always)]
     pub(super) fn gather(&self, lo: [f32; 3], hi: [f32; 3], radius: f32, list: &mut Columns) {
         let shape = &self.shape;
         list.len = 0;
-        // In loops: what arrays are made of by closures is compiled for the baseline.
+        // Loops, because arrays built by closures are compiled for the baseline instruction set.
         let (mut first, mut last) = ([0; 3], [0; 3]);
         for axis in 0..3 {
             first[axis] = coordinate(shape, lo[axis] - radius, axis);
@@ -186,7 +183,7 @@ impl MeanGrid {
         list.pad();
     }
 
-    /// Replaces `list` by all entries.
+    /// Fills `list` with all entries.
     pub(super) fn gather_all(&self, list: &mut Columns) {
         list.len = 0;
         list.append(&self.means, 0..self.means.len);
@@ -194,10 +191,10 @@ impl MeanGrid {
     }
 }
 
-/// Cells for means: one mean each of the trimmed bounding box; axes shorter than a cell get one layer.
+/// Chooses cells for one mean each within the trimmed bounding box. Axes shorter than a cell get one layer.
 ///
 /// # Errors
-/// [`IndexError`] for means that are not finite, or more than a grid can number.
+/// [`IndexError`] if a mean is not finite or there are too many.
 pub(in crate::train) fn grid_shape(
     means: &[[f32; 3]],
     sample: &mut Vec<f32>,
@@ -207,7 +204,7 @@ pub(in crate::train) fn grid_shape(
     if means.len() >= u32::MAX as usize {
         return refuse("too many components");
     }
-    // Without a short circuit, so that the loop becomes vector code.
+    // No short circuit, so that the loop is vectorised.
     if !means.as_flattened().iter().fold(true, |all, v| all & v.is_finite()) {
         return refuse("an initial mean is not finite");
     }
@@ -217,34 +214,33 @@ pub(in crate::train) fn grid_shape(
     let n = means.len().clamp(1, MAX_CELLS) as f64;
     let [a, b, c] = longest_first;
     let mut cell = (a * b * c / n).cbrt();
-    // A cloud thinner than a cell has no volume to share out: cells are squares of its face, or
-    // pieces of its length.
+    // A cloud thinner than a cell has no volume: cells then divide its face, or its length.
     if !(c >= cell && cell > 0.0) {
         cell = (a * b / n).sqrt();
     }
     if !(b >= cell && cell > 0.0) {
         cell = a / n;
     }
-    // All means in one place: any cell will do.
+    // All means coincide: any cell size works.
     if cell == 0.0 {
         cell = 1.0;
     }
     let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);
-    // Short axes are rounded up to a layer each, which may exceed one cell per mean by far.
+    // Short axes are rounded up to one layer each, which may far exceed one cell per mean.
     while dims(cell).iter().fold(1usize, |all, &d| all.saturating_mul(d)) > MAX_CELLS {
         cell *= 1.1;
     }
-    // The inverse of a denormal cell is beyond f32.
+    // The reciprocal of a denormal cell size exceeds f32.
     let per_unit = (1.0 / cell).min(f64::from(f32::MAX)) as f32;
     let lo = lo.map(|v| v as f32);
     Ok(GridShape { lo, cell: cell as f32, per_unit, dims: dims(cell) })
 }
 
-/// Cell along one axis. Monotone in `value`, whatever is rounded, so a range of cells holds
-/// every mean in the range of values.
+/// Cell along one axis. Monotone in `value` even with rounding, so a range of cells holds every mean
+/// in the range of values.
 #[inline(always)]
 fn coordinate(shape: &GridShape, value: f32, axis: usize) -> usize {
-    // The cast saturates: any value has a cell, and `clamp` takes infinite ones to the border.
+    // The cast saturates, so every value has a cell; infinite ones are clamped to the border.
     let cell = ((value - shape.lo[axis]) * shape.per_unit) as i32;
     cell.clamp(0, shape.dims[axis] as i32 - 1) as usize
 }
@@ -255,7 +251,7 @@ fn cell_of(shape: &GridShape, mean: [f32; 3]) -> usize {
     (z * shape.dims[1] + y) * shape.dims[0] + x
 }
 
-/// Lower corner and edges of the box that holds all but the outliers of a sample.
+/// Lower corner and edge lengths of the trimmed bounding box of a sample.
 fn bounds(means: &[[f32; 3]], sample: &mut Vec<f32>) -> ([f64; 3], [f64; 3]) {
     let (mut lo, mut extent) = ([0.0; 3], [0.0; 3]);
     if means.is_empty() {
@@ -320,7 +316,7 @@ mod tests {
         let mut means: Vec<[f32; 3]> = (0..3000).map(|_| at()).collect();
         let mut grid = MeanGrid::new(&means).unwrap();
         for turn in 0..30 {
-            // Into the same cell, to others, to one place together, beyond the border.
+            // Within the same cell, to other cells, all to one place, and beyond the border.
             let moved: Vec<u32> = (0..97).map(|i| (i * 31 + turn * 7) % 3000).collect();
             for &id in &moved {
                 let old = means[id as usize];

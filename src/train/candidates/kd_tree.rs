@@ -1,14 +1,14 @@
-//! `kiddo`'s KD-tree: the plain path, and the oracle of the grid.
+//! `kiddo`'s KD-tree: the reference implementation, used to verify the grid.
 
 use super::error::IndexError;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::num::NonZero;
 
-/// An index that is asked point by point, distances in f64.
+/// An index queried point by point, with distances in f64.
 pub struct KdTree(ImmutableKdTree<f64, 3>);
 
 impl KdTree {
-    /// Over finite means.
+    /// Builds a tree over finite means.
     pub fn new(means: &[[f64; 3]]) -> Result<Self, IndexError> {
         let refuse = |reason| Err(IndexError { components: means.len(), reason });
         if !means.iter().flatten().all(|v| v.is_finite()) {
@@ -17,17 +17,16 @@ impl KdTree {
         ImmutableKdTree::new_from_slice(means).map(Self).or_else(|e| refuse(e.to_string()))
     }
 
-    /// Appends the ids of the `n` nearest means in the order (squared distance, id); fewer if there
-    /// are fewer.
+    /// Appends the ids of the `n` nearest means (or all, if fewer) in order of (squared distance, id).
     pub fn nearest(&self, query: [f64; 3], n: NonZero<usize>, ids: &mut Vec<u32>) {
-        // One more than asked for shows whether the last one has an equal.
+        // One more than requested shows whether the last one has a tie.
         let query = self.0.query(&query);
         let found = query.nearest_n::<SquaredEuclidean<f64>>(n.saturating_add(1)).execute();
         let mut found: Vec<(f64, u32)> = found.iter().map(|f| (f.distance, f.item)).collect();
         if let Some(&(beyond, _)) = found.get(n.get())
             && found[n.get() - 1].0 == beyond
         {
-            // Of equals the tree keeps any; all at that distance are asked for, so that ids decide.
+            // The tree returns ties in any order; a second query for all at that distance lets ids decide.
             let equals = query.within::<SquaredEuclidean<f64>>(beyond).execute();
             found = equals.iter().map(|f| (f.distance, f.item)).collect();
         }

@@ -1,11 +1,11 @@
-//! The inner loops of the search, eight lanes at a time.
+//! Inner loops of the search, eight lanes at a time.
 //!
-//! Every squared distance is `(dx² + dy²) + dz²`, never fused: the same bits everywhere. No vector
-//! passes through a closure: one that is not inlined would be compiled for the baseline.
+//! Every squared distance is `(dx² + dy²) + dz²`, never fused, so bits are equal everywhere. Closures
+//! over vectors are avoided: one that is not inlined would be compiled for the baseline.
 //!
-//! Keys carry the entry in the low bits of the distance, so that a sorting network of `min` and
-//! `max` moves both at once, without branches and without registers for indices. Distances that
-//! agree in the remaining bits are reported as uncertain and ranked again in full.
+//! Keys carry the entry in the low bits of the distance, so that a sorting network of `min` and `max`
+//! moves both without branches or index registers. Distances that agree in the remaining bits are
+//! flagged as uncertain and ranked again in full.
 
 use super::columns::{CHUNK, Columns, STEP};
 use crate::math::simd::{LANES, Vector};
@@ -27,13 +27,13 @@ fn distance2<V: Vector>(a: [V; 3], b: [V; 3]) -> V {
     (x * x + y * y) + z * z
 }
 
-/// Where the last whole vector of a range of at least eight starts; it may overlap the one before.
+/// Start of the last whole vector of a range of at least eight; may overlap the one before.
 #[inline(always)]
 fn last_vector(range: &Range<usize>) -> usize {
     range.end - LANES
 }
 
-/// Lower and upper corner of the box of some points.
+/// Bounding box of some points, as lower and upper corner.
 #[inline(always)]
 pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> [[f32; 3]; 2] {
     let [mut lo, mut hi] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
@@ -58,7 +58,7 @@ pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> 
     [lo, hi]
 }
 
-/// Largest squared distance of some points to `centre`; infinity or NaN if one of them is.
+/// Largest squared distance of some points to `centre`; infinity or NaN if any is.
 #[inline(always)]
 pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [f32; 3]) -> f32 {
     if range.len() < LANES {
@@ -76,20 +76,20 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
         (reach, sum) = (d2.max(reach), sum + d2);
         at += LANES;
     }
-    // The maximum may lose a NaN, the sum does not.
+    // The maximum may drop a NaN; the sum does not.
     let sum: f32 = sum.to_array().into_iter().sum();
     if sum.is_finite() { largest(reach.to_array()) } else { sum }
 }
 
-/// Writes the squared distances of all entries to `centre`, padding included, and returns the
-/// least of every sixteenth entry: distances of sixteen different ones, or infinity.
+/// Writes the squared distances of all entries to `centre`, padding included. Returns the minima over
+/// entries with equal index modulo 16: distances of sixteen different entries, or infinity.
 #[inline(always)]
 pub(super) fn distances<V: Vector>(
     list: &Columns,
     centre: [f32; 3],
     out: &mut Vec<f32>,
 ) -> [f32; STEP] {
-    // The padding lies infinitely far away: measured along, it is never among the least.
+    // Padding is infinitely far away, so it never is a minimum.
     let size = list.len.next_multiple_of(STEP);
     if out.len() < size {
         out.resize(size.next_power_of_two(), 0.0);
@@ -112,7 +112,7 @@ pub(super) fn distances<V: Vector>(
     all
 }
 
-/// The `rank`-th smallest (from 1 to 16) of sixteen values.
+/// Returns the `rank`-th smallest (1 to 16) of sixteen values.
 #[inline(always)]
 pub(super) fn ranked(values: [f32; STEP], rank: usize) -> f32 {
     let mut sorted = [f32::INFINITY; STEP];
@@ -127,20 +127,20 @@ pub(super) fn ranked(values: [f32; STEP], rank: usize) -> f32 {
     sorted[rank - 1]
 }
 
-/// Replaces `near` by the entries of `list`, in order, whose squared distance is at most `limit`,
-/// which must be finite: that of the padding is not.
+/// Fills `near` with the entries of `list`, in order, whose squared distance is at most `limit`.
+/// `limit` must be finite, which excludes the padding.
 #[inline(always)]
 pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, near: &mut Columns) {
     let size = list.len.next_multiple_of(LANES);
     near.reserve(size);
-    // Of one length each, so that one comparison bounds all of them.
+    // Slices of equal length, so that one bounds check covers all.
     let (x, y, z) = (&list.x[..size], &list.y[..size], &list.z[..size]);
     let tag: &[f32] = bytemuck::cast_slice(&list.tag[..size]);
     let room = size + STEP;
     let (near_x, near_y) = (&mut near.x[..room], &mut near.y[..room]);
     let (near_z, near_tag) = (&mut near.z[..room], &mut near.tag[..room]);
     let near_tag: &mut [f32] = bytemuck::cast_slice_mut(near_tag);
-    // Whole vectors without a branch: what is written beyond the end is overwritten.
+    // Whole vectors without branches: writes beyond the end are overwritten by later ones.
     let mut n = 0;
     let limit = V::splat(limit);
     for (at, d2) in (0..size).step_by(LANES).zip(distance2[..size].chunks_exact(LANES)) {
@@ -155,33 +155,30 @@ pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, n
     near.pad();
 }
 
-/// The least of eight values.
 #[inline(always)]
 fn least(v: [f32; LANES]) -> f32 {
     let min = |a: f32, b: f32| if a < b { a } else { b };
     min(min(min(v[0], v[1]), min(v[2], v[3])), min(min(v[4], v[5]), min(v[6], v[7])))
 }
 
-/// The largest of eight values.
 #[inline(always)]
 fn largest(v: [f32; LANES]) -> f32 {
     let max = |a: f32, b: f32| if a > b { a } else { b };
     max(max(max(v[0], v[1]), max(v[2], v[3])), max(max(v[4], v[5]), max(v[6], v[7])))
 }
 
-/// Neighbours of the points of a chunk as sorted keys; what is said of places behind the last means nothing.
+/// Nearest neighbours of a chunk's points as sorted keys; undefined for lanes beyond the chunk's end.
 pub(super) struct Neighbours<const KEYS: usize> {
-    /// Per rank the keys of the points: squared distance whose low bits are the entry.
+    /// Keys by rank, then point: squared distance with the entry in its low bits.
     pub keys: [[f32; CHUNK]; KEYS],
-    /// Points of which the last key and the one before are equal but for the entry: which of them
-    /// is nearer is not known.
+    /// Points whose last two keys agree except for the entry: which one is nearer is unknown.
     pub set_uncertain: u32,
-    /// Points of which any two neighbouring keys are equal but for the entry.
+    /// Points with any two adjacent keys that agree except for the entry.
     pub order_uncertain: u32,
 }
 
-/// The `KEYS` nearest entries of `near` for the points of a chunk. `entry_bits` is a mask of low bits that
-/// holds every entry. All squared distances must be finite.
+/// Finds the `KEYS` nearest entries of `near` for a chunk's points. `entry_bits` masks low bits large
+/// enough for every entry. All squared distances must be finite.
 #[inline(always)]
 pub(super) fn neighbours<V: Vector, const KEYS: usize>(
     near: &Columns,
@@ -203,11 +200,11 @@ pub(super) fn neighbours<V: Vector, const KEYS: usize>(
 }
 
 impl<const KEYS: usize> Neighbours<KEYS> {
-    /// Keeps the keys of eight points from `first` of the chunk on.
+    /// Stores the keys of the eight points that start at index `first` of the chunk.
     #[inline(always)]
     fn keep<V: Vector>(&mut self, keys: &[V; KEYS], first: usize, entry_bits: u32) {
         let (mut set_uncertain, mut order_uncertain) = (0, 0);
-        // The last pair alone decides which entries are found, the others in what order.
+        // The last pair decides which entries are found, the others only their order.
         for pair in keys.windows(2) {
             set_uncertain = pair[0].agrees(pair[1], !entry_bits);
             order_uncertain |= set_uncertain;
@@ -220,7 +217,7 @@ impl<const KEYS: usize> Neighbours<KEYS> {
     }
 }
 
-/// The least keys of `N` times eight points, sorted. Several at once: insertions of one wait for each other.
+/// Finds the smallest keys of `N` × 8 points, sorted. Interleaving points hides the latency of insertions.
 #[inline(always)]
 fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
     near: &Columns,
@@ -235,8 +232,8 @@ fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
         for i in 0..N {
             let mut key = distance2(position, points[i]).tag(!entry_bits, entry);
             for kept in &mut keys[i] {
-                // Both from what was kept before: compared with the new one, the wrong id of equals is
-                // evicted (`train.md`, Pitfalls).
+                // Both use the old value: with the new one, ties would evict the wrong id (`train.md`,
+                // Pitfalls).
                 let low = kept.min(key);
                 key = kept.max(key);
                 *kept = low;

@@ -1,8 +1,7 @@
-//! The candidates of a group of points, and the nearest among them.
+//! Candidate lists of a group of points, and the nearest entries in them.
 //!
-//! Two lists, since two sizes of neighbourhood pay: a raw one, gathered from the grid once for a
-//! group, and a near one of a few dozen entries for sixteen points, short enough to compare every
-//! point with every entry.
+//! There are two levels: a raw list, gathered from the grid once per group, and a near list of a few
+//! dozen entries per sixteen points, short enough to compare every point with every entry.
 
 use super::columns::{CHUNK, Columns, STEP};
 use super::extent::{Extent, RELATIVE_MARGIN};
@@ -11,46 +10,44 @@ use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;
 
-/// Longest list whose entries fit in the low bits of a key.
-// Thirteen of the 23 bits of a mantissa. Fewer bits of distance would leave more points to be
-// ranked one by one.
+// Longest list whose entries fit in the low bits of a key: 13 of the 23 mantissa bits. Fewer bits of
+// distance would leave more points to be ranked individually.
 const MAX_KERNEL_LIST: usize = 1 << 13;
 
-/// Length that lists have room for from the start; few tiles need more.
+/// Initial capacity of the lists; few tiles need more.
 const USUAL_LEN: usize = 4096;
 
-/// Lists of grid entries, and memory to work on them.
+/// Candidate lists of grid entries, with scratch memory.
 #[derive(Debug)]
 pub(in crate::train) struct Lists {
-    /// All that can matter to a group.
+    /// Candidates of a group.
     raw: Columns,
-    /// Entries of `raw` that can matter to a chunk.
+    /// Candidates of a chunk, taken from `raw`.
     near: Columns,
-    /// Middle of the chunk, and how far from there `near` leaves nothing out.
+    /// Centre of the chunk, and the radius around it within which `near` is complete.
     near_centre: [f32; 3],
     near_limit: f32,
-    /// Squared distances of a list.
     distance2: Vec<f32>,
-    /// Squared distances, for sorting.
+    /// Squared distances, for selection.
     sorted: Vec<f32>,
     /// Squared distance in the high half, component in the low half; then the grid's entry.
     keys: Vec<(u64, u32)>,
-    /// Squared distance and component.
+    /// Squared distance in f64, and component.
     wide: Vec<(f64, u32)>,
 }
 
-/// The nearest entry of a point, if the others are farther than `second2`.
+/// Nearest entry of a point, with a bound on all others.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::train) struct Nearest {
-    /// Entry of the grid; one of the nearest if `second2` says nothing.
+    /// Grid entry. Not certainly the nearest if `second2` is negative infinity.
     pub entry: u32,
-    /// A lower bound on the squared distance of every other entry, or negative infinity.
+    /// Lower bound on the squared distance of every other entry, or negative infinity if unknown.
     pub second2: f32,
 }
 
-/// Ranks by squared distance, then by id.
+/// Sort key: squared distance, then id.
 fn key(distance2: f32, id: u32) -> u64 {
-    // Squares are not negative, so their bits are in their order.
+    // Squares are not negative, so their bits sort like their values.
     u64::from(distance2.to_bits()) << 32 | u64::from(id)
 }
 
@@ -75,7 +72,7 @@ impl Default for Lists {
 }
 
 impl Lists {
-    /// All entries that can matter to the points of the group.
+    /// Candidates of the group.
     pub fn raw(&self) -> &Columns {
         &self.raw
     }
@@ -84,7 +81,7 @@ impl Lists {
         &mut self.raw
     }
 
-    /// An upper bound on the squared distance of the `rank`-th nearest raw entry to `centre`.
+    /// Upper bound on the squared distance of the `rank`-th nearest raw entry to `centre`.
     #[inline(always)]
     pub(super) fn raw_bound2<V: Vector>(&mut self, centre: [f32; 3], rank: usize) -> f32 {
         let least = distances::<V>(&self.raw, centre, &mut self.distance2);
@@ -96,8 +93,8 @@ impl Lists {
         *self.sorted.select_nth_unstable_by(rank - 1, f32::total_cmp).1
     }
 
-    /// Fills the near list with a superset of the `rank` nearest entries of a chunk's points;
-    /// whether it is fit for [`Lists::neighbours`].
+    /// Fills the near list with a superset of the `rank` nearest entries of a chunk's points. Returns true
+    /// if it is short enough for [`Lists::neighbours`].
     #[inline(always)]
     pub(super) fn shorten<V: Vector>(
         &mut self,
@@ -105,7 +102,7 @@ impl Lists {
         chunk: Range<usize>,
         rank: usize,
     ) -> bool {
-        // Until the list is filled it covers nothing, and `covering` names the raw one.
+        // Until the list is filled it covers nothing, so `covering` returns the raw list.
         self.near_limit = 0.0;
         let extent = Extent::of::<V>(points, chunk);
         let bound2 = self.raw_bound2::<V>(extent.centre, rank);
@@ -116,17 +113,17 @@ impl Lists {
         near.len <= MAX_KERNEL_LIST
     }
 
-    /// The near list, after [`Lists::shorten`].
+    /// Near list, valid after [`Lists::shorten`].
     pub(super) fn near(&self) -> &Columns {
         &self.near
     }
 
-    /// Low bits of a key that hold its place in the near list.
+    /// Mask of a key's low bits that hold its index in the near list.
     pub(super) fn place_bits(&self) -> u32 {
         self.near.len.next_power_of_two() as u32 - 1
     }
 
-    /// The nearest of the near list for the points of a chunk, by the branch-free kernel.
+    /// Finds the nearest entries of the near list for a chunk's points, with the branch-free kernel.
     #[inline(always)]
     pub(super) fn neighbours<V: Vector, const KEYS: usize>(
         &self,
@@ -136,7 +133,7 @@ impl Lists {
         neighbours::<V, KEYS>(&self.near, points, chunk, self.place_bits())
     }
 
-    /// The nearest raw entry of every point of a chunk.
+    /// Finds the nearest raw entry of each point of a chunk.
     #[inline(always)]
     pub fn nearest<V: Vector>(
         &mut self,
@@ -144,7 +141,7 @@ impl Lists {
         chunk: Range<usize>,
     ) -> [Nearest; CHUNK] {
         let mut nearest = [Nearest { entry: self.raw.tag[0], second2: f32::NEG_INFINITY }; CHUNK];
-        // A single mean has no second: its key stays infinite, which bounds nothing and is right.
+        // With a single mean there is no second: its key remains infinite, which is a correct bound.
         if !self.shorten::<V>(points, chunk.clone(), self.raw.len.min(2)) {
             return nearest;
         }
@@ -153,15 +150,14 @@ impl Lists {
         for ((nearest, key), second) in nearest.iter_mut().zip(keys).zip(seconds) {
             let place = (key.to_bits() & place_bits) as usize;
             nearest.entry = self.near.tag[place];
-            // Without the place a key is a lower bound of its squared distance.
+            // With the index bits cleared, a key is a lower bound of its squared distance.
             nearest.second2 = f32::from_bits(second.to_bits() & !place_bits);
         }
         nearest
     }
 
-    /// The entries nearest to one point, by the order (squared distance, component): at most
-    /// `rank`, and where squares are finite none farther than the squared distance `within2`. `ids`
-    /// are the components by entry.
+    /// Finds the entries nearest to one point by (squared distance, component): at most `rank`, and if
+    /// squares are finite, none farther than squared distance `within2`. `ids` maps entries to components.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -177,8 +173,7 @@ impl Lists {
             Among::Near => &*near,
         };
         let least = distances::<V>(list, position, distance2);
-        // Sixteen lane minima are distances of sixteen entries: they bound no more neighbours than
-        // that.
+        // Sixteen lane minima are distances of sixteen entries, so they bound at most sixteen neighbours.
         let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
         keys.clear();
         let mut take = |place: usize| {
@@ -198,7 +193,7 @@ impl Lists {
                 }
             }
         } else {
-            // Nothing bounds them, so that a point that is no number has neighbours, too.
+            // Unbounded, so that NaN points have neighbours too.
             (0..list.len).for_each(take);
         }
         if keys.len() > rank {
@@ -208,17 +203,17 @@ impl Lists {
         keys
     }
 
-    /// The list that leaves out nothing within a squared distance of a point of the chunk.
+    /// Selects a list that is complete within a squared distance of a point of the chunk.
     #[inline(always)]
     pub fn covering(&self, position: [f32; 3], distance2: f32) -> Among {
-        // The near list is complete within a ball about the chunk's middle, not about the point.
+        // The near list is complete within a ball about the chunk's centre, not about the point.
         let off = squared_distance(position, self.near_centre).sqrt();
         let reach = (off + distance2.sqrt()) * RELATIVE_MARGIN;
         if reach < self.near_limit { Among::Near } else { Among::Raw }
     }
 
-    /// Appends the components nearest to one point by squared distances of one's own,
-    /// `of(component)`, in the order (squared distance, component).
+    /// Finds the components nearest to one point by squared distances `of(component)`, in order of
+    /// (squared distance, component).
     pub(super) fn rank_by(
         &mut self,
         among: Among,
@@ -244,11 +239,11 @@ impl Lists {
     }
 }
 
-/// Which list is ranked.
+/// Choice of candidate list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::train) enum Among {
-    /// All entries that can matter to the group.
+    /// Candidates of the group.
     Raw,
-    /// Entries that can matter to the chunk.
+    /// Candidates of the chunk.
     Near,
 }

@@ -1,15 +1,14 @@
 //! Exact C-nearest search over the initial spatial means: a uniform grid searched tile by tile, and
-//! `kiddo`'s KD-tree as plain path and oracle.
+//! `kiddo`'s KD-tree as reference.
 //!
-//! One tree query per point took four fifths of a frame. A grid is rebuilt in a fifth of the time
-//! of a tree, and the points of a tile share the list of means that can matter to any of them, so
-//! most of the work is done once for 64 points. `kiddo` wins at no size that
-//! `benches/candidates.rs` tries (10 to 10⁵ means, 1 to 1024 neighbours), so nothing switches to
-//! it.
+//! One tree query per point took four fifths of a frame. Rebuilding a grid takes a fifth of the time of
+//! a tree, and the points of a tile share a list of candidate means, so most work is done once per 64
+//! points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10 to 10⁵ means, 1 to 1024
+//! neighbours).
 //!
-//! Tried and dropped (`train.md`, Tried and dropped): insertion with branches or blends (the kernel
-//! takes twice as long); chunks of 8 points; bounds for a whole tile (99 candidates instead of 57);
-//! finer grids where means crowd (a tenth, on such data only).
+//! Rejected alternatives (`train.md`, Tried and dropped): insertion with branches or blends (kernel
+//! takes twice as long), chunks of 8 points, bounds for a whole tile (99 candidates instead of 57),
+//! finer grids where means cluster (a tenth faster, on such data only).
 
 mod cell_sort;
 mod columns;

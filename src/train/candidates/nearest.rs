@@ -1,9 +1,8 @@
-//! Ids of the nearest means of every point of a tile, in either arithmetic.
+//! Nearest means of all points of a tile, in f32 or f64.
 //!
-//! Up to eight neighbours the kernel's sorted keys are the answer for nearly all points. Beyond,
-//! and where rounding hides an order, points are ranked one by one. The wide form takes lists that
-//! are right for rounded means and ranks them by f64 distances: margins of the lists cover the
-//! rounding.
+//! For up to eight neighbours, the kernel's sorted keys answer nearly all points. Beyond, or if rounding
+//! hides the order, points are ranked individually. The f64 form ranks the candidate lists of the
+//! rounded means by f64 distances; the lists' margins cover the rounding.
 
 use super::columns::Columns;
 use super::grid::MeanGrid;
@@ -16,11 +15,11 @@ use crate::observation::points::Points;
 use std::num::NonZero;
 use std::ops::Range;
 
-/// Appends, point by point, the ids of the `n` nearest means of every point of `tile`, columns of
-/// equal length: as many for each, `n` or the number of means if that is less.
+/// Appends the ids of the `n` nearest means of each point of `tile`, point by point; all means if there
+/// are fewer. `tile` holds columns of equal length.
 ///
-/// Nearest means those of smallest squared distance `(dx² + dy²) + dz²` in f32; among equals those
-/// of lowest id. Ids are in that order. Fast where the points of the tile are neighbours.
+/// Nearest means smallest squared distance `(dx² + dy²) + dz²` in f32, ties to the lower id; ids are in
+/// that order. Fast if the points of the tile are close together.
 pub fn nearest_in_tile(
     isa: Isa,
     grid: &MeanGrid,
@@ -37,8 +36,8 @@ pub fn nearest_in_tile(
     }
 }
 
-/// As [`nearest_in_tile`], with squared distances in f64 between `points` and `means`, both of
-/// precision `R`; the grid is over the means rounded to f32.
+/// Like [`nearest_in_tile`], with squared distances in f64 between `points` and `means` of precision
+/// `R`. The grid is over the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
     grid: &MeanGrid,
     search: &mut CandidateSearch,
@@ -90,7 +89,7 @@ struct NarrowVisitor<'a> {
     grid: &'a MeanGrid,
     rank: usize,
     ids: &'a mut [u32],
-    /// Memory for the keys of one point.
+    /// Scratch memory for the keys of one point.
     found: Vec<(u64, u32)>,
 }
 
@@ -100,8 +99,8 @@ impl VisitChunk for NarrowVisitor<'_> {
         if !lists.shorten::<V>(points, chunk.clone(), self.rank) {
             return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
         }
-        // One key more than neighbours: it tells whether the last one has an equal.
-        // Constants, so that keys are registers: arrays of a length found at run time are memory.
+        // One extra key shows whether the last neighbour has a tie. Sizes are constants so that keys stay
+        // in registers.
         match self.rank {
             1 => self.visit_near::<V, 2>(lists, points, chunk),
             2 => self.visit_near::<V, 3>(lists, points, chunk),
@@ -111,14 +110,14 @@ impl VisitChunk for NarrowVisitor<'_> {
             6 => self.visit_near::<V, 7>(lists, points, chunk),
             7 => self.visit_near::<V, 8>(lists, points, chunk),
             8 => self.visit_near::<V, 9>(lists, points, chunk),
-            // The kernel has not been measured beyond eight; `benches/candidates.rs` times 8 and 9.
+            // The kernel is not measured beyond eight; `benches/candidates.rs` times 8 and 9.
             _ => chunk.for_each(|i| self.rank::<V>(lists, Among::Near, points, i)),
         }
     }
 }
 
 impl NarrowVisitor<'_> {
-    /// Keys of all points at once; those for which rounding hides the order are ranked again.
+    /// Ranks all points by their keys; points whose order is uncertain are ranked again in full.
     #[inline(always)]
     fn visit_near<V: Vector, const KEYS: usize>(
         &mut self,
@@ -161,7 +160,7 @@ struct Wide<'a, R, P> {
     tile: [&'a [f32]; 3],
     rank: usize,
     means: &'a [[R; 3]],
-    /// Position of the point at a place of the tile.
+    /// Position of the point at an index of the tile.
     position: P,
     ids: &'a mut [u32],
 }
@@ -189,7 +188,7 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let is_short = lists.shorten::<V>(points, chunk.clone(), self.rank);
-        // Where bounds mean nothing the near list was not filled.
+        // The near list is incomplete if bounds overflow.
         let among = if is_short { Among::Near } else { Among::Raw };
         for i in chunk {
             let place = points.tag[i] as usize;

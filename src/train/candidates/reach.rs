@@ -1,5 +1,4 @@
-//! Whether any of some places lies within reach of a tile's points, each of which has a reach of its
-//! own: one box of cells for the tile, then every point against the few places in them.
+//! Tests if any of several places lies within reach of a tile's points, which have individual radii.
 
 use super::columns::Columns;
 use super::extent::Extent;
@@ -7,16 +6,16 @@ use super::grid::MeanGrid;
 use crate::math::simd::{Kernel, Vector};
 use crate::train::estep::squared_distance;
 
-/// A tile, the reach of its points, and the places asked about.
+/// Query: a tile's points with their radii, and the places to test.
 pub(in crate::train) struct AnyWithin<'a> {
     pub places: &'a MeanGrid,
-    /// Memory for those near the tile, grow-only.
+    /// Scratch memory for the places near the tile.
     pub near: &'a mut Columns,
-    /// Memory for the tile.
+    /// Scratch memory for the tile.
     pub tile: &'a mut Columns,
     /// Positions of the tile's points, at least one.
     pub points: [&'a [f32]; 3],
-    /// Squared reach of every point.
+    /// Squared radius of each point.
     pub reach2: &'a [f32],
 }
 
@@ -37,7 +36,7 @@ impl Kernel for AnyWithin<'_> {
         (0..near.len).any(|i| {
             let place = near.position(i);
             let points = x.iter().zip(y).zip(z).zip(reach2);
-            // Without a short circuit, so that the loop becomes vector code.
+            // No short circuit, so that the loop is vectorised.
             points.fold(false, |any, (((&x, &y), &z), &reach2)| {
                 any | (squared_distance([x, y, z], place) <= reach2)
             })
@@ -62,7 +61,7 @@ mod tests {
         let [mut near, mut tile] = [Columns::default(), Columns::default()];
         let mut found = [0; 2];
         for (i, points) in points.chunks(20).enumerate() {
-            // One point of the tile sees farther than the others, from nowhere to a third of the cube.
+            // One point of the tile has a larger radius than the others, from 0 to a third of the cube.
             let reach2: Vec<f32> = (0..20)
                 .map(|k| if k == i % 20 { (0.02 * i as f32).powi(2) } else { 1e-9 })
                 .collect();

@@ -1,9 +1,8 @@
 //! Exact nearest means of all points of a tile at once (`train.md`, Candidate search).
 //!
-//! What the means near a tile have in common is found once: a list of all that can be among the
-//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from
-//! the triangle inequality and carry margins for rounding, which cost candidates, never
-//! correctness.
+//! Shared work is done once: a list of all means that can be among the nearest of any point of a group,
+//! then a shorter one per sixteen points. Bounds follow from the triangle inequality; their margins for
+//! rounding admit extra candidates but never lose one.
 
 use super::columns::{CHUNK, Columns};
 use super::extent::{Extent, MAX_RADIUS};
@@ -12,14 +11,13 @@ use super::lists::Lists;
 use crate::math::simd::Vector;
 use std::ops::Range;
 
-/// A group of points that is longer than this many cells is split.
-// Tiles across a depth edge split, tiles of one surface stay whole. Smaller groups brought nothing,
-// not even on stepped depth (`train.md`, Tried and dropped).
+// Length in cells beyond which a group of points is split. Tiles across a depth edge split, tiles on one
+// surface stay whole. Smaller groups gained nothing, even on stepped depth (`train.md`, Tried and dropped).
 const MAX_GROUP_CELLS: f32 = 2.0;
-/// The first guess of the distance of the neighbours, as a multiple of the last one.
+/// First guess of the neighbours' distance, relative to the last group's.
 const NEAREST_GUESS: f32 = 1.1;
 
-/// Memory of a search, grow-only. It carries nothing from tile to tile but a first guess.
+/// Scratch memory of a search, reused. Only a first guess of the radius carries over between tiles.
 #[derive(Debug, Default)]
 pub struct CandidateSearch {
     tile: Tile,
@@ -29,23 +27,23 @@ pub struct CandidateSearch {
     nearest: f32,
 }
 
-/// Points of a tile group by group; the tag is their place in the tile.
+/// Points of a tile, reordered by group; tags are indices in the tile.
 #[derive(Debug, Default)]
 struct Tile {
     points: Columns,
     swap: Vec<([f32; 3], u32)>,
 }
 
-/// What is done with at most [`CHUNK`] points and the lists their neighbours are in.
+/// Visitor of at most [`CHUNK`] points with their candidate lists.
 pub(in crate::train) trait VisitChunk {
-    /// `lists` holds the nearest entries of the points `chunk` of `points`, whose tag is their
-    /// place in the tile. Must be `#[inline(always)]`.
+    /// Processes the points `chunk` of `points`, whose nearest entries are in `lists`. Tags are indices in
+    /// the tile. Must be `#[inline(always)]`.
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>);
 }
 
 impl CandidateSearch {
-    /// Visits the points of a tile in chunks, each point once, with lists that hold its `rank`
-    /// nearest entries; `rank` is at most the number of means and more than 0.
+    /// Visits each point of a tile once, in chunks, with lists that hold its `rank` nearest entries.
+    /// `rank` is between 1 and the number of means.
     #[inline(always)]
     pub(in crate::train) fn visit_tile<V: Vector>(
         &mut self,
@@ -67,8 +65,8 @@ impl CandidateSearch {
                 group.start
             };
             if group.start < middle && middle < group.end {
-                // The first half is taken next: groups follow each other in space, where the last
-                // distance is a good guess.
+                // The first half is next: consecutive groups are then close in space, where the last distance
+                // is a good guess.
                 self.pending.push(middle..group.end);
                 self.pending.push(group.start..middle);
             } else {
@@ -82,16 +80,16 @@ impl CandidateSearch {
         }
     }
 
-    /// Fills the raw list with a superset of the `rank` nearest entries of every point of a group.
+    /// Fills the raw list with a superset of the `rank` nearest entries of each point of a group.
     #[inline(always)]
     fn gather<V: Vector>(&mut self, grid: &MeanGrid, extent: &Extent, rank: usize) {
         let Self { lists, nearest, .. } = self;
         if !extent.is_finite() {
             return grid.gather_all(lists.raw_mut());
         }
-        // Any start is right: every list is a superset, and what is found in it is the same.
+        // Any initial radius is correct: every list is a superset and gives the same neighbours.
         let mut radius = extent.reach_of(NEAREST_GUESS * *nearest);
-        // The first group, or one after distances that overflowed.
+        // For the first group, or after distances that overflowed.
         if !(radius > 0.0 && radius < MAX_RADIUS) {
             radius = grid.cell();
         }
@@ -100,7 +98,7 @@ impl CandidateSearch {
             if lists.raw().len >= rank {
                 break;
             }
-            // Doubling alone would creep where a group lies far from all means.
+            // Doubling alone would be slow for a group far from all means.
             radius = (2.0 * radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
         }
         *nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();
@@ -112,8 +110,8 @@ impl CandidateSearch {
 }
 
 impl Tile {
-    /// Moves the points below the middle of the longest axis to the front, keeping their order;
-    /// returns where the others start.
+    /// Moves the points below the middle of the longest axis to the front, in order. Returns the index of
+    /// the others.
     fn split(&mut self, group: Range<usize>, extent: &Extent) -> usize {
         let Self { points, swap } = self;
         let length = |axis: usize| extent.hi[axis] - extent.lo[axis];

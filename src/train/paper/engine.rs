@@ -1,4 +1,4 @@
-//! Where the precision of the published algorithm is chosen.
+//! Creates learners of the `paper` preset in the configured precision.
 
 use super::config::{PaperConfig, Precision};
 use super::init::InitialDraw;
@@ -10,7 +10,7 @@ use crate::model::paper::state::ModelState;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 
-/// A mixture that has seen nothing, in the precision that `config` names. Points are normalised by
+/// Creates an untrained mixture in the precision of `config`. Points are normalised by
 /// `normalization`.
 ///
 /// # Errors
@@ -35,12 +35,12 @@ pub fn begin(
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
         Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
-        // Mixed and f32 runs keep the same points and means, and differ in their totals.
+        // Mixed and f32 runs use the same points and means; only their totals differ.
         _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
     })
 }
 
-/// A mixture that goes on where another, configured alike, stopped after `frames` frames.
+/// Restores a mixture of the same configuration after `frames` frames.
 ///
 /// # Errors
 /// [`IndexError`] if the initial means cannot be indexed.

@@ -1,15 +1,13 @@
-//! The hot path: search, E-step and sums of a tile in one go, in f32 (`train.md`, Candidate search,
-//! and what follows it).
+//! Fused search, E-step and sums of a tile in f32 (`train.md`, Candidate search).
 //!
-//! A point's nearest component wins outright where no other can come within 40 nats of it, which a
-//! lower bound on the second distance proves for nearly all points; only the others are ranked and
-//! scored against all C. Sums run over the points of a tile in their order and are handed on as one
-//! record per component and tile, so they depend on nothing but the tile and the means.
+//! A point's nearest component receives it entirely if no other can come within 40 nats, which a lower
+//! bound on the second distance proves for nearly all points. The others are ranked and scored against
+//! all C candidates. Sums run over a tile's points in order and form one record per component and
+//! tile, so they depend only on the tile and the means.
 //!
-//! Stages are fused because a tile of at most 64 points and its lists fit the first-level cache,
-//! while candidates and responsibilities of a whole frame do not. There is no fused multiply-add
-//! and no order that depends on lanes, or instruction sets would disagree and shards could not be
-//! merged.
+//! Stages are fused because a tile of at most 64 points and its lists fit in the first-level cache;
+//! candidates and responsibilities of a whole frame do not. No fused multiply-add and no lane-dependent
+//! order are used: otherwise instruction sets would differ and shards could not be merged.
 
 use super::slots::Slots;
 use crate::math::simd::{Kernel, Vector};
@@ -23,29 +21,29 @@ use crate::train::estep::{Scoring, squared_distance};
 use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
 
-/// Marks an owner that stands for shares of several components.
-// `NOBODY` has this bit, too: whoever lacks it is a slot, and only the others are told apart.
+// Marks an owner that refers to shares of several components. `NOBODY` has this bit too, so owners
+// without it are slots.
 const SHARED: u32 = 1 << 31;
 
-/// What a fused pass reads.
+/// Inputs of a fused pass.
 #[derive(Clone, Copy)]
 pub(super) struct FusedInputs<'a> {
     pub grid: &'a MeanGrid,
-    /// By entry of the grid the mean colour and the weight.
+    /// Mean colour and weight by grid entry.
     pub appearance: &'a [[f32; 4]],
     pub max_weight: f32,
     pub points: &'a Points<f32>,
     pub scoring: &'a Scoring,
-    /// Candidates per point, at least 1 and at most the number of components.
+    /// Candidates per point, between 1 and the number of components.
     pub rank: usize,
-    /// Binary logarithm of the components in a shard of the totals.
+    /// Binary logarithm of the number of components per shard of the totals.
     pub shard_bits: u32,
 }
 
 impl FusedInputs<'_> {
-    /// Squared distance beyond which no component counts for a point of effective distance `q`, whatever
-    /// is rounded. Twice the hard gap: what lies between may be among the nearest or not, and receives
-    /// nothing either way.
+    /// Squared distance beyond which no component affects a point of effective distance `q`, including
+    /// rounding. Uses twice the hard gap: components between may be among the nearest or not, but receive
+    /// nothing in either case.
     pub fn reach2(&self, q: f64) -> f32 {
         let gap = 2.0 * self.scoring.hard_gap() as f32;
         ((q as f32 + self.max_weight) + gap) * (1.0 + 1e-5)
@@ -57,19 +55,19 @@ pub(super) struct FusedTiles<'a> {
     pub inputs: FusedInputs<'a>,
     pub memory: &'a mut FusedMemory,
     pub tiles: Range<usize>,
-    /// Effective distances of the tiles' points.
+    /// Output: effective distances of the tiles' points.
     pub q: &'a mut [f64],
-    /// Components of largest responsibility of the tiles' points; empty if nobody asks.
+    /// Output: components of largest responsibility of the tiles' points; empty if not requested.
     pub owners: &'a mut [u32],
-    /// Where the tiles' sums go, by shard; `None` if only scores are wanted.
+    /// Output: the tiles' sums by shard; `None` to compute only scores.
     pub records: Option<&'a mut [Vec<TileRecord<f32>>]>,
     pub clock: &'a mut StageClock,
 }
 
-/// Slots that a tile has room for from the start: four for each of its points.
+/// Initial capacity in slots: four per point of a tile.
 const USUAL_SLOTS: usize = 256;
 
-/// Memory of a thread, grow-only. What a tile leaves never changes what the next one finds.
+/// Scratch memory of a thread, reused. Results never depend on earlier tiles.
 #[derive(Default)]
 pub(super) struct FusedMemory {
     search: CandidateSearch,
@@ -78,10 +76,10 @@ pub(super) struct FusedMemory {
 }
 
 impl FusedMemory {
-    /// With room for what tiles usually need of a model with so many components.
+    /// Allocates the capacity that tiles of a model with `components` components usually need.
     pub fn new(components: usize) -> Self {
-        // All at once: which thread takes which tiles changes from frame to frame, and a warm frame
-        // must allocate nothing (`tests/engine/allocations.rs`).
+        // Allocated up front: the assignment of tiles to threads changes from frame to frame, and a warm
+        // frame must allocate nothing (`tests/engine/allocations.rs`).
         let mut memory = Self::default();
         memory.tile.slots.begin(components);
         memory.tile.components.reserve(USUAL_SLOTS);
@@ -99,16 +97,16 @@ impl FusedMemory {
 struct TileMemory {
     slots: Slots,
     components: Vec<Component>,
-    /// Per point of the tile its slot, or [`SHARED`] and a position in `shared`, or [`NOBODY`].
+    /// Slot of each point of the tile; or [`SHARED`] plus an index into `shared`; or [`NOBODY`].
     owners: Vec<u32>,
     shared: Vec<Range<u32>>,
     shares: Vec<(u32, f32)>,
-    /// Candidates of one point: component and entry, and their scores.
+    /// Component and entry of one point's candidates; their scores follow in `scores`.
     candidates: Vec<(u32, u32)>,
     scores: Vec<f64>,
 }
 
-/// What a tile reads of a component, copied once.
+/// Copy of a component's data used by a tile.
 #[derive(Clone, Copy)]
 struct Component {
     space: [f32; 3],
@@ -127,8 +125,8 @@ impl Kernel for FusedTiles<'_> {
         let points = inputs.points;
         let first_point = points.tiles[tiles.start] as usize;
         for tile in tiles.clone() {
-            // Reading the clock costs as much as scoring a point, so one tile stands for all of a
-            // task.
+            // Reading the clock costs as much as scoring a point, so only the first tile of a task is
+            // timed.
             clock.begin_tile(tile == tiles.start);
             let range = points.tile(tile);
             tile_memory.begin(inputs.grid.len(), range.len());
@@ -163,7 +161,7 @@ impl TileMemory {
         self.owners.resize(n_points, NOBODY);
     }
 
-    /// Writes the component of largest responsibility of every point.
+    /// Writes the component of largest responsibility of each point.
     fn find_owners(&self, owners: &mut [u32]) {
         let id = |slot: u32| self.components[slot as usize].id;
         for (of_point, &owner) in owners.iter_mut().zip(&self.owners) {
@@ -184,7 +182,7 @@ impl TileMemory {
     fn sum(&self, points: &Points<f32>, range: Range<usize>, sums: &mut Vec<[f32; N_SUMS]>) {
         sums.clear();
         sums.resize(self.components.len(), [0.0; N_SUMS]);
-        // By points, never by groups of the search: those follow the grid, sums of f32 their order.
+        // In point order, not by search groups: those depend on the grid, and f32 sums on the order.
         for (i, &owner) in range.zip(&self.owners) {
             let (space, color) = (points.position(i), points.color(i));
             if owner & SHARED == 0 {
@@ -198,7 +196,7 @@ impl TileMemory {
         }
     }
 
-    // No closure: that would not be compiled for the kernel's instructions.
+    // No closure: it would not be compiled for the kernel's instruction set.
     #[inline(always)]
     fn add(&self, slot: u32, r: f32, space: [f32; 3], color: [f32; 3], sums: &mut [[f32; N_SUMS]]) {
         let mean = self.components[slot as usize].space;
@@ -216,8 +214,7 @@ fn emit(
     records: &mut [Vec<TileRecord<f32>>],
 ) {
     for (component, &sums) in memory.components.iter().zip(sums) {
-        // Slots are given to every component that was looked at; most of those that lost receive
-        // nothing.
+        // Every component examined has a slot, but most of those that lost receive nothing.
         if sums[0] > 0.0 {
             let record = TileRecord { id: component.id, tile: tile as u32, sums };
             records[component.id as usize >> shard_bits].push(record);
@@ -225,7 +222,7 @@ fn emit(
     }
 }
 
-/// Gives the points of a chunk their owners.
+/// Assigns owners to the points of a chunk.
 struct Assign<'a> {
     inputs: &'a FusedInputs<'a>,
     memory: &'a mut TileMemory,
@@ -272,7 +269,7 @@ impl<'a> Assign<'a> {
         Self { inputs, memory, first_point, q, clock, color_ratio, hard_gap }
     }
 
-    /// The slot of a grid entry.
+    /// Returns the slot of a grid entry, adding one if needed.
     #[inline(always)]
     fn slot(&mut self, entry: u32) -> usize {
         let slot = self.memory.slots.find(entry);
@@ -288,7 +285,7 @@ impl<'a> Assign<'a> {
         slot
     }
 
-    /// `q` of a point and the component of a slot.
+    /// Computes `q` of a point for the component of a slot.
     #[inline(always)]
     fn distance(&self, slot: usize, space: [f32; 3], color: [f32; 3]) -> f32 {
         let component = &self.memory.components[slot];
@@ -297,9 +294,9 @@ impl<'a> Assign<'a> {
             - component.weight
     }
 
-    /// Whether no other component can come within the hard gap of `q`: any other has at least
-    /// `second2 − w_max`, in f32 as well, since rounding is monotone. With a single candidate
-    /// being nearer is enough.
+    /// True if no other component can come within the hard gap of `q`: any other has a score of at least
+    /// `second2 − w_max`, also in f32, since rounding is monotone. For a single candidate it suffices to
+    /// be nearer.
     #[inline(always)]
     fn wins(&self, slot: usize, space: [f32; 3], q: f32, second2: f32) -> bool {
         if self.inputs.rank == 1 {
@@ -308,14 +305,14 @@ impl<'a> Assign<'a> {
         self.is_out_of_reach(q, second2)
     }
 
-    /// Whether a component at this squared distance cannot come within the hard gap of `q`.
+    /// True if a component at this squared distance cannot come within the hard gap of `q`.
     #[inline(always)]
     fn is_out_of_reach(&self, q: f32, distance2: f32) -> bool {
         (distance2 - self.inputs.max_weight) - q > self.hard_gap
     }
 
-    /// Scores a point against all candidates that may come within the hard gap of the score `q` of
-    /// one of them, in ascending order of components: those left out would receive nothing.
+    /// Scores a point against all candidates that may come within the hard gap of `q`, in ascending order of
+    /// components. The omitted ones would receive nothing.
     #[inline(always)]
     fn share<V: Vector>(
         &mut self,
@@ -326,19 +323,19 @@ impl<'a> Assign<'a> {
         color: [f32; 3],
     ) {
         let (ids, rank) = (self.inputs.grid.ids(), self.inputs.rank);
-        // Beyond this distance `is_out_of_reach`, whatever is rounded.
+        // Beyond this distance `is_out_of_reach` holds, including rounding.
         let reach2 = ((q + self.inputs.max_weight) + self.hard_gap) * (1.0 + 1e-5);
         let (among, within2) = match rank {
             1 => (Among::Raw, f32::INFINITY),
             _ => (lists.covering(space, reach2), reach2),
         };
         let found = lists.rank::<V>(among, space, ids, rank, within2);
-        // Taken out, since `slot` needs the rest of the memory meanwhile; put back at the end.
+        // Taken out of `self` because `slot` borrows it mutably; put back at the end.
         let mut candidates = std::mem::take(&mut self.memory.candidates);
         candidates.clear();
         candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));
-        // By component, not by distance: sums, and who wins among equals, then do not depend on how
-        // the index lists them.
+        // Sorted by component, not by distance, so that sums and ties do not depend on the order of the
+        // index.
         candidates.sort_unstable();
         let mut scores = std::mem::take(&mut self.memory.scores);
         scores.clear();
@@ -357,7 +354,7 @@ impl<'a> Assign<'a> {
             self.memory.owners[place] = SHARED | self.memory.shared.len() as u32;
             self.memory.shared.push(first..self.memory.shares.len() as u32);
         } else {
-            // A point that is no number has candidates, but must reach no sum.
+            // A NaN point has candidates, but must not reach any sum.
             self.q[place] = f64::NAN;
         }
         (self.memory.candidates, self.memory.scores) = (candidates, scores);

@@ -1,7 +1,7 @@
-//! The index over the initial spatial means, in the form a configuration asks for.
+//! Index over the initial spatial means.
 //!
-//! The grid is made when it is first asked for after means have moved: where a device makes its own, the
-//! processor may never want it. What can fail fails before, when means move.
+//! After means have moved, the grid is built on first use, because a device may build its own. All
+//! fallible work is done earlier, when means move.
 
 use super::config::IndexKind;
 use super::scalar::PaperScalar;
@@ -12,48 +12,48 @@ use crate::train::candidates::{IndexError, KdTree, MeanGrid, grid_shape};
 use rayon::prelude::*;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// Entries one task takes.
+/// Number of entries per parallel task.
 const PART: usize = 1 << 12;
-/// Of so many components one may move for the others to keep their order: to sort all anew takes less where more move.
+/// Incremental updates are used if at most one component in 64 moves; otherwise sorting again is faster.
 const FEW: usize = 64;
-/// Of so many components one may have moved since cells were made for all of them.
+/// Cells are recomputed once more than a quarter of the components have moved.
 const STALE: usize = 4;
 
-/// A grid, always, and beside it a KD-tree where the plain path is asked for.
+/// A grid and, if configured, a KD-tree.
 pub struct Index {
     tree: Option<KdTree>,
     shape: GridShape,
-    /// Coordinates that the shape is taken from.
+    /// Scratch memory for the sample that determines the shape.
     sample: Vec<f32>,
     sorted: OnceLock<SortedMeans>,
-    /// Memory of the last.
+    /// Memory of the previous grid, for reuse.
     spare: Mutex<SortedMeans>,
-    /// Components that moved at last.
+    /// Components that moved in the last renewal.
     moved: Vec<u32>,
-    /// Whether these alone have moved since means were sorted, few of them, in the same cells.
+    /// True if only these have moved since the last sort, few of them, and cells are unchanged.
     is_shift: bool,
-    /// How many have moved since there are these cells.
+    /// Number of moves since the cells were chosen.
     n_moved: usize,
-    /// Times that means have moved.
+    /// Number of renewals.
     revision: u64,
 }
 
-/// Means in the order of their cells.
+/// Means sorted by grid cell.
 #[derive(Default)]
 pub struct SortedMeans {
-    /// The grid, over the means rounded to f32.
+    /// Grid over the means rounded to f32.
     pub grid: MeanGrid,
-    /// By entry of the grid the mean colour and the weight, for a model kept in f32: what the fused
-    /// kernels read, side by side where their components lie side by side.
+    /// Mean colour and weight by grid entry, for models in f32. Sorted by entry so that fused kernels read
+    /// neighbouring memory.
     pub appearance: Vec<[f32; 4]>,
-    /// Means rounded to f32, where they are not f32 already.
+    /// Means rounded to f32, unless they are f32 already.
     narrowed: Vec<[f32; 3]>,
-    /// Memory for the next appearance.
+    /// Buffer for the next `appearance`.
     shifted: Vec<[f32; 4]>,
 }
 
 impl Index {
-    /// Over the finite means of a model.
+    /// Builds the index over a model's finite means.
     pub fn new<R: PaperScalar>(
         model: &InitialModel<R>,
         kind: IndexKind,
@@ -75,7 +75,7 @@ impl Index {
         Ok(index)
     }
 
-    /// Takes over that components of a model have moved. On error it is as it was.
+    /// Registers that components of a model have moved. On error the index is unchanged.
     pub fn renew<R: PaperScalar>(
         &mut self,
         model: &InitialModel<R>,
@@ -84,7 +84,7 @@ impl Index {
         let n = moved.clone().count();
         let is_finite = |id: u32| model.space[id as usize].iter().all(|v| v.to_f64().is_finite());
         let keeps_cells = STALE * (self.n_moved + n) <= model.len() && moved.clone().all(is_finite);
-        // Either may fail: nothing is replaced before both are known.
+        // Both may fail: nothing is replaced before both have succeeded.
         let shape = if keeps_cells { self.shape } else { self.shape_of(model)? };
         if self.tree.is_some() {
             self.tree = Some(tree(&model.space)?);
@@ -97,7 +97,7 @@ impl Index {
         }
         self.moved.clear();
         self.moved.extend(moved);
-        // Each once: an entry leaves its cell once.
+        // Unique, since an entry is removed from its cell once.
         self.moved.sort_unstable();
         self.moved.dedup();
         self.revision += 1;
@@ -113,8 +113,9 @@ impl Index {
         grid_shape(R::narrow_rows(&model.space, &mut spare.narrowed), sample)
     }
 
-    /// Means in the order of their cells, of the model that was handed over last. Whoever asks for the
-    /// first time sorts them on all threads, and must not be one of several that ask at once.
+    /// Returns the means of the current model, sorted by cell.
+    ///
+    /// The first call sorts them on all threads, so it must not be made from several threads at once.
     pub fn sorted<R: PaperScalar>(&self, model: &InitialModel<R>) -> &SortedMeans {
         self.sorted.get_or_init(|| {
             let mut sorted =
@@ -127,7 +128,7 @@ impl Index {
         })
     }
 
-    /// The means of a model for a device that has those of a revision.
+    /// Returns the means for a device that holds those of revision `known`.
     pub fn cells<'a>(&'a self, model: &'a InitialModel<f32>, known: Option<u64>) -> MeanCells<'a> {
         let InitialModel { space, color, weight, .. } = model;
         let is_last = known.is_some_and(|known| known + 1 == self.revision);
@@ -135,12 +136,12 @@ impl Index {
         MeanCells { shape: self.shape, space, color, weight, moved }
     }
 
-    /// A number that changes whenever means have moved.
+    /// Revision number, incremented whenever means move.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// The KD-tree of the plain path.
+    /// KD-tree, if configured.
     pub fn tree(&self) -> Option<&KdTree> {
         self.tree.as_ref()
     }
@@ -160,7 +161,7 @@ impl SortedMeans {
         });
     }
 
-    /// Takes over that few components have moved.
+    /// Updates the order after few components have moved.
     fn shift<R: PaperScalar>(&mut self, moved: &[u32], model: &InitialModel<R>) {
         let Self { grid, appearance, narrowed, shifted } = self;
         grid.shift(moved, R::narrow_rows(&model.space, narrowed));
@@ -171,7 +172,6 @@ impl SortedMeans {
     }
 }
 
-/// Mean colour and weight of a component.
 fn appearance_of(model: &InitialModel<f32>, id: u32) -> [f32; 4] {
     let ([r, g, b], weight) = (model.color[id as usize], model.weight[id as usize]);
     [r, g, b, weight]

@@ -4,8 +4,8 @@ use crate::math::real::Real;
 use crate::math::rng::{Purpose, Rng};
 use crate::observation::points::Points;
 
-/// Half-width of the cube random means are drawn from, normalised units: ±0.98 world for a range
-/// of [−1, 1].
+/// Half-width of the cube of random means, normalised units: ±0.98 in the world for a range of
+/// [−1, 1].
 const HALF_WIDTH: f64 = 1.7;
 /// Standard deviation of the noise added to all six coordinates.
 const NOISE: f64 = 0.025;
@@ -28,8 +28,8 @@ pub struct InitialDraw {
 }
 
 impl InitialDraw {
-    /// The paper's start: positions uniform in a cube, mid-grey colours, noise on both; weights
-    /// `(1 + u)/K`.
+    /// Draws the paper's initial model: positions uniform in a cube, mid-grey colours, noise on both;
+    /// weights `(1 + u)/K`.
     pub fn random(components: usize, seed: u64) -> Self {
         let mut rng = Rng::new(seed, Purpose::Init, 0);
         let mean = |rng: &mut Rng| {
@@ -41,15 +41,16 @@ impl InitialDraw {
         Self { means, alpha: random_alpha(components, seed) }
     }
 
-    /// Means drawn with replacement from the points of the first frame; if there are more
-    /// components than points, the first ones are the points themselves, in order.
-    /// Falls back to [`InitialDraw::random`] if there are no points.
+    /// Draws means from the points of the first frame, with replacement. If there are at least as many
+    /// components as points, the first means are the points in order.
+    ///
+    /// Uses [`InitialDraw::random`] if there are no points.
     pub fn from_points<R: Real>(points: &Points<R>, components: usize, seed: u64) -> Self {
         if points.is_empty() {
             return Self::random(components, seed);
         }
         let mut rng = Rng::new(seed, Purpose::Init, 0);
-        // As the reference starts: no point is without a mean where there are enough components.
+        // As in the reference: with enough components, every point gets a mean.
         let in_order = if components >= points.len() { points.len() } else { 0 };
         let row = |i: usize| {
             let (s, c) = (points.position(i), points.color(i));
@@ -63,9 +64,9 @@ impl InitialDraw {
 }
 
 fn random_alpha(components: usize, seed: u64) -> Vec<f64> {
-    // A stream of its own: weights are the same however many numbers the means have drawn.
+    // A separate stream, so that weights do not depend on how many numbers the means consume.
     let mut rng = Rng::new(seed, Purpose::Init, 1);
-    // A quirk of the reference, kept: it alters hardly an assignment (`model.md`, Quirks of the
+    // A quirk of the reference that hardly affects assignments (`model.md`, Quirks of the
     // reference).
     (0..components).map(|_| (1.0 + rng.uniform()) / components as f64).collect()
 }

@@ -1,4 +1,4 @@
-//! The published algorithm behind the seam of all presets.
+//! Implements the learner interface for the `paper` preset.
 
 use super::scalar::PaperScalar;
 use super::trainer::PaperTrainer;
@@ -21,28 +21,27 @@ use crate::train::stages::{PAPER_STAGES, TrainStage};
 use crate::train::warnings::TrainingWarning;
 use rayon::prelude::*;
 
-/// Components that a thread turns into splats at once, at least: fewer are not worth handing over.
+/// Minimum number of components per parallel task: smaller tasks cost more than they save.
 const MIN_SPLATS: usize = 1024;
 
-/// What a mixture of the published algorithm can do besides what all learners can; its precision was
-/// chosen at run time.
+/// Operations specific to the `paper` preset, independent of precision.
 pub trait PaperLearner: Learns<Points<f32>> {
-    /// ELBO of every point of the last frame under the model it was scored with, nats, point order;
-    /// NaN for points that were left out.
+    /// ELBO of each point of the last frame under the model that scored it, nats, in point order; NaN for
+    /// points left out.
     fn point_elbo(&self) -> Vec<f64>;
 
-    /// Per point its candidates and their responsibilities, without learning from it.
+    /// Computes candidates and responsibilities of each point, without training on it.
     fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>>;
 
-    /// The mixture as it stands.
+    /// Returns the state of the mixture.
     fn state(&self) -> ModelState;
 }
 
-/// A trainer in the world: its points are normalised by `normalization`.
+/// A trainer with the normalisation of its points.
 pub(super) struct InWorld<R: PaperScalar> {
     pub trainer: PaperTrainer<R>,
     pub normalization: Normalization,
-    /// The frame in the trainer's precision, where that is not the points' own.
+    /// Points of the frame converted to the trainer's precision, if it differs.
     pub widened: Points<R>,
 }
 

@@ -1,4 +1,4 @@
-//! What the paper preset takes of the machine's memory.
+//! Memory estimate of the `paper` preset.
 
 use super::config::{
     Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
@@ -7,24 +7,24 @@ use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::splat::splats::Splat;
 use crate::train::memory::{MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 
-/// Bytes of a point in memory: six f32 coordinates.
+/// Bytes of a point: six f32 coordinates.
 const POINT_BYTES: usize = 24;
-/// A candidate and its responsibility where they are written out.
+/// Bytes of a stored candidate with its responsibility.
 const PAIR_BYTES: usize = 12;
-/// Points of a tile at most.
+/// Maximum number of points in a tile.
 const TILE_POINTS: usize = 64;
-/// Records of a component in a tile, for every point at worst; every thread has room for all, and
-/// what grows, grows to three times as many.
+/// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
+/// all records, and buffers grow to three times the size needed.
 const RECORD_BYTES: usize = 3 * 60;
-/// Entry of the grid and its copy of colour and weight, cells, and the slots of a thread.
+/// Grid entry, its copy of colour and weight, and cells.
 const INDEX_BYTES: usize = 16 + 16 + 8;
 const SLOT_BYTES: usize = 8;
-/// Entry of the KD-tree and the widened means it is built from.
+/// KD-tree entry and the f64 means it is built from.
 const TREE_BYTES: usize = 32 + 24;
 
 impl PaperConfig {
-    /// What a run over frames of `pixels`, so many of them in memory at once, takes at most on `threads`
-    /// threads.
+    /// Estimates the maximum memory of a run with frames of `pixels` pixels, `frames_at_once` of them in
+    /// memory, on `threads` threads.
     pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
         let total = match self.operations.update {
@@ -35,7 +35,7 @@ impl PaperConfig {
         let tree = if self.index == IndexKind::KdTree { TREE_BYTES } else { 0 };
         let drawn = size_of::<[f64; 7]>();
         let splat = size_of::<Splat>();
-        // The start is drawn in f64; a checkpoint holds a copy; the scene is written as splats.
+        // Initial means are drawn in f64; checkpoints copy the model; the scene is exported as splats.
         let copies = drawn.max(splat + N_SUMS * size_of::<i64>() + 7 * scalar);
         let per_component = total
             + 7 * scalar

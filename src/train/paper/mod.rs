@@ -1,6 +1,6 @@
-//! The published algorithm: candidate search, E-step, statistics, update and reassignment
-//! (`train.md`, Stages of a frame). The pass over the points changes no shared state; only the final addition of
-//! its records does, and that cannot fail: a frame is applied whole or not at all.
+//! The `paper` preset: candidate search, E-step, statistics, update and reassignment (`train.md`,
+//! Stages of a frame). A pass over the points changes no shared state. Only the final addition of its
+//! records does, and it cannot fail, so a frame is applied completely or not at all.
 
 pub mod config;
 pub mod engine;

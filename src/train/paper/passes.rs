@@ -1,10 +1,9 @@
-//! Passes on the processor and on a device beside it (`train.md`, On a device).
+//! Runs passes on the CPU or on a device (`train.md`, On a device).
 //!
-//! A device answers with scores and with records like the processor's own, and names the tiles that it
-//! leaves to the processor; all of it goes where the processor's passes go, so nothing behind a pass
-//! knows who ran it. A pass changes no shared state: one that fails on the device is run anew on the
-//! processor, and the device is given up. So is one whose arithmetic differs: the first frame is fitted
-//! by both and compared.
+//! A device returns scores and records in the CPU's format and lists the tiles it leaves to the CPU.
+//! Results are merged, so later code does not depend on where a pass ran. A pass changes no shared
+//! state: if it fails on the device, it is repeated on the CPU and the device is no longer used. The same
+//! applies if its arithmetic differs: both fit the first frame and the results are compared.
 
 use super::config::UpdateWidth;
 use super::index::Index;
@@ -21,11 +20,11 @@ use crate::train::estep::Scoring;
 use crate::train::pass_use::PassUse;
 use crate::train::timing::{Lap, StageClock, Stopwatch};
 
-/// By how many gaps of the hard assignment a component must lose for the device to decide: what it would
-/// receive then, 10⁻³⁵ of a point, alters no bit of any sum.
+/// A device decides a point if all other components lose by this many hard gaps. They would receive at
+/// most 10⁻³⁵ of the point, which changes no bit of any sum.
 const OPEN_GAPS: f64 = 2.0;
 
-/// What a device reads.
+/// Inputs of a device's pass.
 #[derive(Clone, Copy)]
 struct DeviceInputs<'a> {
     model: &'a InitialModel<f32>,
@@ -33,10 +32,10 @@ struct DeviceInputs<'a> {
     candidates: usize,
 }
 
-/// Runs passes on whoever's turn it is.
+/// Runs passes on the CPU or the device.
 #[derive(Default)]
 pub struct Passes {
-    /// The processor's pass, where every answer ends.
+    /// The CPU's pass, which also collects the device's results.
     pub processor: Pass,
     device: Option<PassDevice>,
     used: PassUse,
@@ -44,28 +43,27 @@ pub struct Passes {
     open_tiles: u64,
 }
 
-/// A device and what is known of it.
+/// A device and its state.
 struct PassDevice {
     device: Box<dyn MixtureDevice>,
     trial: DeviceTrial,
-    /// Whether its arithmetic was found to be the processor's.
+    /// True once its results were found equal to the CPU's.
     is_proved: bool,
-    /// Whether the last fit was its own.
+    /// True if the last fit ran on the device.
     is_chosen: bool,
-    /// Whether its last pass left tiles to the processor: a frame is much like the next one.
+    /// True if its last pass left tiles open; consecutive frames are similar.
     left_open: bool,
-    /// State of the index whose means it has.
+    /// Revision of the means on the device.
     revision: Option<u64>,
-    /// Whether it has the points of the frame.
+    /// True if the frame's points are on the device.
     has_points: bool,
 }
 
 impl Passes {
-    /// Runs passes on a device too from now on, over the means of a model; not if that is kept in f64,
-    /// which no device computes in.
+    /// Adds a device for passes over a model's means. Ignored for models in f64, which no device supports.
     ///
     /// # Errors
-    /// [`DeviceError`] if it has no room for the means; then it is not used.
+    /// [`DeviceError`] if the means do not fit in its memory; it is then not used.
     pub fn add_device<R: PaperScalar>(
         &mut self,
         mut device: Box<dyn MixtureDevice>,
@@ -89,34 +87,32 @@ impl Passes {
         Ok(())
     }
 
-    /// What passes ran on so far; `None` if none that ask for so much can run on a device.
+    /// Devices used for passes; `None` if the settings do not allow a device.
     pub fn used<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> Option<PassUse> {
         let open_share = self.open_tiles as f64 / self.tiles.max(1) as f64;
         device_inputs(inputs, &Points::new()).map(|_| PassUse { open_share, ..self.used.clone() })
     }
 
-    /// Whether the next pass is likely to be the device's, which sorts means by itself.
+    /// True if the next pass will probably run on the device, which sorts means itself.
     pub fn is_devices(&self) -> bool {
         self.device.as_ref().is_some_and(|device| device.is_proved && device.is_chosen)
     }
 
-    /// Says that the passes to come are over other points than those before.
+    /// Begins a frame: the device's points are outdated.
     pub fn begin_frame(&mut self) {
         if let Some(device) = &mut self.device {
             device.has_points = false;
         }
     }
 
-    /// Whether a fit can be made ahead of moves, and only what these reach be run again: not where a
-    /// device does both passes sooner, and not where totals keep shares that are too small for fixed
-    /// point.
+    /// True if the scoring pass can serve as the fit, with only tiles reached by moves run again. False if a
+    /// device runs both passes faster, or if totals are f32 and thus retain tiny shares.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
         let keeps_all = inputs.config.operations.update == UpdateWidth::F32;
         !self.is_devices() && !keeps_all && fused_rank(inputs).is_some()
     }
 
-    /// Runs those tiles of the last fit again that are within reach of places that means have left or
-    /// come to.
+    /// Runs those tiles of the last fit again that are within reach of places that means left or moved to.
     pub fn run_reached<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -130,7 +126,7 @@ impl Passes {
         }
     }
 
-    /// Runs a pass over all points, as [`Pass::run`] does.
+    /// Runs a pass over all points; see [`Pass::run`].
     pub fn run<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -139,7 +135,7 @@ impl Passes {
         q: &mut Vec<f64>,
         owners: Option<&mut Vec<u32>>,
     ) {
-        // Owners are the processor's: whoever asks for them looks on, and is in no hurry.
+        // Only the CPU computes owners; they are requested for display, where speed matters less.
         let asked = device_inputs(inputs, points).filter(|_| owners.is_none());
         let turn = match (&mut self.device, asked) {
             (Some(device), Some(_)) => device.turn(output, points.len()),
@@ -156,7 +152,7 @@ impl Passes {
         if is_devices {
             return;
         }
-        // On trial: what was found so far is the device's.
+        // During a trial, `q` and the records are still the device's.
         let found = device_ms.map(|ms| (ms, q.clone(), self.processor.kept_records()));
         let mut clock = Stopwatch::start();
         self.processor.run(inputs, points, output, q, owners);
@@ -169,8 +165,8 @@ impl Passes {
         }
     }
 
-    /// Lets the device run a pass, and the processor the tiles that it leaves open; its milliseconds, or
-    /// `None` if it failed and is given up.
+    /// Runs a pass on the device, and its open tiles on the CPU. Returns the milliseconds, or `None` after a
+    /// fallback to the CPU.
     fn run_on_device<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -193,13 +189,13 @@ impl Passes {
         let answer = || handed_over.and_then(|()| device.pass(&rule, is_fit));
         let answer = match *left_open {
             false => answer(),
-            // The processor's index is wanted too, for tiles left open: made while the device works.
+            // Open tiles need the CPU's index, which is built while the device works.
             true => rayon::join(answer, || inputs.index.sorted(inputs.model)).0,
         };
         match answer {
             Ok(found) => {
                 processor.take_over(inputs.statistics.shard_bits(), &found, q);
-                // Its three stages are one step, whose time is the search's by far.
+                // The device's stages are one step; nearly all of its time is the search.
                 clock.lap(Lap::Candidates);
                 *left_open = !found.open.is_empty();
                 let fused = if *left_open { fused_inputs(inputs, points) } else { None };
@@ -220,7 +216,7 @@ impl Passes {
         }
     }
 
-    /// Keeps or gives up a device that was tried, by milliseconds of processor and device.
+    /// Evaluates a trial: records both times, or falls back to the CPU if the device's results differ.
     fn judge(&mut self, is_proved: bool, [processor, device_ms]: [f64; 2]) {
         let Some(device) = &mut self.device else { return };
         if !is_proved {
@@ -231,7 +227,7 @@ impl Passes {
         self.used.trial = device.trial.medians;
     }
 
-    /// Goes on without the device, which is said once.
+    /// Stops using the device and logs a warning.
     fn give_up(&mut self, reason: String) {
         self.used.give_up(reason);
         self.device = None;
@@ -239,10 +235,10 @@ impl Passes {
 }
 
 impl PassDevice {
-    /// Who runs a pass over so many points.
+    /// Chooses where to run a pass over `n_points` points.
     fn turn(&mut self, output: Output, n_points: usize) -> Turn {
         if output == Output::Elbo {
-            // Before the fit whoever fitted last: trials are of fits.
+            // Scoring passes run where the last fit ran: only fits are measured.
             return if self.is_chosen { Turn::Device } else { Turn::Processor };
         }
         let turn = match self.trial.turn(n_points) {
@@ -253,7 +249,7 @@ impl PassDevice {
         turn
     }
 
-    /// Hands over what has changed since the last pass.
+    /// Uploads the means and points that changed since the last pass.
     fn hand_over(
         &mut self,
         &DeviceInputs { model, points, .. }: &DeviceInputs<'_>,
@@ -274,12 +270,12 @@ impl PassDevice {
     }
 }
 
-/// What a device reads, if it can do what is asked for.
+/// Returns the inputs of a device's pass, if devices support the configuration.
 fn device_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
 ) -> Option<DeviceInputs<'a>> {
-    // A share that is too small for fixed point is none; other totals would keep it.
+    // Devices drop shares too small for fixed point; other totals would retain them.
     let is_fixed = inputs.config.operations.update == UpdateWidth::Fixed64;
     let candidates = fused_rank(inputs).filter(|&n| is_fixed && n <= MAX_DEVICE_CANDIDATES)?;
     let (model, points) = (R::narrow_model(inputs.model)?, R::narrow_points(points)?);
@@ -287,7 +283,7 @@ fn device_inputs<'a, R: PaperScalar>(
 }
 
 fn rule(scoring: &Scoring, candidates: usize) -> PassRule {
-    // By the processor's own exponential and logarithm.
+    // Computed with the CPU's exponential and logarithm.
     let of_equals = |n: usize| {
         let mut shares = [0.0; MAX_DEVICE_CANDIDATES];
         let q = scoring.responsibilities::<f32>(&mut shares[..n]);

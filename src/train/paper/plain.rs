@@ -1,10 +1,9 @@
-//! The plain path: candidates, scores, responsibilities and sums one after the other, each in the
-//! precision asked for. It serves the oracle, dense E-steps, the KD-tree and materialised
+//! Reference implementation of a pass: candidates, scores, responsibilities and sums in sequence, each
+//! in the configured precision. Also used for dense E-steps, the KD-tree and materialised
 //! responsibilities.
 //!
-//! Every stage is a function over one tile with its own width, so that `precision-search` can
-//! narrow one operation at a time. Nothing here is tuned: what it says is what faster paths are
-//! held to.
+//! Every stage is a function over one tile with its own width, so that `precision-search` can narrow one
+//! operation at a time. Not optimised: its results define those of the faster implementations.
 
 use super::config::{Candidates, Operations, Width};
 use super::index::Index;
@@ -21,7 +20,7 @@ use crate::train::estep::Scoring;
 use std::num::NonZero;
 use std::ops::Range;
 
-/// What a plain pass reads.
+/// Inputs of a plain pass.
 pub(super) struct PlainInputs<'a, R: PaperScalar> {
     pub model: &'a InitialModel<R>,
     pub index: &'a Index,
@@ -29,7 +28,7 @@ pub(super) struct PlainInputs<'a, R: PaperScalar> {
     pub scoring: &'a Scoring,
     pub candidates: Candidates,
     pub operations: Operations,
-    /// Binary logarithm of the components in a shard of the totals.
+    /// Binary logarithm of the number of components per shard of the totals.
     pub shard_bits: u32,
 }
 
@@ -41,7 +40,7 @@ impl<R: PaperScalar> Clone for PlainInputs<'_, R> {
 
 impl<R: PaperScalar> Copy for PlainInputs<'_, R> {}
 
-/// Memory of a thread, grow-only.
+/// Scratch memory of a thread, reused.
 #[derive(Default)]
 pub(super) struct PlainMemory {
     search: CandidateSearch,
@@ -52,7 +51,7 @@ pub(super) struct PlainMemory {
 }
 
 impl<R: PaperScalar> PlainInputs<'_, R> {
-    /// Candidates of every point.
+    /// Number of candidates per point.
     pub fn per_point(&self) -> usize {
         match self.candidates {
             Candidates::Dense => self.model.len(),
@@ -60,7 +59,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Replaces `ids` by the candidates of a tile's points.
+    /// Fills `ids` with the candidates of a tile's points.
     pub fn find(&self, memory: &mut PlainMemory, range: Range<usize>, ids: &mut Vec<u32>) {
         let Self { model, index, points, .. } = self;
         ids.clear();
@@ -73,7 +72,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
         let (grid, search) = (&index.sorted(self.model).grid, &mut memory.search);
         match R::narrow_points(points) {
-            // Only points and means that are stored in f32 can be compared in f32 as they are.
+            // Distances in f32 require points and means stored in f32.
             Some(points) if self.operations.distance == Width::F32 => {
                 let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
                 nearest_in_tile(Isa::best(), grid, search, tile, n, ids);
@@ -82,7 +81,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Scores of a tile's points against their candidates.
+    /// Computes the scores of a tile's points against their candidates.
     pub fn score(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
         match self.operations.log_score {
             Width::F32 => self.score_in::<f32>(range, ids, scores),
@@ -102,8 +101,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Turns the scores of some points into responsibilities, and writes their effective distances;
-    /// points whose score is no number get NaN and no responsibilities.
+    /// Converts scores to responsibilities and writes effective distances. Points with a NaN score get NaN
+    /// and zero responsibilities.
     pub fn normalise(&self, scores: &mut [f64], q: &mut [f64]) {
         let per_point = self.per_point().max(1);
         for (scores, q) in scores.chunks_exact_mut(per_point).zip(q) {
@@ -113,14 +112,14 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
             };
             if !q.is_finite() {
                 *q = f64::NAN;
-                // Shares of nothing, not NaN: a NaN would spoil the sums of every candidate.
+                // Zeros, because NaN would spoil the sums of every candidate.
                 scores.fill(0.0);
             }
         }
     }
 
-    /// The component of largest responsibility (the first of equals) of as many points as `owners`
-    /// has room for; `NOBODY` where there are no responsibilities.
+    /// Writes the component of largest responsibility (the first of equals) of each point in `owners`;
+    /// `NOBODY` if all responsibilities are zero.
     pub fn find_owners(&self, ids: &[u32], responsibilities: &[f64], owners: &mut [u32]) {
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
@@ -129,7 +128,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Sums of a tile in f32.
+    /// Sums a tile in f32.
     pub fn sum_narrow(
         &self,
         memory: &mut PlainMemory,
@@ -141,7 +140,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         self.sum(slots, ids_by_slot, narrow_sums, tile, pairs, records);
     }
 
-    /// Sums of a tile in f64.
+    /// Sums a tile in f64.
     pub fn sum_wide(
         &self,
         memory: &mut PlainMemory,
@@ -153,7 +152,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         self.sum(slots, ids_by_slot, wide_sums, tile, pairs, records);
     }
 
-    /// Adds one record per component the tile touches, points in order.
+    /// Adds one record per component that receives points of the tile, in point order.
     fn sum<M: Real>(
         &self,
         slots: &mut Slots,
@@ -171,9 +170,9 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
         for (i, (ids, responsibilities)) in self.points.tile(tile).zip(of_points) {
             let (space, color) = (self.points.position(i).map(of), self.points.color(i).map(of));
-            // A point adds one term to each of its candidates, so their order alters no sum.
+            // A point adds one term to each of its candidates, so their order does not affect sums.
             for (&id, &r) in ids.iter().zip(responsibilities).filter(|(_, r)| **r > 0.0) {
-                // Zero shares are filtered above: they would make records that say nothing.
+                // Zero shares are filtered above: they would create empty records.
                 let slot = slots.find(id);
                 if slot == sums.len() {
                     ids_by_slot.push(id);

@@ -1,36 +1,35 @@
-//! Moving unused components onto badly explained points (`train.md`, Reassignment).
+//! Moves unused components to badly explained points (`train.md`, Reassignment).
 //!
-//! Drawing without replacement in rounds, as the reference does, has the law of an exponential race: every
-//! point gets a time from its own random number, and the first ones win. The race has no rounds, runs on all
-//! threads and gives equal points for any number of them.
+//! Sampling without replacement is done as an exponential race, which has the same distribution as the
+//! reference's successive draws: every point gets a time from its own random number, and the earliest
+//! win. The race runs on all threads and gives equal results for any number of them.
 
 use super::config::{PaperConfig, ReassignPolicy};
 use super::smallest::{Ranked, Smallest};
 use crate::math::rng::Rng;
 
-/// Marks in a word.
 const BITS: usize = u64::BITS as usize;
-/// Points by which the bound of the lowest is guessed, about.
+/// Approximate sample size for the bound on the lowest scores.
 const SCORES: usize = 1 << 11;
-/// Draws by which the bound of the first is guessed, about.
+/// Approximate sample size for the bound on the earliest draws.
 const DRAWS: usize = 1 << 9;
-/// Share by which a time may be less than its bound says, by rounding.
+/// Relative margin for rounding when comparing a time with its bound.
 const ROUNDING: f64 = 1e-9;
 
-/// How many components may move and among how many points destinations are drawn.
+/// Number of components that may move, and of candidate destinations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quota {
-    /// Components to move at most.
+    /// Maximum number of components to move.
     pub moves: usize,
-    /// Points with the lowest ELBO that may become destinations; the dense policy takes all.
+    /// Number of points with the lowest ELBO that may become destinations; unlimited for `dense`.
     pub low_elbo: usize,
 }
 
 impl Quota {
-    /// `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋` capped by each other; `None` if nothing may move.
+    /// Computes `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋`, and takes the minimum; `None` if it is 0.
     pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
         let fraction = config.reassign_fraction;
-        // Products in f64, cut off, as in the reference: one more or less moves other components.
+        // f64 products are truncated as in the reference: one more or less would move other components.
         let share = |n: usize| (n as f64 * fraction) as usize;
         let moves = share(config.components).min(share(unused));
         let low_elbo = match config.reassign {
@@ -44,20 +43,20 @@ impl Quota {
     }
 }
 
-/// Chooses destinations, in memory kept from frame to frame.
+/// Selects destinations; buffers are reused.
 #[derive(Default)]
 pub struct DestinationChooser {
-    /// By the order of the score, reversed so that the lowest ELBO comes first.
+    /// Selects by score, in reversed order so that the lowest ELBO comes first.
     lowest: Smallest,
-    /// By the order of the draw.
+    /// Selects by time of the draw.
     draws: Smallest,
-    /// A bit for each point.
+    /// One bit per point.
     marks: Vec<u64>,
     points: Vec<u32>,
 }
 
 impl DestinationChooser {
-    /// With all memory that this configuration can need, whatever the frames hold.
+    /// Allocates all memory that this configuration can need for any frames.
     pub fn padded(config: &PaperConfig) -> Self {
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
@@ -70,17 +69,18 @@ impl DestinationChooser {
         }
     }
 
-    /// Points that receive a component, in ascending order: a D²-weighted sample without
-    /// replacement among the points of lowest ELBO, that is of largest effective distance `q`.
-    /// Points whose `q` is NaN are never chosen. `stream` gives every point its random number.
+    /// Selects points that receive a component, in ascending order: a D²-weighted sample without
+    /// replacement from the points of lowest ELBO, that is of largest effective distance `q`.
+    ///
+    /// Points with a NaN `q` are never selected. `stream` gives every point its random number.
     pub fn destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
         let Self { lowest, draws, marks, points } = self;
         let mut chosen = find_lowest(lowest, q, quota.low_elbo);
         if chosen.len() > quota.moves {
             chosen = draw(draws, chosen, quota.moves, stream);
         }
-        // In the order of points: neighbours then get neighbouring components, which lie close in
-        // memory. Marks are read off in that order, so nothing is sorted.
+        // In point order, so that neighbouring points get components close in memory. Reading the marks in
+        // order avoids sorting.
         marks.clear();
         marks.resize(q.len().div_ceil(BITS), 0);
         for chosen in chosen {
@@ -98,7 +98,7 @@ impl DestinationChooser {
         points
     }
 
-    /// The `n` points of lowest ELBO (all, if there are fewer), ties by lowest index; in no order.
+    /// Selects the `n` points of lowest ELBO (all, if fewer), ties to the lower index; unordered.
     pub fn lowest_elbo(&mut self, q: &[f64], n: usize) -> impl Iterator<Item = u32> {
         find_lowest(&mut self.lowest, q, n).iter().map(|chosen| chosen.point())
     }
@@ -111,9 +111,9 @@ fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked
     })
 }
 
-/// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
-/// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
-/// Sampling without replacement). Those of probability zero come last, in uniform order.
+/// Selects `n` candidates by an exponential race: taking the smallest `−ln u_i / p_i` has the
+/// distribution of successive draws with probabilities `p_i` (`train.md`, Sampling without
+/// replacement). Candidates of probability zero come last, in uniform order.
 fn draw<'a>(
     draws: &'a mut Smallest,
     candidates: &[Ranked],
@@ -129,29 +129,29 @@ fn draw<'a>(
     })
 }
 
-/// When a candidate arrives, in the order of times; `None` if that is certainly beyond a bound.
+/// Sort key of a candidate's arrival time; `None` if it certainly exceeds `bound`.
 fn order_of_draw(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
     const LAST: u64 = 1 << 63;
     let uniform = stream.uniform_at(candidate.point().into());
-    // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
+    // Differences of `q` replace those of the ELBO: a common factor does not change the race.
     let gap = distance(candidate.order()) - best;
     if gap <= 0.0 || gap.is_nan() {
         return Some(LAST | uniform.to_bits());
     }
-    // `−ln u ≥ 1 − u`: most need no logarithm to be too late.
+    // Since `−ln u ≥ 1 − u`, most late candidates are rejected without a logarithm.
     let is_late = bound < LAST && 1.0 - uniform > f64::from_bits(bound) * gap * (1.0 + ROUNDING);
-    // The logarithm of `libm` has equal bits on every machine; the platform's need not. A time is not
-    // negative, so its bits are in its order.
+    // `libm::log` has equal bits on every platform. Times are not negative, so their bits sort like
+    // their values.
     (!is_late).then(|| (-libm::log(uniform) / gap).to_bits())
 }
 
-/// Bits in the order of distances, the largest first.
+/// Sort key that orders distances from largest to smallest.
 fn largest_first(distance: f64) -> u64 {
     let bits = distance.to_bits();
     if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
 }
 
-/// The distance of [`largest_first`] bits.
+/// Inverse of [`largest_first`].
 fn distance(order: u64) -> f64 {
     f64::from_bits(if order >> 63 == 1 { order } else { !(order | 1 << 63) })
 }

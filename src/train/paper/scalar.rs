@@ -1,25 +1,25 @@
-//! The precision in which a trainer keeps points and means.
+//! Storage precision of a trainer's points and means.
 
 use crate::math::real::Real;
 use crate::model::paper::mixture::InitialModel;
 use crate::model::paper::state::InitialMeans;
 use crate::observation::points::Points;
 
-/// `f32`, which the fused kernels read, or `f64`, the oracle.
+/// `f32`, required by the fused kernels, or `f64`, the reference.
 pub trait PaperScalar: Real {
-    /// The points, if they are kept in f32.
+    /// Returns the points if stored in f32.
     fn narrow_points(points: &Points<Self>) -> Option<&Points<f32>>;
 
-    /// A frame's points in this precision, in `memory` where they have to be widened.
+    /// Returns a frame's points in this precision, converted into `memory` if needed.
     fn points<'a>(points: &'a Points<f32>, memory: &'a mut Points<Self>) -> &'a Points<Self>;
 
-    /// The model, if it is kept in f32.
+    /// Returns the model if stored in f32.
     fn narrow_model(model: &InitialModel<Self>) -> Option<&InitialModel<f32>>;
 
-    /// Rows rounded to f32, in `memory` where they have to be copied.
+    /// Returns rows rounded to f32, copied into `memory` if needed.
     fn narrow_rows<'a>(rows: &'a [[Self; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]];
 
-    /// Means of this precision, as checkpoints hold them.
+    /// Converts means to the checkpoint's representation.
     fn means(space: &[[Self; 3]], color: &[[Self; 3]]) -> InitialMeans;
 }
 

@@ -1,19 +1,19 @@
-//! The components one tile touches, numbered in order of appearance.
+//! Numbering of the components used by one tile, in order of appearance.
 
-/// Maps keys below a bound to slots, tile by tile, with a stamp instead of clearing.
+/// Maps keys below a bound to slots. A stamp per tile avoids clearing the table.
 #[derive(Debug, Default)]
 pub(super) struct Slots {
-    /// Per key the tile that saw it last, and its slot there.
+    /// By key: the tile that used it last, and its slot there.
     seen: Vec<(u32, u32)>,
     tile: u32,
     n: u32,
 }
 
 impl Slots {
-    /// Forgets all keys; those to come are below `bound`.
+    /// Begins a tile whose keys are below `bound`.
     #[inline(always)]
     pub fn begin(&mut self, bound: usize) {
-        // The stamp would wrap, and slots of the first tiles pass for this one's.
+        // When the stamp wraps, slots of early tiles could be mistaken for this one's, so it is reset.
         if self.seen.len() < bound || self.tile == u32::MAX {
             self.seen.clear();
             self.seen.resize(bound, (0, 0));
@@ -23,7 +23,7 @@ impl Slots {
         self.n = 0;
     }
 
-    /// The slot of `key`; the number of slots given out before if it is new.
+    /// Returns the slot of `key`, assigning the next one if it is new.
     #[inline(always)]
     pub fn find(&mut self, key: u32) -> usize {
         let seen = &mut self.seen[key as usize];

@@ -1,37 +1,37 @@
-//! The smallest of many numbers, by a bound that a sample tells and one selection among what it lets through:
-//! a frame is not sorted.
+//! Selects the smallest of many numbers without sorting: a sample gives an upper bound, and one selection
+//! among the numbers below it finds them.
 
 use rayon::prelude::*;
 
-/// Parts that are looked through at once.
-// A fixed number, not one a thread: joined, they are the same list for any number of threads.
+// Number of parts searched in parallel. Fixed rather than one per thread, so that the joined list does not
+// depend on the number of threads.
 const PARTS: usize = 16;
-/// Deviations of a sample's count by which the bound is farther than it tells: then one frame of 30,000 or
-/// so is looked through twice.
+/// Safety margin of the bound in standard deviations of the sample's count. About one frame in 30,000 needs a
+/// second search.
 const SURE: f64 = 4.0;
 
-/// A point and what it is ordered by, which takes the upper bits: one number compares faster than two.
+/// A point with its sort key in the upper bits: one comparison of integers orders both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ranked(u128);
 
 impl Ranked {
-    /// A point by its order.
+    /// Combines a sort key and a point.
     pub fn new(order: u64, point: u32) -> Self {
         Self(u128::from(order) << 32 | u128::from(point))
     }
 
-    /// What it is ordered by.
+    /// Sort key.
     pub fn order(self) -> u64 {
         (self.0 >> 32) as u64
     }
 
-    /// The point.
+    /// Index of the point.
     pub fn point(self) -> u32 {
         self.0 as u32
     }
 }
 
-/// Finds the smallest, in memory kept from frame to frame.
+/// Selects the smallest items; buffers are reused.
 #[derive(Default)]
 pub struct Smallest {
     parts: [Vec<Ranked>; PARTS],
@@ -40,7 +40,7 @@ pub struct Smallest {
 }
 
 impl Smallest {
-    /// With memory for so many, and for a sample of so many items.
+    /// Allocates memory for selecting `n` items with a sample of `sampled` items.
     pub fn with_capacity(n: usize, sampled: usize) -> Self {
         Self {
             parts: std::array::from_fn(|_| Vec::with_capacity(2 * n)),
@@ -49,10 +49,10 @@ impl Smallest {
         }
     }
 
-    /// The `n` smallest of some items, or all if there are fewer; ties by lowest point; in no order.
+    /// Returns the `n` smallest items, or all if there are fewer; ties go to the lower point; unordered.
     ///
-    /// `ranked` says an item's rank, or `None` if it has none or its order is beyond a bound. About `sampled`
-    /// items tell the bound.
+    /// `ranked(item, bound)` returns an item's rank, or `None` if it has none or exceeds `bound`. The bound
+    /// is estimated from about `sampled` items.
     pub fn find(
         &mut self,
         items: usize,
@@ -60,12 +60,12 @@ impl Smallest {
         sampled: usize,
         ranked: impl Fn(usize, u64) -> Option<Ranked> + Sync,
     ) -> &[Ranked] {
-        // Where all may be chosen no bound has to be found.
+        // If all items may be selected, no bound is needed.
         let bound =
             if n < items { self.likely_bound(items, n, sampled, &ranked) } else { u64::MAX };
         self.collect(items, bound, &ranked);
         if self.found.len() < n && bound < u64::MAX {
-            // The sample was not like the frame.
+            // The sample was not representative of the frame.
             self.collect(items, u64::MAX, &ranked);
         }
         let Self { found, .. } = self;
@@ -76,7 +76,7 @@ impl Smallest {
         found
     }
 
-    /// An order that `n` items or more do not exceed, most likely, and few more.
+    /// Estimates an order that at least `n` items, and not many more, do not exceed.
     fn likely_bound(
         &mut self,
         items: usize,
@@ -94,7 +94,7 @@ impl Smallest {
         if rank < sample.len() { *sample.select_nth_unstable(rank).1 } else { u64::MAX }
     }
 
-    /// Finds all up to a bound.
+    /// Collects all items up to a bound.
     fn collect(
         &mut self,
         items: usize,
@@ -104,7 +104,7 @@ impl Smallest {
         let Self { parts, found, .. } = self;
         let size = items.div_ceil(PARTS).max(1);
         parts.par_iter_mut().enumerate().for_each(|(i, part)| {
-            // Out of the array while it grows: lengths side by side would be one line of all threads' caches.
+            // Taken out of the array while growing: adjacent lengths would share a cache line.
             let mut these = std::mem::take(part);
             let all = (i * size).min(items)..((i + 1) * size).min(items);
             these.clear();
@@ -138,7 +138,7 @@ mod tests {
         let mut rng = Rng::new(3, Purpose::Synthetic, 0);
         for spread in [1, 3, 1000, usize::MAX] {
             let mut orders: Vec<u64> = (0..5000).map(|_| rng.below(spread) as u64).collect();
-            // Not like what a sample of every tenth says, and like it.
+            // First with a sample that is representative, then with one that is not.
             for sampled in [500, 5000] {
                 for n in [0, 1, 40, 1000, 4285, 4286, 6000] {
                     let mut sorted: Vec<u32> = (0..5000).filter(|i| i % 7 != 0).collect();

@@ -1,8 +1,8 @@
-//! The trainer of one precision: owns the model and applies frames to it.
+//! Trainer of one precision: owns the model and applies frames to it.
 //!
 //! Frames are scored against the initial model, never the posterior (`model.md`, Three models), so
-//! that their sums simply add. What can fail, the index, is built before anything is added or after
-//! all of it: a frame counts whole or not at all.
+//! their sums are additive. Only building the index can fail; it happens before or after a frame is added,
+//! so a frame is applied completely or not at all.
 
 use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::Index;
@@ -32,9 +32,9 @@ use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Effective distances that are summed by themselves before their sums are.
+/// Number of effective distances per partial sum.
 const SUMMED: usize = 64;
-/// Sums that a task forms at least.
+/// Minimum number of partial sums per task.
 const SUMS: usize = 128;
 
 /// Model and buffers in precision `R`.
@@ -47,27 +47,27 @@ pub struct PaperTrainer<R: PaperScalar> {
     scoring: Scoring,
     statistics: Statistics,
     passes: Passes,
-    /// Effective distance of every point of the last frame.
+    /// Effective distance of each point of the last frame.
     q: Vec<f64>,
-    /// Sums of these, and of how many.
+    /// Partial sums of `q`, with their numbers of terms.
     q_sums: Vec<(f64, usize)>,
     component_elbo: ComponentElbo,
     chooser: DestinationChooser,
     moves: Vec<(u32, u32)>,
-    /// Positions and colours that components of a reassignment came from, should it fail.
+    /// Original means of moved components, to undo a failed reassignment.
     displaced: Vec<([R; 3], [R; 3])>,
-    /// Where they came from and went to.
+    /// Positions that moved components left and moved to.
     places: Vec<[f32; 3]>,
     frames: u64,
 }
 
 impl<R: PaperScalar> PaperTrainer<R> {
-    /// A model that has seen nothing. `draw` holds one mean and one weight per component.
+    /// Creates an untrained model. `draw` holds one mean and one weight per component.
     pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Self::with_hyper(config, config.hyper(), draw)
     }
 
-    /// The same with hyper-parameters of one's own instead of the preset's.
+    /// Creates an untrained model with custom hyperparameters.
     pub fn with_hyper(
         config: &PaperConfig,
         hyper: Hyper,
@@ -101,9 +101,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         })
     }
 
-    /// Learns from one frame, whole or not at all: on an error before the fit the model is as it
-    /// was; if only the forwarded reassignment after it fails, the frame is learnt and no component
-    /// has moved.
+    /// Trains on one frame, completely or not at all. On an error before the fit the model is unchanged. If
+    /// only the forwarded reassignment after it fails, the frame is applied and no component moves.
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
         self.passes.begin_frame();
@@ -115,7 +114,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             }
             ReassignPolicy::Forwarded => {
                 self.fit(points, &mut ms);
-                // The unused of after the fit: what this frame has used must not move.
+                // Counted after the fit: components used by this frame must not move.
                 self.reassign(points, self.quota(), &mut ms)?
             }
             ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded => {
@@ -135,7 +134,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         })
     }
 
-    /// Candidates of the pass that scores points before the fit.
+    /// Candidates of the scoring pass before the fit.
     fn scored_by(&self) -> Candidates {
         match self.config.reassign {
             ReassignPolicy::Dense => Candidates::Dense,
@@ -148,8 +147,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.commit(ms);
     }
 
-    /// Moves components by the scores that points have before, and fits; how many moved. Where moves
-    /// reach few tiles, the pass that scores is the fit already, and only those tiles are run again.
+    /// Moves components by scores computed before the fit, then fits; returns the number moved. If moves
+    /// affect few tiles, the scoring pass serves as the fit, and only those tiles are run again.
     fn reassign_and_fit(
         &mut self,
         points: &Points<R>,
@@ -174,7 +173,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Ok(reassigned)
     }
 
-    /// Runs the tiles again that the moves of this frame reach.
+    /// Runs the tiles again that are within reach of this frame's moves.
     fn run_reached(&mut self, points: &Points<R>, ms: &mut StageMs) {
         let mut clock = Stopwatch::start();
         let narrow = |space: [R; 3]| space.map(|v| v.to_f64() as f32);
@@ -218,7 +217,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             config: &self.config,
             statistics: &self.statistics,
         };
-        // Before the fit nobody owns a point: means are still to move.
+        // Owners are not recorded before the fit, since means are still to move.
         let owners = match output {
             Output::Elbo => None,
             Output::ElboAndSums => self.component_elbo.owners(),
@@ -227,7 +226,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         ms.add_pass(clock.lap_ms(), self.passes.processor.take_stage_nanos());
     }
 
-    /// Points that were learnt from and the mean of their ELBO; 0 without points.
+    /// Number of points trained on, and their mean ELBO; 0 without points.
     fn mean_elbo(&mut self) -> (usize, f64) {
         let Self { q, q_sums, scoring, .. } = self;
         q_sums.resize(q.len().div_ceil(SUMMED), (0.0, 0));
@@ -235,13 +234,13 @@ impl<R: PaperScalar> PaperTrainer<R> {
         sums.for_each(|(sums, q)| {
             *sums = q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(sum, n), q| (sum + q, n + 1));
         });
-        // In their order, for any number of threads.
+        // Summed in order, so that the result does not depend on the number of threads.
         let (sum, n) = q_sums.iter().fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1));
         (n, if n == 0 { 0.0 } else { scoring.elbo(sum / n as f64) })
     }
 
-    /// Before the first fit nothing is unused: the posterior is still the initial model, whose
-    /// weights are not below the prior's (`train.md`, Reassignment).
+    /// Quota of the next reassignment. Before the first fit no component counts as unused: the posterior
+    /// equals the initial model, whose weights are not below the prior's (`train.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         if self.frames == 0 && self.statistics.used() == 0 {
             return None;
@@ -249,7 +248,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Quota::new(&self.config, self.statistics.len() - self.statistics.used())
     }
 
-    /// Moves components by the scores of the last pass; how many.
+    /// Moves components by the scores of the last pass; returns their number.
     fn reassign(
         &mut self,
         points: &Points<R>,
@@ -258,12 +257,12 @@ impl<R: PaperScalar> PaperTrainer<R> {
     ) -> Result<usize, IndexError> {
         let Some(quota) = quota else { return Ok(0) };
         let mut clock = Stopwatch::start();
-        // Named by the frame, not carried along: a run that goes on draws as if it never stopped.
+        // Derived from the frame number, so that a resumed run draws the same numbers.
         let stream = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
         let destinations = self.chooser.destinations(&self.q, quota, &stream);
         let mut moves = std::mem::take(&mut self.moves);
         moves.clear();
-        // The lowest ids; the reference takes whichever an unstable sort of equals puts first.
+        // The lowest ids; the reference uses the order of an unstable sort of equals.
         moves.extend(self.statistics.unused().zip(destinations.iter().copied()));
         let moved = self.move_components(points, &moves);
         let n = moves.len();
@@ -272,9 +271,9 @@ impl<R: PaperScalar> PaperTrainer<R> {
         moved.map(|()| n)
     }
 
-    /// Sets the initial means of components to points, `(component, point)`, and renews the
-    /// index. The components must be unused, or their statistics would lose their centre. On error
-    /// nothing has moved.
+    /// Moves initial means of components to points, given as `(component, point)`, and updates the index.
+    ///
+    /// The components must be unused, because statistics are relative to the means. On error nothing moves.
     pub fn move_components(
         &mut self,
         points: &Points<R>,
@@ -290,18 +289,18 @@ impl<R: PaperScalar> PaperTrainer<R> {
         }
         let rebuilt = self.index.renew(&self.model, moves.iter().map(|&(component, _)| component));
         if rebuilt.is_err() {
-            // Backwards, should a component move twice.
+            // In reverse, in case a component moves twice.
             for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
                 self.model.replace_mean(component as usize, mean);
             }
         } else if !self.passes.is_devices() {
-            // Now, and not in the midst of the pass that wants it: it belongs to the reassignment.
+            // Sorted here, so that its time counts as reassignment and not as part of the next pass.
             self.index.sorted(&self.model);
         }
         rebuilt
     }
 
-    /// ELBO of every point of the last frame, in point order; NaN for points left out.
+    /// ELBO of each point of the last frame, in point order; NaN for points left out.
     pub fn elbo(&self) -> Vec<f64> {
         self.q.iter().map(|&q| self.scoring.elbo(q)).collect()
     }
@@ -311,21 +310,21 @@ impl<R: PaperScalar> PaperTrainer<R> {
         &self.q
     }
 
-    /// Scores of one point against given components, and the constants behind them.
+    /// Constants of the log-score, and the model that scores points.
     pub fn scoring(&self) -> (&Scoring, &InitialModel<R>) {
         (&self.scoring, &self.model)
     }
 
-    /// Scores a frame's points without learning from them; the values are [`PaperTrainer::elbo`].
+    /// Scores a frame's points without training; results are in [`PaperTrainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.passes.begin_frame();
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
     }
 
-    /// Runs passes on a device too from now on.
+    /// Adds a device for passes.
     ///
     /// # Errors
-    /// [`DeviceError`] if it has no room for the means; then it is not used.
+    /// [`DeviceError`] if the means do not fit in its memory; it is then not used.
     pub fn compute_on(
         &mut self,
         device: Box<dyn MixtureDevice>,
@@ -334,19 +333,19 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.passes.add_device(device, policy, &self.index, &self.model)
     }
 
-    /// What passes ran on; `None` where the settings ask for what no device does.
+    /// Devices used for passes; `None` if the settings do not allow a device.
     pub fn pass_use(&self) -> Option<PassUse> {
         self.passes.used(&self.inputs(self.config.candidates))
     }
 
-    /// A model that goes on where another stopped after `frames` frames.
+    /// Restores a model after `frames` frames.
     pub fn restore(
         config: &PaperConfig,
         state: ModelState,
         frames: u64,
     ) -> Result<Self, IndexError> {
         let ModelState { alpha_init, means, totals } = state;
-        // Means as reassignment left them: the index is not saved, but built of them anew.
+        // Includes the means moved by reassignment. The index is not saved but rebuilt.
         let draw = InitialDraw { means: means.rows(), alpha: alpha_init };
         let mut trainer = Self::new(config, &draw)?;
         trainer.statistics = Statistics::restore(&totals);
@@ -354,7 +353,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Ok(trainer)
     }
 
-    /// The model as it stands.
+    /// Returns the model's state for a checkpoint.
     pub fn state(&self) -> ModelState {
         ModelState {
             alpha_init: self.alpha_init.clone(),
@@ -363,27 +362,27 @@ impl<R: PaperScalar> PaperTrainer<R> {
         }
     }
 
-    /// The settings.
+    /// Configuration.
     pub fn config(&self) -> &PaperConfig {
         &self.config
     }
 
-    /// Evidence by component.
+    /// Per-component ELBO of the last frame's points, if enabled.
     pub fn component_elbo(&self) -> &ComponentElbo {
         &self.component_elbo
     }
 
-    /// See [`Self::component_elbo`].
+    /// Mutable access to [`Self::component_elbo`].
     pub fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
         &mut self.component_elbo
     }
 
-    /// Frames learnt.
+    /// Number of frames trained on.
     pub fn frames(&self) -> u64 {
         self.frames
     }
 
-    /// Per point its candidates and their responsibilities, without learning from it.
+    /// Computes candidates and responsibilities of each point, without training.
     pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
         Pass::responsibilities(&self.inputs(self.config.candidates), points)
     }
@@ -399,17 +398,17 @@ impl<R: PaperScalar> PaperTrainer<R> {
         }
     }
 
-    /// Components, used or not.
+    /// Number of components, used or not.
     pub fn components(&self) -> usize {
         self.model.len()
     }
 
-    /// Components with `N_k > 0`.
+    /// Number of components with `N_k > 0`.
     pub fn used(&self) -> usize {
         self.statistics.used()
     }
 
-    /// Totals over everything seen so far.
+    /// Totals over all frames.
     pub fn statistics(&self) -> &Statistics {
         &self.statistics
     }
@@ -424,7 +423,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.statistics.moments(component)
     }
 
-    /// Posterior of a component, normalised coordinates.
+    /// Posterior of a component, in normalised coordinates.
     pub fn posterior(&self, component: usize) -> ComponentPosterior {
         ComponentPosterior::new(&self.hyper, self.mean_init(component), &self.moments(component))
     }
@@ -434,7 +433,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.statistics.touched()
     }
 
-    /// Bytes the model itself occupies: initial means and weights, and totals.
+    /// Bytes of the model: initial means, weights and totals.
     pub fn model_bytes(&self) -> usize {
         let of_start = 7 * size_of::<R>() + size_of::<f64>();
         self.model.len() * (of_start + self.statistics.row_bytes())

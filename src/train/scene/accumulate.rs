@@ -1,8 +1,8 @@
 //! Adds a frame's points to the sums of their components.
 //!
-//! Threads take runs of consecutive components with the points of these: no two threads write one row, so there
-//! are neither atomics nor copies to merge, and rows are added to in the order of the points. Neighbours in that
-//! order belong to few components, whose rows stay at hand.
+//! Each thread takes a run of consecutive components with their points: no two threads write the same row, so
+//! neither atomics nor private copies are needed, and rows are updated in the order of the points. Neighbours
+//! in that order belong to few components, whose rows stay in the cache.
 
 use super::component_sums::{ComponentSums, SumRow, Visibility};
 use super::config::VisibilityRule;
@@ -18,42 +18,41 @@ use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// A frame's points with what became of them.
+/// Points of a frame with their assignment and corrections.
 #[derive(Clone, Copy)]
 pub struct Matched<'a> {
     /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
-    /// Component of each; values beyond the last component mean none.
+    /// Component of each point; values beyond the last component mean none.
     pub owners: &'a [u32],
-    /// How far each moves along its ray, world units.
+    /// Shift of each point along its ray, world units.
     pub shifts: &'a [f32],
-    /// Factor on each channel.
+    /// Factor on each colour channel.
     pub gain: [f32; 3],
-    /// Pixels that a point stands for.
+    /// Pixels per point.
     pub weight: u32,
-    /// Whether what components receive is noted.
+    /// True if the added sums are to be returned.
     pub is_noted: bool,
 }
 
 impl Matched<'_> {
-    /// What a point adds to the sums of a component.
     #[inline(always)]
     fn terms<R: Real>(&self, i: usize, seed: [f32; 3], h: f64) -> [R; N_SUMS] {
         let (point, shift) = (&self.points[i], self.shifts[i]);
         let real = |x: f32| R::of(f64::from(x));
         let per_h = R::of(1.0 / h);
-        // Merged components reach points beyond `h`, and refinement moves points: without a bound
-        // their terms could overflow a row.
+        // Merged components own points beyond `h`, and refinement moves points: without the clamp their terms
+        // could overflow a row.
         let offset = |axis: usize| {
             let offset = real(point.position[axis]) - real(seed[axis])
                 + real(shift) * real(point.direction[axis]);
             clamp(offset * per_h, MAX_OFFSET)
         };
         let offset = [offset(0), offset(1), offset(2)];
-        // A gain above 1 must not lift a colour beyond what terms are bounded by.
+        // A gain above 1 must not lift a colour beyond the bound of terms.
         let color = |i: usize| real((point.color[i] * self.gain[i]).min(1.0));
         let color = [color(0), color(1), color(2)];
-        // A power of two: rounds no term.
+        // A power of two, so multiplication is exact.
         let weight = R::of(f64::from(self.weight));
         let mut terms = terms(offset, color, point.normal, point.direction);
         for term in &mut terms {
@@ -63,9 +62,9 @@ impl Matched<'_> {
     }
 }
 
-/// Adds every point that has an owner, in whatever order: sums are exact. Replaces `touched` by the
-/// owners, ascending. Gives what each of them received, if that is to be noted and no component received more
-/// than a row holds.
+/// Adds every point with an owner; sums are exact, so the order is irrelevant. Replaces `touched` by the
+/// owners, ascending. Returns the added sums if `is_noted`, unless a component received more than a row
+/// holds.
 pub fn accumulate<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,
@@ -92,13 +91,13 @@ pub fn accumulate<W: SumScalar>(
     let is_narrow = received.iter().all(|(_, part)| part.wide.is_empty());
     let taught = (frame.is_noted && is_narrow).then(|| taught(touched, &received));
     for (id, sums) in received.into_iter().flat_map(|(_, part)| part.wide) {
-        // Wide rows are shared, so they are added to when all threads are done.
+        // Wide rows are shared, so they are updated after all threads have finished.
         component_sums.add_wide(id, sums);
     }
     taught
 }
 
-/// What all parts received.
+/// Concatenates the sums of all parts.
 fn taught(ids: &[u32], received: &[(usize, Received)]) -> Taught {
     let mut sums = vec![[0; N_SUMS]; ids.len()];
     let parts = pieces(&mut sums, received.iter().map(|(_, part)| part.sums.len()));
@@ -107,22 +106,20 @@ fn taught(ids: &[u32], received: &[(usize, Received)]) -> Taught {
     Taught { ids: ids.to_vec(), sums }
 }
 
-/// What the components of a part received.
 #[derive(Default)]
 struct Received {
-    /// Components that received something, ascending.
+    /// Components with points, ascending.
     ids: Vec<u32>,
-    /// Sums of those with so many points that a row does not hold them.
+    /// Sums of components whose points exceed the range of a row.
     wide: Vec<(u32, [f64; N_SUMS])>,
-    /// What every component received, if that is noted.
+    /// Sums added to each component, if `is_noted`.
     sums: Vec<[i32; N_SUMS]>,
 }
 
-/// The points of consecutive components.
 struct Part<'a, W, P> {
     first: usize,
     rows: &'a mut [SumRow<W>],
-    /// Points that belong to them, ascending.
+    /// Points of these components, ascending.
     points: P,
     seed_positions: SeedPositions<'a>,
     frame: Matched<'a>,
@@ -130,21 +127,20 @@ struct Part<'a, W, P> {
     rule: VisibilityRule,
 }
 
-/// A component that receives points.
+/// Component that receives points of this frame.
 struct Taker {
-    /// Its row among those of the part.
+    /// Row within the part.
     row: u32,
     n: u32,
     seed: [f32; 3],
-    /// Sum of [`facing_pixels`], where returns are counted.
+    /// Sum of [`facing_pixels`], if returns are counted.
     returns: f64,
-    /// Its place among wide sums, if a row does not hold the points.
+    /// Index among the wide sums, if the points exceed the range of a row.
     wide: Option<usize>,
 }
 
 impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
-    /// By row the place of its taker, and the components that receive something in the order in which points come
-    /// upon them.
+    /// Returns the index of each row's taker, and the takers in the order of their first point.
     fn takers(&self) -> (Vec<u32>, Vec<Taker>) {
         let Self { first, rows, points, seed_positions, frame, .. } = self;
         let (mut places, mut takers) = (vec![NONE; rows.len()], Vec::<Taker>::new());
@@ -171,7 +167,7 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
         let Self { first, rows, points, seed_positions, frame, h, rule } = self;
         let mut received = Received::default();
         for taker in &mut takers {
-            // A wall right before the camera can put a whole frame into one component.
+            // A wall close to the camera can put a whole frame into one component.
             if f64::from(taker.n) * f64::from(frame.weight) > W::FULL {
                 taker.wide = Some(received.wide.len());
                 received.wide.push(((first as u32) + taker.row, [0.0; N_SUMS]));
@@ -180,7 +176,7 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
         let before = |taker: &Taker| rows[taker.row as usize].sums;
         let before: Vec<_> =
             if frame.is_noted { takers.iter().map(before).collect() } else { Vec::new() };
-        // A loop in a loop: of iterators put together the next point is a call.
+        // Nested loops, since `next` of a flattened iterator is not inlined.
         for points in points {
             for &point in points {
                 let point = point as usize;
@@ -214,13 +210,13 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
     }
 }
 
-/// Adds terms as a row rounds them.
+/// Adds terms rounded as in a row.
 fn add_rounded<W: SumScalar>(sums: &mut [f64; N_SUMS], terms: &[W::Term; N_SUMS]) {
     let rounded = terms.iter().map(|&term| W::of(term).value());
     sums.iter_mut().zip(rounded).for_each(|(sum, term)| *sum += term);
 }
 
-/// Pixels per unit of area of a surface at a point, world units⁻².
+/// Pixels per unit of surface area at a point, world units⁻².
 #[inline(always)]
 fn facing_pixels(point: &SurfacePoint) -> f64 {
     let (n, d) = (point.normal.map(f64::from), point.direction.map(f64::from));
@@ -231,7 +227,7 @@ fn facing_pixels(point: &SurfacePoint) -> f64 {
 #[inline(always)]
 fn clamp<R: Real>(value: R, most: f32) -> R {
     let (least, most) = (R::of(f64::from(-most)), R::of(f64::from(most)));
-    // One choice after the other: neither is a branch then.
+    // Two separate selections compile to branch-free code.
     let value = if value > most { most } else { value };
     if value < least { least } else { value }
 }
@@ -260,7 +256,7 @@ mod tests {
             .collect()
     }
 
-    /// One component that stands at the origin and gets all points of every frame.
+    /// One component at the origin that receives all points of every frame.
     fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums<i32> {
         let most = frames.iter().map(|points| points.len()).max().unwrap();
         let (owners, shifts) = (vec![0; most], vec![0.0; most]);
@@ -297,7 +293,7 @@ mod tests {
                 &mut touched,
             );
             assert_eq!(touched, [0]);
-            // What is noted is what was added, unless that is more than a row holds.
+            // The returned sums are those added, unless they exceed the range of a row.
             let fits = frame.points.len() as u32 * frame.weight <= 4096;
             assert_eq!(taught.is_some(), frame.is_noted && fits);
             if let Some(taught) = taught {
@@ -346,12 +342,12 @@ mod tests {
             let frame = Matched { points, owners, shifts, gain, weight, is_noted: false };
             sum_of(&[frame])
         };
-        // 1,500 points of weight 4 are more than a row holds, 1,000 of weight 4 are not.
+        // 1,500 points of weight 4 exceed the range of a row; 1,000 do not.
         for n in [1000, 1500] {
             let four: Vec<SurfacePoint> = points[..n].iter().flat_map(|p| [*p; 4]).collect();
             let (weighted, repeated) = (of(4, &points[..n]).sums(0), of(1, &four).sums(0));
             assert_eq!(weighted[0], 4.0 * n as f64);
-            // Terms are rounded before they are added, in quanta of 2⁻¹⁵.
+            // Terms are rounded to quanta of 2⁻¹⁵ before they are added.
             for (weighted, repeated) in weighted.iter().zip(repeated) {
                 assert!((weighted - repeated).abs() <= 2.5 * n as f64 / 32768.0);
             }

@@ -1,19 +1,19 @@
-//! Where a frame's camera stood, given the scene: recorded poses of real cameras err by more than
-//! the structural scale.
+//! Alignment of a frame's pose to the scene: recorded poses of real cameras err by more than the structural
+//! scale.
 //!
-//! Every component that is known already says two things of the frame's points it owns: they lie in
-//! its plane, and their mean colour is that of its joint Gaussian of position and colour there. The
-//! most probable small motion of the camera under both and under a prior about the recorded pose
-//! (MAP, Gauss–Newton with Cauchy weights) is what the frame is moved by before it is learnt.
+//! Every known component gives two constraints on its points in the frame: they lie in its plane, and their
+//! mean colour follows its joint Gaussian of position and colour. The frame is moved by the most probable
+//! small camera motion under both and under a prior about the recorded pose (MAP, Gauss–Newton with Cauchy
+//! weights) before it is added to the scene.
 //!
-//! Neighbouring components err together, so their evidence is divided by how many count as one:
-//! else thousands of them would outweigh the prior, whatever they say. Planes alone leave motions
-//! along a wall free; colours hold those. What neither determines stays as recorded.
+//! Errors of neighbouring components correlate, so their evidence is divided by the number that counts as
+//! one; otherwise thousands of them would outweigh the prior in any case. Planes alone leave motion along a
+//! wall undetermined; colours fix it. A direction determined by neither stays as recorded.
 //!
-//! A component tells of colours no farther than it reaches, so every round searches the components of
-//! the moved points anew and goes a part of the way. Cameras err alike from frame to frame, so the first
-//! round begins where the frames around say; six rounds of a few points are usual, and one of all from
-//! there. Exact poses are left alone.
+//! A component describes colours only within its extent, so every round assigns the moved points to
+//! components anew and takes part of the way. Pose errors are similar from frame to frame, so the first round
+//! starts at the correction of nearby frames. Six rounds with a subset of the points are typical, then one
+//! with all. Exact poses are not aligned.
 
 use super::grid::NONE;
 use super::known_planes::{ColoredPlane, KnownPlanes};
@@ -26,66 +26,67 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Points of a frame that are looked at, about: neighbours say the same.
+/// Approximate number of points used per frame: neighbours are redundant.
 const LOOKED_AT: usize = 8192;
-/// Of so many groups of neighbours among them, one leads most of the way (`scene.md`, Pose alignment).
+/// One of this many groups of neighbours is used until the pose has nearly converged (`scene.md`, Pose
+/// alignment).
 pub const FEW: usize = 4;
-/// Searches for components and motions at most, one after the other.
+/// Maximum number of rounds, each an assignment followed by Gauss–Newton steps.
 pub const ROUNDS: usize = 24;
-/// Movement of a point in a round, units of the structural scale, from which on another is of use.
+/// Mean movement of a point in a round, units of the structural scale, below which the pose has converged.
 const SETTLED: f64 = 0.02;
-/// Fewest components that determine a motion.
+/// Minimum number of components that determine a motion.
 const MIN_COMPONENTS: usize = 6;
-/// Components from which on a motion is free within the whole prior.
+/// Number of components from which the prior's full deviation applies.
 const MANY_COMPONENTS: f64 = 500.0;
-/// Neighbouring components that count as one, at most, since their errors correlate.
+/// Maximum number of neighbouring components that count as one, since their errors correlate.
 const ALIKE: f64 = 10.0;
-/// Patches of a whole picture whose errors do not correlate, at least.
+/// Minimum number of patches with independent errors in a whole picture.
 const PATCHES: f64 = MANY_COMPONENTS / ALIKE;
-/// Share of the deviation of a recorded place that the prior has where components are few.
+/// Smallest factor on the deviation of the recorded position, for few components.
 const HELD: f64 = 0.3;
-/// Variance of a component's mean colour from frame to frame.
+/// Variance of a component's mean colour between frames.
 const COLOR_VARIANCE: f64 = 0.003;
-/// Squared residual, in its variances, at which Cauchy's weight is a half.
+/// Squared residual, in units of its variance, at which the Cauchy weight is one half.
 const ROBUST: f64 = 4.0;
 /// Standard deviation of a recorded orientation, radians.
 pub const TURN_DEVIATION: f64 = 0.01;
-/// Gauss–Newton steps for one choice of components.
+/// Gauss–Newton steps per assignment of components.
 const STEPS: usize = 2;
-/// Matches of one partial sum.
+/// Matches per partial sum.
 const PART: usize = 256;
 
-/// A frame before it is learnt, beside what the scene says of where it is.
+/// Inputs of the alignment of one frame.
 pub struct PoseAlignment<'a> {
-    /// The frame as recorded, with as many of its points as are [`looked_at`].
+    /// Frame as recorded, with the points selected by [`looked_at`].
     pub frame: &'a Observation,
-    /// Component of each of the points where the motion so far takes them.
+    /// Component of each point under the current motion.
     pub owners: &'a [u32],
-    /// Factors that bring its colours to the scene's exposure.
+    /// Factors from the frame's colours to the scene's exposure.
     pub gain: [f32; 3],
     /// Structural scale, world units.
     pub h: f64,
 }
 
-/// What a component expects of the frame, and what the frame shows of it.
+/// Prediction of a component, and the frame's measurement of it.
 pub struct Match<'p> {
-    /// What it expects.
+    /// Predicted plane and colours.
     pub plane: &'p ColoredPlane,
-    /// What the frame shows.
+    /// Means of the frame's points.
     pub shown: Shown,
 }
 
-/// What a round of searching and stepping led to.
+/// Result of one round of alignment.
 pub struct Improvement {
-    /// A more probable motion.
+    /// Improved motion.
     pub motion: Motion,
-    /// Whether it is so near to the one before that nothing more can be gained.
+    /// True if the motion has converged.
     pub has_settled: bool,
-    /// What the frame shows of the components that it was found by, of the last round.
+    /// Means of the frame's points by component, from the last round only.
     pub shown: Vec<Shown>,
 }
 
-/// Matches of a frame, and how much of it they cover.
+/// Matches of a frame and their coverage.
 pub struct FrameMatches<'p> {
     /// One per component.
     pub matches: Vec<Match<'p>>,
@@ -93,30 +94,31 @@ pub struct FrameMatches<'p> {
     pub share: f64,
 }
 
-/// What is known of a frame's motion before anything is seen.
+/// Prior of a frame's motion.
 #[derive(Clone, Copy)]
 pub struct RecordedPose {
-    /// Centre of the camera as recorded, world units from the origin.
+    /// Camera centre as recorded, world units from the origin.
     pub centre: DVec3,
-    /// Standard deviations of turn (radians) and place (world units).
+    /// Standard deviations of rotation (radians) and position (world units).
     pub deviations: [f64; 2],
 }
 
-/// A frame with as many of its points, evenly chosen, as tell of its motion.
+/// Returns the frame with an evenly spaced subset of its points for alignment.
 pub fn looked_at(frame: &Observation) -> Observation {
     let every = (frame.points.len() / LOOKED_AT).max(1);
-    // On all threads: points lie far apart in memory that another core has just written.
+    // Parallel: the points are far apart in memory and were just written by another core.
     let chosen = (0..frame.points.len().div_ceil(every)).into_par_iter().with_min_len(512);
     with_points(frame, chosen.map(|i| frame.points[i * every]).collect())
 }
 
-/// A frame with a few of its points. Neighbours stay together: they are searched for together.
+/// Returns the frame with one of every [`FEW`] groups of points. Groups are searched together, so neighbours
+/// stay together.
 pub fn a_few(frame: &Observation) -> Observation {
     let groups = frame.points.chunks(GROUP).step_by(FEW);
     with_points(frame, groups.flatten().copied().collect())
 }
 
-/// What tells where some points were seen from.
+/// Copies the fields that alignment needs.
 fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
     Observation {
         points,
@@ -128,8 +130,8 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 }
 
 impl PoseAlignment<'_> {
-    /// A more probable motion than the one that the components were found with, in a round that is the last whatever
-    /// it finds, or not; `None` where too little of the scene is known.
+    /// Returns a more probable motion than `before`, under which `owners` were assigned; `None` if too few
+    /// components are known. `is_last` requests the means of the points even without convergence.
     pub fn improved<W: SumScalar>(
         &self,
         before: &Motion,
@@ -150,8 +152,8 @@ impl PoseAlignment<'_> {
         Some(Improvement { motion, has_settled, shown })
     }
 
-    /// Matches of the components that own points, in the order in which points come upon them: on one thread, so
-    /// that sums round alike on any machine, and however components are numbered.
+    /// Averages the points by component, in the order of each component's first point. Runs on one thread, so
+    /// that rounding depends neither on the machine nor on the numbering of components.
     fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> FrameMatches<'p> {
         planes.learn(self.owners);
         let planes = &*planes;
@@ -176,12 +178,13 @@ impl PoseAlignment<'_> {
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
+        // As in the sums: a gain must not lift a colour above 1.
         vector([0, 1, 2].map(|i| (point.color[i] * self.gain[i]).min(1.0)))
     }
 }
 
 impl Match<'_> {
-    /// Means of so many points in place of sums about the seed.
+    /// Converts sums about the seed over `n` points to means.
     fn mean_of(mut self, n: f64) -> Self {
         let Self { plane, shown } = &mut self;
         shown.place = plane.seed + shown.place / n;
@@ -192,13 +195,14 @@ impl Match<'_> {
 }
 
 impl FrameMatches<'_> {
-    /// Neighbouring matches that count as one: the fewer components a surface has, the larger each of them is.
+    /// Number of neighbouring matches that count as one: the fewer components a surface has, the larger each
+    /// is.
     fn alike(&self) -> f64 {
         (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, ALIKE)
     }
 
-    /// Share of the deviation of a recorded place that the prior has. Large components describe paint badly, and
-    /// what they err by pulls a camera along a wall that does not hold it.
+    /// Factor on the prior deviation of the recorded position. Large components describe texture badly, and
+    /// their errors pull the camera along a wall that does not constrain it.
     fn freedom(&self) -> f64 {
         (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
     }
@@ -216,7 +220,7 @@ impl RecordedPose {
         let deviations = [turn, shift * found.freedom()];
         let mut motion = *before;
         for _ in 0..STEPS {
-            // About the recorded pose in every round: about the last one, rounds could wander off.
+            // The prior stays about the recorded pose: about the last motion, rounds could drift away.
             let mut normal = RigidEquations::prior(&motion, deviations);
             let part = |matches: &[Match<'_>]| {
                 let mut part = RigidEquations::NONE;
@@ -225,7 +229,7 @@ impl RecordedPose {
                     .for_each(|matched| part.add_match(matched, self.centre, &motion, alike));
                 part
             };
-            // In parts of one size, added in their order: sums round alike on any number of threads.
+            // Parts of fixed size, added in order: rounding is independent of the number of threads.
             let parts: Vec<_> = matches.par_chunks(PART).map(part).collect();
             parts.iter().for_each(|part| normal.join(part));
             let [turn, shift] = normal.solution()?;
@@ -239,21 +243,21 @@ impl RecordedPose {
 impl RigidEquations {
     fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion, alike: f64) {
         let Match { plane, shown } = matched;
-        // About the camera's centre, so that a turn leaves the camera where it is.
+        // Rotates about the camera centre, so that a rotation leaves the camera's position unchanged.
         let arm = motion.turn * (shown.place - centre);
         let offset = centre + arm + motion.shift - plane.mean;
         let distance = plane.normal.dot(offset);
         // Not divided by the number of points: errors of neighbouring pixels do not average out.
         let variance = shown.noise * shown.noise + plane.variance;
         let weight = 1.0 / (alike * variance);
-        // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
+        // Cauchy weight: points of another surface lose influence with distance.
         let trust = 1.0 / (1.0 + distance * distance / (variance * ROBUST));
         let across = weight * trust * plane.normal;
         let color = shown.color - plane.color - plane.gradient * offset;
         let weight = 1.0 / (alike * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
         let along = weight * trust * plane.gradient.transpose();
-        // Plane and channels at once: all of them move with one arm.
+        // Plane and channels are combined, as all of them share one lever arm.
         let information = outer(across, plane.normal) + along * plane.gradient;
         self.add_all(information, distance * across - along * color, arm);
     }

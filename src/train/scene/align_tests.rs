@@ -1,4 +1,4 @@
-//! Alignment of frames, by a trainer that knows the scene.
+//! Tests of pose alignment with a trainer that has a known scene.
 
 use super::config::SceneConfig;
 use super::fusion::fuse;
@@ -12,7 +12,7 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::learner::Learner;
 use glam::{DQuat, DVec3};
 
-/// Three walls of a room with a painted pattern, seen from a point inside it.
+/// Three walls of a room with a painted pattern, seen from a point inside.
 pub fn room(turn: DQuat, shift: DVec3) -> Observation {
     let mut rng = Rng::new(3, Purpose::Synthetic, 0);
     let point = |_| {
@@ -22,7 +22,7 @@ pub fn room(turn: DQuat, shift: DVec3) -> Observation {
         (position[wall], position[(wall + 1) % 3], position[(wall + 2) % 3]) = (1.0, u, v);
         normal[wall] = -1.0;
         let color = DVec3::splat(0.5) + 0.4 * (9.0 * position).map(f64::sin);
-        // What the camera believes: it stood turned and shifted.
+        // Coordinates under the wrong recorded pose.
         let [position, normal] = [turn * position + shift, turn * normal];
         SurfacePoint {
             position: position.as_vec3().to_array(),
@@ -52,7 +52,7 @@ fn a_wrong_pose_is_found() {
     let shift = DVec3::new(0.006, -0.004, 0.003);
     let frame = room(turn, shift);
     let found = trainer.motion(&frame).unwrap();
-    // The motion undoes the error: turn, then shift, about the camera at the origin.
+    // The motion undoes the error: rotation, then shift, about the camera at the origin.
     let rest = found.turn * turn;
     assert!(rest.to_axis_angle().1.abs() < 2e-4, "{found:?}");
     assert!((found.turn * shift + found.shift).length() < 4e-4, "{found:?}");
@@ -66,7 +66,7 @@ fn a_wrong_pose_is_found() {
     }
 }
 
-/// As far as cameras are off that lost their way for a moment: 2 cm and a degree.
+/// Error of a camera whose tracking failed briefly: 2 cm and one degree.
 #[test]
 fn a_pose_that_is_far_off_is_pulled_back() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
@@ -89,7 +89,7 @@ fn an_unknown_scene_moves_nothing() {
     assert_eq!(trainer.motion(&room(DQuat::IDENTITY, DVec3::ZERO)), None);
 }
 
-/// As far as the first of a recording's frames may be off: all that follow are aligned to it.
+/// Error of a recording's first frame, to which all others are aligned.
 #[test]
 fn a_scene_that_began_wrong_ends_where_most_frames_say() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
@@ -110,12 +110,12 @@ fn a_scene_that_began_wrong_ends_where_most_frames_say() {
             half_way = Some(trainer.state());
         }
     }
-    // Whoever goes on from a checkpoint is moved alike.
+    // A run resumed from a checkpoint is moved in the same way.
     let mut gone_on = SceneTrainer::<i32>::restore(&config, half_way.unwrap(), 6).unwrap();
     gone_on.train(&right);
     gone_on.train(&right);
     assert_eq!(gone_on.state(), trainer.state());
-    // An eighth of what the first frame erred by is left, and that one itself is known for what it is.
+    // An eighth of the first frame's error remains, and its own correction is known.
     assert!(off(&trainer) < 0.2 * at_first, "{} of {at_first}", off(&trainer));
     let poses = trainer.state().poses;
     let [apart, near] = [0, 5].map(|frame: usize| {
@@ -125,7 +125,7 @@ fn a_scene_that_began_wrong_ends_where_most_frames_say() {
     assert!(near < 0.2 * shift.length() && (apart / shift.length() - 0.875).abs() < 0.1);
 }
 
-/// Splats, and what they are made of, stand to the moved camera as they stood before.
+/// Splats and their sums keep their position relative to the moved camera.
 #[test]
 fn all_that_was_learnt_moves_with_the_world() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
@@ -150,7 +150,7 @@ fn all_that_was_learnt_moves_with_the_world() {
     }
 }
 
-/// One shard of a start saw frames enough to be moved, the other did not.
+/// One shard trained on enough frames to be moved, the other did not.
 #[test]
 fn scenes_that_were_moved_since_their_start_are_fused_where_it_was() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };

@@ -1,6 +1,6 @@
-//! The component of every point: the one with the nearest seed within its reach.
+//! Assignment of every point to the component with the nearest seed within its reach.
 //!
-//! Distance alone decides: normals or colours as further dimensions brought more components and no better
+//! Distance alone decides: normals or colours as additional dimensions gave more components but no better
 //! picture (`scene.md`, Tried and dropped).
 
 use super::components::Components;
@@ -13,12 +13,11 @@ use crate::model::scene::points_device::OPEN;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// Points that are searched for together.
-// As many as a tile of eight by eight pixels that are looked at, in whose order points come.
+// Points searched together: points come in tiles of eight by eight pixels.
 const GROUP: usize = 64;
 
-/// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`]
-/// where no seed is near enough.
+/// Replaces `owners` by the component of every point, that of the nearest seed; [`NONE`] if no seed is near
+/// enough.
 pub fn assign(
     grid: &SeedGrid,
     components: &Components,
@@ -41,8 +40,8 @@ pub fn assign(
     );
 }
 
-/// The same where the nearest seed within the structural scale is known of every point, [`NONE`] where there
-/// is none; but of those that are [`OPEN`], of which it is found here.
+/// Completes an assignment by a device: `owners` holds the nearest seed of each point within the structural
+/// scale, [`NONE`] if there is none, or [`OPEN`] if it is to be searched here.
 pub fn assign_known(
     grid: &SeedGrid,
     components: &Components,
@@ -58,8 +57,8 @@ pub fn assign_known(
     });
 }
 
-/// Puts the component of a seed in its place, and leaves points without one that are too far away, but for what
-/// lies along their rays.
+/// Replaces seeds by their components and drops seeds that are out of reach, unless the point finds one along
+/// its ray.
 fn keep_components(
     grid: &SeedGrid,
     components: &Components,
@@ -78,7 +77,7 @@ fn keep_components(
     }
 }
 
-/// Leaves points without a seed that are too far from theirs for what their view tells apart.
+/// Drops seeds that are too far from their point for the resolution of its view.
 fn keep_within(grid: &SeedGrid, spacing: Spacing, points: &[SurfacePoint], owners: &mut [u32]) {
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner != NONE) {
         if !grid.is_within(*owner, point.position, spacing.reach(point)) {

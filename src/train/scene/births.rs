@@ -1,4 +1,4 @@
-//! Births: points that no component is near become seeds, in the order of the points.
+//! Births: points without a component nearby become seeds, in the order of the points.
 
 use super::components::Components;
 use super::config::BirthRule;
@@ -8,28 +8,28 @@ use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// What the births of one frame were.
+/// Counts of one frame's births.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameBirths {
-    /// Components that came into being.
+    /// New components.
     pub born: usize,
-    /// Points that found no component because there may be no more.
+    /// Points without a component because the budget is exhausted.
     pub refused: usize,
-    /// Points too far from the origin to be told from their neighbours.
+    /// Points too far from the origin to be distinguished from their neighbours.
     pub out_of_reach: usize,
 }
 
-/// What bounds births.
+/// Limits of births.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Components at most.
+    /// Maximum number of components.
     pub components: usize,
-    /// Seeds at most.
+    /// Maximum number of seeds.
     pub seeds: usize,
 }
 
-/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within their reach, one of
-/// their own within the limits, or beyond these that of a seed within the structural scale.
+/// Assigns an owner to the points with [`NONE`]: the component of a seed born in this frame within reach,
+/// else a new component within the limits, else that of any seed within the structural scale.
 pub fn give_birth(
     rule: BirthRule,
     spacing: Spacing,
@@ -41,9 +41,9 @@ pub fn give_birth(
 ) -> FrameBirths {
     let lone = owners.par_iter().enumerate().with_min_len(4096);
     let lone: Vec<usize> = lone.filter(|(_, owner)| **owner == NONE).map(|(i, _)| i).collect();
-    // Older seeds are out of their reach: that is why they have none.
+    // Older seeds were searched before and are out of reach.
     let (mut fresh, first) = (SeedGrid::new(spacing.h().into()), grid.len() as u32);
-    // One point after the other, on one thread: every birth decides who is born after it.
+    // Sequential: every birth affects the following points.
     let mut births = FrameBirths::default();
     for i in lone {
         let (point, owner) = (&points[i], &mut owners[i]);
@@ -54,7 +54,7 @@ pub fn give_birth(
         };
         *owner = match nearest.filter(|&seed| grid.is_within(seed, place, spacing.reach(point))) {
             Some(seed) => components.of_seed(seed),
-            // Before the budget: such a place has no cell that a seed could be filed under.
+            // Checked before the budget: such a place has no grid cell for a seed.
             None if !grid.reaches(place) => {
                 births.out_of_reach += 1;
                 NONE
@@ -74,7 +74,7 @@ pub fn give_birth(
     births
 }
 
-/// Owners by a fixed lattice, as far as its points are seeds already.
+/// Assigns owners by a fixed lattice, where its points are seeds already.
 pub fn assign_to_lattice(
     rule: BirthRule,
     h: f32,
@@ -89,7 +89,7 @@ pub fn assign_to_lattice(
     points.par_iter().with_min_len(256).map(owner).collect_into_vec(owners);
 }
 
-/// Where a component that owns a place would stand.
+/// Seed of the component that owns a position.
 #[inline(always)]
 fn seed_of(rule: BirthRule, h: f32, position: [f32; 3]) -> [f32; 3] {
     match rule {

@@ -1,5 +1,4 @@
-//! A scene that goes on at a wider structural scale, because its budget holds no finer one (`scene.md`,
-//! Merging and budget).
+//! Growth of the structural scale when the budget cannot hold a finer one (`scene.md`, Merging and budget).
 
 use super::component_sums::ComponentSums;
 use super::sum_scalar::SumScalar;
@@ -7,15 +6,16 @@ use crate::model::scene::state::{MOST_COARSENED, QUANTUM, SceneState, WHOLE};
 use crate::model::scene::sums::N_SUMS;
 use std::f64::consts::SQRT_2;
 
-/// By how much the structural scale is wider after so many steps: half as many components each.
+/// Returns the factor on the structural scale after `steps` steps; each halves the number of components.
 pub fn factor(steps: u32) -> f64 {
+    // Bounds the shift; valid steps are far below.
     let twice = f64::from(1u32 << (steps / 2).min(31));
     if steps.is_multiple_of(2) { twice } else { twice * SQRT_2 }
 }
 
-/// The scene with its sums in units of a structural scale that is `steps` wider than the one asked for:
-/// seeds stay and stand for the same surface, sums are rounded to whole quanta. `None` if sums have
-/// another form, or if it is wider already.
+/// Converts the sums to a structural scale that is `steps` wider than the configured one. Seeds stay and
+/// represent the same surface; sums are rounded to whole quanta. `None` if sums have another form, or the
+/// scale is already wider.
 pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneState> {
     if steps > MOST_COARSENED {
         return None;
@@ -34,13 +34,14 @@ pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneSta
     let shares = state.shares.unwrap_or_else(|| vec![WHOLE; state.seeds.len()]);
     let narrower = |share: u8| ((f64::from(share) / by).round() as u8).max(1);
     let shares = Some(shares.into_iter().map(narrower).collect());
-    // What frames taught was in the units before: it stays where it is.
+    // Stored contributions of frames use the old unit: they are dropped, and those frames stay where they
+    // are.
     Some(SceneState { coarsened: steps, shares, sums, visibility, kept: Vec::new(), ..state })
 }
 
-/// Sums with offsets in units that are `by` times as long, in whole quanta.
+/// Converts sums to offsets in units `by` times as long, in whole quanta.
 fn in_units(mut sums: [f64; N_SUMS], by: f64) -> [f64; N_SUMS] {
-    // `Σ d`, `Σ d dᵀ` and `Σ c dᵀ`; nothing else has a length in it.
+    // `Σ d`, `Σ d dᵀ` and `Σ c dᵀ`; the other sums contain no length.
     let lengths = [(1..4, by), (4..10, by * by), (13..22, by)];
     for (range, by) in lengths {
         for sum in &mut sums[range] {
@@ -103,7 +104,8 @@ mod tests {
                 let [a, b] = [(&before, h), (&after, wider)]
                     .map(|(state, h)| SceneSums::new(&row(state, id), h));
                 assert_eq!((a.count, a.color, a.normal), (b.count, b.color, b.normal));
-                // Half a quantum of a sum is a hundred-thousandth of the scale, spread over its points.
+                // Half a quantum of a sum is a hundred-thousandth of the scale, divided by the number of
+                // points.
                 assert!((a.mean_offset() - b.mean_offset()).length() < 1e-6 * wider);
                 let moved = a.covariance().add_scaled(-1.0, b.covariance());
                 assert!(moved.eigen().values.abs().max_element() < 1e-4 * wider * wider);

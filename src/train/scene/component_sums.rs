@@ -1,9 +1,9 @@
-//! The sums of all components, and in how many frames each was seen or seen through.
+//! Sums and visibility counts of all components.
 //!
-//! Rows are integers of 2⁻¹⁵ in 32 bits: half the memory of f64, and a sum that is exact in any order of points,
-//! frames and threads. A row that could overflow spills into a wide row of f64 whole quanta, which is exact below
-//! 2⁵³ of them; 2 % of the components of the Kinect room need one. Sums in f32 and f64 exist to show that nothing
-//! is lost: all three draw the same picture within 0.005 dB.
+//! Rows are 32-bit integers in units of 2⁻¹⁵: half the memory of f64, and exact in any order of points,
+//! frames and threads. A row that could overflow spills into a wide row of f64 whole quanta, exact below 2⁵³
+//! of them; 2 % of the components of the Kinect room need one. Sums in f32 and f64 exist to show that no
+//! precision is lost: all three give the same picture within 0.005 dB.
 
 use super::sum_scalar::SumScalar;
 use super::wide_sums::WideSums;
@@ -16,14 +16,14 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// Expected returns are counted in 64ths.
+// Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
 
 /// Sums of one component.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SumRow<W> {
-    /// In the order of [`N_SUMS`].
+    /// Sums in the order of [`N_SUMS`].
     pub sums: [W; N_SUMS],
     visibility: VisibilityCounts,
 }
@@ -34,12 +34,12 @@ impl<W: SumScalar> Default for SumRow<W> {
     }
 }
 
-/// What one frame says of a component's visibility.
+/// Observation of a component by one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Visibility {
-    /// The frame measured a surface where the component is.
+    /// The frame measured a surface at the component.
     Hit,
-    /// The frame measured something farther through the component.
+    /// The frame measured a farther surface through the component.
     Miss,
 }
 
@@ -52,10 +52,10 @@ impl<W: SumScalar> SumRow<W> {
         }
     }
 
-    /// Counts a frame from which `expected` returns could have come.
+    /// Counts a frame that could have given `expected` returns.
     #[inline(always)]
     pub fn count_visibility(&mut self, visibility: Visibility, expected: f64) {
-        // Whole quanta a frame: integers add up alike in any order of frames.
+        // Whole quanta per frame: the sum is independent of the order of frames.
         let expected = (expected * RETURN_QUANTA) as u32;
         self.visibility = self.visibility.plus(match visibility {
             Visibility::Hit => VisibilityCounts { expected, hits: 1, misses: 0 },
@@ -63,23 +63,23 @@ impl<W: SumScalar> SumRow<W> {
         });
     }
 
-    /// In how many frames it was seen or seen through.
+    /// Returns the visibility counts.
     pub fn visibility(&self) -> VisibilityCounts {
         self.visibility
     }
 
-    /// Returns that it could have given.
+    /// Returns the number of points that the component could have received.
     pub fn expected(&self) -> f64 {
         f64::from(self.visibility.expected) / RETURN_QUANTA
     }
 }
 
-/// What rows could not hold.
+/// Read access to the wide rows.
 #[derive(Clone, Copy)]
 pub struct WideRows<'a>(&'a WideSums);
 
 impl<'a> WideRows<'a> {
-    /// `N`, `Σ d` and `Σ n` of a component.
+    /// Returns `N`, `Σ d` and `Σ n` of a component.
     #[inline(always)]
     pub fn plane<W: SumScalar>(self, id: usize, row: &SumRow<W>) -> (f64, [f64; 3], [f64; 3]) {
         let sum = self.reader(id, row);
@@ -93,7 +93,7 @@ impl<'a> WideRows<'a> {
     }
 }
 
-/// Rows of all components. What a row cannot hold spills into a wider one.
+/// Rows of all components; rows that could overflow spill into wide ones.
 pub struct ComponentSums<W> {
     rows: Vec<SumRow<W>>,
     wide: WideSums,
@@ -111,22 +111,22 @@ impl<W: SumScalar> ComponentSums<W> {
         self.rows.len()
     }
 
-    /// Makes room for components up to `n`.
+    /// Grows to `n` components.
     pub fn grow(&mut self, n: usize) {
         self.rows.resize(n, SumRow::default());
     }
 
-    /// Bytes that the rows take.
+    /// Returns the memory used by the rows, in bytes.
     pub fn bytes(&self) -> usize {
         self.rows.len() * size_of::<SumRow<W>>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
 
-    /// The row of a component, without what spilt into a wide one.
+    /// Returns the row of a component without its wide part.
     pub fn row(&self, id: usize) -> &SumRow<W> {
         &self.rows[id]
     }
 
-    /// Everything a component has received.
+    /// Returns all sums of a component, including its wide part.
     pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
         let mut sums = self.rows[id].sums.map(W::value);
         if let Some(wide) = self.wide.get(id as u32) {
@@ -137,20 +137,20 @@ impl<W: SumScalar> ComponentSums<W> {
         sums
     }
 
-    /// `N`, `Σ d` and `Σ n` of a component.
+    /// Returns `N`, `Σ d` and `Σ n` of a component.
     #[inline(always)]
     pub fn plane_sums(&self, id: usize) -> (f64, [f64; 3], [f64; 3]) {
         WideRows(&self.wide).plane(id, &self.rows[id])
     }
 
-    /// `N` and `Σ c` of a component.
+    /// Returns `N` and `Σ c` of a component.
     #[inline(always)]
     pub fn color_sums(&self, id: usize) -> (f64, [f64; 3]) {
         let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
         (sum(0), [sum(10), sum(11), sum(12)])
     }
 
-    /// The directions from which a component's points were measured; unknown without points.
+    /// Returns the range of view directions of a component's points; unknown without points.
     pub fn observed_cone(&self, id: usize) -> ObservedCone {
         let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
         let n = sum(0);
@@ -159,15 +159,15 @@ impl<W: SumScalar> ComponentSums<W> {
         }
         let mean = DVec3::new(sum(25), sum(26), sum(27)) / n;
         let (xx, yy) = (sum(28) / n, sum(31) / n);
-        // Directions are unit vectors, so their squares add up to the count.
+        // Directions are unit vectors, so their squares sum to the count.
         let second = [xx, sum(29) / n, sum(30) / n, yy, sum(32) / n, 1.0 - xx - yy];
         ObservedCone::new(mean, Sym3::from_array(second).add_scaled(-1.0, Sym3::outer(mean)))
     }
 
-    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal
-    /// sums are stored alike, whatever the order they were added in.
+    /// Returns sums and visibility counts of the components in `order`, in checkpoint form. Equal sums are
+    /// stored alike, whatever the order of addition.
     pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
-        // On all threads, since training waits.
+        // Parallel, since training is blocked meanwhile.
         let order = order.par_iter().with_min_len(4096);
         let is_wide = |id: u32| self.wide.get(id).is_some() || is_full(self.row(id as usize));
         let wide = order.clone().enumerate().filter(|(_, id)| is_wide(**id));
@@ -181,7 +181,7 @@ impl<W: SumScalar> ComponentSums<W> {
         (W::stored(rows, wide), visibility)
     }
 
-    /// The sums that [`Self::state`] describes; `None` if its sums have another form.
+    /// Restores what [`Self::state`] returned; `None` if its sums have another form.
     pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Option<Self> {
         let (sums, wide) = W::restored(sums)?;
         let rows = sums.into_iter().zip(visibility);
@@ -190,7 +190,7 @@ impl<W: SumScalar> ComponentSums<W> {
         Some(Self { rows, wide })
     }
 
-    /// Runs `f` on disjoint runs of consecutive rows, each with the number of its first.
+    /// Calls `f` in parallel on disjoint ranges of consecutive rows, with the number of the first.
     pub fn for_each_part(
         &mut self,
         parts: usize,
@@ -200,7 +200,8 @@ impl<W: SumScalar> ComponentSums<W> {
         self.for_each_run(&Vec::from_iter((0..self.rows.len()).step_by(n)), f);
     }
 
-    /// The same on the runs that begin at some rows, ascending, one run a task: the first at 0, the last to the end.
+    /// The same on ranges that begin at the given rows, ascending, one task each; the first must be 0, the
+    /// last extends to the end.
     pub fn for_each_run(
         &mut self,
         firsts: &[usize],
@@ -212,7 +213,7 @@ impl<W: SumScalar> ComponentSums<W> {
         runs.for_each(|(rows, &first)| f(first, rows, WideRows(&self.wide)));
     }
 
-    /// Adds sums of whole quanta to the rows of some components, in ascending order, in parts of as many of them.
+    /// Adds sums of whole quanta to the given components (ascending), in parts of equal numbers of them.
     pub fn add_quanta(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]], parts: usize) {
         let firsts = ids.iter().step_by(ids.len().div_ceil(parts).max(1)).map(|&id| id as usize);
         let firsts: Vec<usize> = std::iter::once(0).chain(firsts.skip(1)).collect();
@@ -226,7 +227,7 @@ impl<W: SumScalar> ComponentSums<W> {
         });
     }
 
-    /// The rows of some components as sums of whole quanta would leave them.
+    /// Returns the rows of the given components after adding sums of whole quanta.
     pub fn rows_with(&self, ids: &[u32], sums: &[[i32; N_SUMS]]) -> Vec<[W; N_SUMS]> {
         let with = |(&id, sums): (&u32, &[i32; N_SUMS])| {
             let row = &self.rows[id as usize].sums;
@@ -235,8 +236,8 @@ impl<W: SumScalar> ComponentSums<W> {
         ids.iter().zip(sums).map(with).collect()
     }
 
-    /// Adds changes of what some components, ascending, were taught by as many points as before, in parts of as
-    /// many of them. Exact, but for second moments that would be those of no points any more.
+    /// Adds changes of earlier contributions to the given components (ascending), with equal counts, in parts
+    /// of equal numbers. Exact, except for second moments that no set of points could have any more.
     pub fn change(&mut self, ids: &[u32], changes: &[[i32; N_SUMS]], parts: usize) {
         self.add_quanta(ids, changes, parts);
         let mended = |&id: &u32| {
@@ -248,7 +249,7 @@ impl<W: SumScalar> ComponentSums<W> {
         mended.into_iter().for_each(|(id, sums)| self.replace(id, &sums));
     }
 
-    /// Spills rows that another frame might make overflow into wide ones.
+    /// Moves rows that the next frame could overflow into wide ones.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         let full = touched.par_iter().with_min_len(1024);
         let full = full.filter(|id| is_full(self.row(**id as usize)));
@@ -259,9 +260,9 @@ impl<W: SumScalar> ComponentSums<W> {
         }
     }
 
-    /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
-    /// leaves the other without any. Second moments stay those of some points: moving them to the
-    /// other seed may have taken them a quantum below 0.
+    /// Adds the sums and counts of `dropped`, where `sums` is already about the seed of `kept`, and empties
+    /// `dropped`. Second moments are repaired, as moving them to another seed may make them negative by a
+    /// quantum.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
         self.rows[dropped].sums = [W::default(); N_SUMS];
@@ -282,8 +283,8 @@ impl<W: SumScalar> ComponentSums<W> {
         }
     }
 
-    /// Empties all components but those of the most points, among equals those of the lower numbers;
-    /// which were emptied.
+    /// Empties all components except the `most` with the most points (ties: lower numbers); returns those
+    /// emptied.
     pub fn keep_fullest(&mut self, most: usize) -> Vec<u32> {
         let count = |id: &u32| self.sums(*id as usize)[0];
         let mut ids: Vec<u32> = (0..self.rows.len() as u32).filter(|id| count(id) > 0.0).collect();
@@ -296,8 +297,8 @@ impl<W: SumScalar> ComponentSums<W> {
         emptied
     }
 
-    /// Adds a component with sums of whole quanta and its counts. Second moments become those of some
-    /// points if rounding took them a quantum below 0.
+    /// Adds a component with sums of whole quanta and its counts. Second moments that rounding made negative
+    /// by a quantum are repaired.
     pub fn push(&mut self, sums: &[f64; N_SUMS], visibility: VisibilityCounts) {
         let id = self.rows.len();
         let mut sums = *sums;
@@ -311,7 +312,7 @@ impl<W: SumScalar> ComponentSums<W> {
         }
     }
 
-    /// Sums of the same points in axes that `turn` takes these to, about the same seeds.
+    /// Rotates all sums by `turn`, about the same seeds.
     pub fn turn(&mut self, turn: DMat3) {
         let turned = |sums: &[f64; N_SUMS]| {
             let mut turned = SceneSums::new(sums, 1.0).turned(turn).to_array();
@@ -324,12 +325,13 @@ impl<W: SumScalar> ComponentSums<W> {
         self.rows.par_iter_mut().with_min_len(256).for_each(|row| {
             row.sums = turned(&row.sums.map(W::value)).map(W::of_sum);
         });
+        // Wide rows hold whole quanta, so that later additions stay exact.
         for (id, sums) in all {
             self.replace(id, &sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM));
         }
     }
 
-    /// Gives a component other sums, as large as it has, in place of its own.
+    /// Replaces a component's sums by ones of equal count.
     fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
         let row = &mut self.rows[id].sums;
         match self.wide.get_mut(id as u32) {
@@ -344,7 +346,6 @@ impl<W: SumScalar> ComponentSums<W> {
     }
 }
 
-/// Whether another frame might make a row overflow.
 fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
     row.sums[0].value() >= W::FULL
 }

@@ -1,42 +1,40 @@
-//! Which seeds belong to which component: one to one, until a budget makes components share.
+//! Mapping from seeds to components: one to one, until a budget makes seeds share components.
 //!
-//! Merging gives the seeds of one component to another instead of moving any: a seed decides which
-//! points are assigned, and a seed that moved would leave sums behind that other points had formed.
-//! Until something is merged there is no bookkeeping at all. Freed rows are taken again, the lowest
-//! first.
+//! Merging reassigns the seeds of one component to another and moves none: a seed decides which points are
+//! assigned, so moving it would separate it from the sums of its former points. Until the first merge nothing
+//! is stored. Freed rows are reused, lowest first.
 
 use crate::model::scene::state::WHOLE;
 
-/// Surface of a whole seed, as it is counted: in whole numbers, so that sums are exact.
+// Surface of a whole seed: integers make sums exact.
 const SURFACE: u32 = WHOLE as u32 * WHOLE as u32;
 
-/// The components and their seeds.
+/// Components and their seeds.
 #[derive(Clone, Debug, Default)]
 pub struct Components {
-    /// Rows of sums, in use or free.
+    /// Number of rows of sums, used or free.
     n_rows: usize,
-    /// `None` while component `k` has seed `k` and no other.
+    /// `None` while component `k` has exactly seed `k`.
     sharing: Option<Sharing>,
-    /// By seed its share of the structural scale, in parts of [`WHOLE`]; empty while all have the whole.
+    /// Per seed, its share of the structural scale in units of 1/[`WHOLE`]; empty while all have the whole.
     shares: Vec<u8>,
 }
 
-/// Seeds that share components.
 #[derive(Clone, Debug, Default)]
 struct Sharing {
-    /// By seed its component.
+    /// Component of each seed.
     component: Vec<u32>,
-    /// By component its oldest seed, which its sums are about.
+    /// Oldest seed of each component, to which its sums refer.
     reference: Vec<u32>,
-    /// By component the surface of its seeds, in parts of [`SURFACE`]; 0 without any.
+    /// Surface of each component's seeds, in units of 1/[`SURFACE`]; 0 without seeds.
     surface: Vec<u32>,
-    /// Components without seeds, the last to be taken first.
+    /// Components without seeds; the last is reused first.
     free: Vec<u32>,
 }
 
 impl Components {
-    /// Components of a scene whose seed `i` belongs to component `component[i]`, of `n_rows`, and has the
-    /// share `shares[i]`; `None` if a component is beyond them.
+    /// Restores a scene with `n_rows` components, in which seed `i` belongs to `component[i]` and has the
+    /// share `shares[i]`; `None` if a component number is out of range.
     pub fn restore(component: Vec<u32>, n_rows: usize, shares: Vec<u8>) -> Option<Self> {
         let mut sharing = Sharing {
             reference: vec![0; n_rows],
@@ -44,33 +42,34 @@ impl Components {
             component,
             free: Vec::new(),
         };
-        // From the last seed on, so that the oldest is the one that stays.
+        // In reverse, so that the oldest seed becomes the reference.
         for (seed, &component) in sharing.component.iter().enumerate().rev() {
             *sharing.reference.get_mut(component as usize)? = seed as u32;
             let surface = &mut sharing.surface[component as usize];
             *surface = surface.saturating_add(squared(share_of(&shares, seed)));
         }
         let is_free = |row: &u32| sharing.surface[*row as usize] == 0;
+        // Descending, so that the lowest row is popped first.
         sharing.free = (0..n_rows as u32).rev().filter(is_free).collect();
         Some(Self { n_rows, sharing: Some(sharing), shares })
     }
 
-    /// Rows of sums, in use or free.
+    /// Returns the number of rows of sums, used or free.
     pub fn n_rows(&self) -> usize {
         self.n_rows
     }
 
-    /// Components with seeds.
+    /// Returns the number of components with seeds.
     pub fn used(&self) -> usize {
         self.n_rows - self.sharing.as_ref().map_or(0, |s| s.free.len())
     }
 
-    /// By seed its component, if seeds share components.
+    /// Returns the component of each seed, if seeds share components.
     pub fn shared(&self) -> Option<&[u32]> {
         self.sharing.as_ref().map(|s| s.component.as_slice())
     }
 
-    /// Bytes that the bookkeeping takes.
+    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         self.sharing.as_ref().map_or(0, |s| {
             size_of_val(&s.component[..])
@@ -79,19 +78,19 @@ impl Components {
         }) + self.shares.len()
     }
 
-    /// Component of a seed.
+    /// Returns the component of a seed.
     #[inline(always)]
     pub fn of_seed(&self, seed: u32) -> u32 {
         self.sharing.as_ref().map_or(seed, |s| s.component[seed as usize])
     }
 
-    /// The seed that a component's sums are about.
+    /// Returns the seed to which a component's sums refer.
     #[inline(always)]
     pub fn reference(&self, component: usize) -> usize {
         self.sharing.as_ref().map_or(component, |s| s.reference[component] as usize)
     }
 
-    /// Surface that a component's seeds stand for, in squares of the structural scale.
+    /// Returns the surface represented by a component's seeds, in squares of the structural scale.
     #[inline(always)]
     pub fn surface(&self, component: usize) -> f64 {
         let parts = match &self.sharing {
@@ -101,18 +100,18 @@ impl Components {
         f64::from(parts) / f64::from(SURFACE)
     }
 
-    /// Share of the structural scale that points may be from a seed, in parts of [`WHOLE`].
+    /// Returns the maximum distance of points from a seed, in units of 1/[`WHOLE`] of the structural scale.
     #[inline(always)]
     pub fn share(&self, seed: usize) -> u8 {
         share_of(&self.shares, seed)
     }
 
-    /// Those of all seeds, unless all have the whole.
+    /// Returns the shares of all seeds, unless all have the whole.
     pub fn shares(&self) -> Option<&[u8]> {
         (!self.shares.is_empty()).then_some(&self.shares)
     }
 
-    /// The component of a new seed, the one after all others, and its share.
+    /// Adds a seed, which must be the next number, with its share; returns its new component.
     pub fn born(&mut self, seed: u32, share: u8) -> u32 {
         if share != WHOLE || !self.shares.is_empty() {
             self.shares.resize(seed as usize, WHOLE);
@@ -134,8 +133,8 @@ impl Components {
         component
     }
 
-    /// Gives the seeds of the second component of every pair to the first, whose reference must be
-    /// the older. No component may be in two pairs.
+    /// Reassigns the seeds of the second component of every pair to the first, whose reference must be the
+    /// older. No component may occur in two pairs.
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         let n = self.n_rows as u32;
         let sharing = self.sharing.get_or_insert_with(|| Sharing {
@@ -144,7 +143,7 @@ impl Components {
             surface: (0..n as usize).map(|seed| squared(share_of(&self.shares, seed))).collect(),
             free: Vec::new(),
         });
-        // One walk over the seeds for all pairs: they share no component, so no chain is followed.
+        // One pass over the seeds suffices: pairs are disjoint, so there are no chains.
         let mut into: Vec<u32> = (0..n).collect();
         for &(kept, dropped) in pairs {
             into[dropped as usize] = kept;
@@ -156,7 +155,7 @@ impl Components {
         for component in &mut sharing.component {
             *component = into[*component as usize];
         }
-        // The lowest row is popped first.
+        // Descending, so that the lowest row is popped first.
         sharing.free.sort_unstable_by(|a, b| b.cmp(a));
     }
 }

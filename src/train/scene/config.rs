@@ -9,49 +9,48 @@ use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Bytes that a component takes of the model at most: its sums and counts of visibility (176), its
-/// seed and the next of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes are
-/// counted by it, and so is the memory that a run is expected to take. What a run reports as the
-/// model's bytes is measured: a little less, and more where merged components keep their seeds.
+/// Upper bound of a component's memory, in bytes: its sums and visibility counts (176), its seed and the next
+/// of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes and memory estimates use it.
+/// The reported model size is measured: slightly less, but more if merged components retain their seeds.
 pub const COMPONENT_BYTES: usize = 200;
 
-/// Most components where a user sets no budget: [`COMPONENT_BYTES`] times as many are 400 MB.
+/// Default budget, in components: 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
-/// Where components are born.
+/// Placement of new components.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum BirthRule {
-    /// At the first point that has no seed within the structural scale.
+    /// At the first point without a seed within the structural scale.
     Seeds,
-    /// At the centre of the cell of a fixed cubic lattice that a point falls into.
+    /// At the centre of the point's cell in a fixed cubic lattice.
     Lattice,
-    /// The same with the body-centred cubic lattice.
+    /// At the centre of the point's cell in a body-centred cubic lattice.
     BodyCentred,
 }
 
 impl BirthRule {
-    /// Whether the model depends on nothing but which frames were seen.
+    /// True if the model depends only on which frames were used, not on their order.
     pub fn is_order_invariant(self) -> bool {
         self != Self::Seeds
     }
 }
 
-/// How the returns that a component could have given are counted.
+/// Counting of the returns that a component could have given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum VisibilityRule {
-    /// By projecting every component into every frame: what is seen or seen through counts.
+    /// Projects every component into every frame: frames that see it or see through it count.
     Projected,
-    /// By the frames in which it received points. Depends on the frame alone.
+    /// Counts the frames in which the component received points. Depends on the frame alone.
     Returned,
 }
 
-/// Every setting of the engine that shapes a scene.
+/// Settings of the scene engine.
 ///
 /// ```
 /// use vbgs_studio::train::scene::config::SceneConfig;
@@ -62,49 +61,47 @@ pub enum VisibilityRule {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
-    /// Where components are born.
+    /// Placement of new components.
     pub births: BirthRule,
-    /// Structural scale `h`: largest distance of a point from its seed (side of a lattice's cell),
-    /// world units.
+    /// Structural scale `h`: maximum distance of a point from its seed (edge of a lattice cell), world units.
     pub h: f64,
-    /// Seeds closer together where views come near; `None` where the structural scale is the same everywhere.
-    // Left out where it is off, so that files of scenes without it are what they were.
+    /// Denser seeds in close views; `None` for a uniform structural scale.
+    // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near: Option<NearSpacing>,
-    /// Half-widths of its depth's noise within which a point without a seed looks for one along its ray; 0 where
-    /// none does.
-    // Left out where it is off, so that files of scenes without it are what they were.
+    /// Length of the search for a seed along a point's ray, in half-widths of its depth noise; 0 for none.
+    // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ray_search: f64,
-    /// Whether points are moved along their rays towards their component's plane.
+    /// True if points move along their rays towards their component's plane.
     pub refine: bool,
-    /// Whether each frame's pose is corrected to fit the scene.
+    /// True if each frame's pose is aligned to the scene.
     #[serde(default)]
     pub align: bool,
-    /// Whether each frame's exposure is fitted to the scene's.
+    /// True if each frame's exposure is fitted to the scene's.
     pub gain: bool,
-    /// How hits and misses are counted.
+    /// Counting of hits and misses.
     #[serde(rename = "looks")]
     pub visibility: VisibilityRule,
-    /// How sums are kept.
+    /// Number format of the sums.
     pub sums: SumForm,
-    /// Most components in use, at any moment; of a lattice, which keeps up to eight times as many, most
-    /// that are drawn.
+    /// Maximum number of components in use at any time; for a lattice, which may hold eight times as many,
+    /// the maximum number drawn.
     #[serde(rename = "most")]
     pub max_components: usize,
-    /// How sums become splats.
+    /// Conversion of sums to splats.
     #[serde(rename = "native")]
     pub splat_rule: SplatRule,
-    /// How splats learn from photographs; `None` if they do not.
-    // Left out where it is off, so that files of scenes without it are what they were.
+    /// Photometric training; `None` if off.
+    // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photometric: Option<PhotometricRule>,
-    /// Whether frames are placed by the scene itself, whatever their recorded poses.
+    /// True if frames are tracked against the scene, ignoring recorded poses.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub track: bool,
 }
 
-/// How far noise takes points of real cameras, half-widths (`scene.md`, Ray search).
+/// Length of the ray search for real cameras, half-widths of depth noise (`scene.md`, Ray search).
 pub const RAY_SEARCH: f64 = 4.0;
 
 fn is_zero(value: &f64) -> bool {
@@ -112,7 +109,7 @@ fn is_zero(value: &f64) -> bool {
 }
 
 impl SceneConfig {
-    /// For exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
+    /// Settings for exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
     pub fn fine(h: f64) -> Self {
         Self {
             births: BirthRule::Seeds,
@@ -126,11 +123,11 @@ impl SceneConfig {
             sums: SumForm::Mixed,
             max_components: DEFAULT_MAX_COMPONENTS,
             splat_rule: SplatRule {
-                // With plain Gaussians such opacities turn surfaces transparent, at a cost of 2 dB:
-                // they belong to flat tops (`model.md`, Density opacity).
+                // These opacities require flat tops: with plain Gaussians surfaces become transparent and 2
+                // dB are lost (`model.md`, Density opacity).
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
-                // 1.2 before cracks were filled in finished pixels: width blurs what splats show.
+                // 1.2 before crack filling existed: wider splats blur the picture.
                 scale: 1.12,
                 full_coverage: 0.9,
                 flat_top: true,
@@ -147,21 +144,21 @@ impl SceneConfig {
         }
     }
 
-    /// For computed depth: its surfaces return all that they can, so nothing speaks against opacities
-    /// that keep them closed where a view comes near.
+    /// Settings for computed depth, whose surfaces return every point they can. High opacities are therefore
+    /// safe and keep surfaces closed in near views.
     pub fn exact(h: f64) -> Self {
         let mut exact = Self::fine(h);
         exact.splat_rule.opacity.tau = 4.5;
         exact
     }
 
-    /// For real depth cameras, whose poses, depth and exposure err more than the structural scale
-    /// resolves (`scene.md`, Settings by sensor).
+    /// Settings for real depth cameras, whose errors of pose, depth and exposure exceed the resolution of the
+    /// structural scale (`scene.md`, Settings by sensor).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let splat_rule = SplatRule {
             opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.splat_rule.opacity },
-            // 1.6 before cracks were filled; half the coverage closes what wider splats closed.
+            // 1.6 before crack filling existed; filling from half coverage closes what wider splats closed.
             scale: 1.35,
             full_coverage: 0.5,
             least_scale: 0.15,
@@ -178,23 +175,25 @@ impl SceneConfig {
         }
     }
 
-    /// Whether frames are looked at a second time, and moved with what they taught (`scene.md`, A second look):
-    /// where recorded poses are corrected, and exposures: without these, frames drift after their brightness.
+    /// True if frames are aligned a second time and moved with their contributions (`scene.md`, A second
+    /// look): if both poses and exposures are corrected. Without gains, frames drift along with their
+    /// brightness.
     pub fn looks_twice(&self) -> bool {
         self.align && !self.track && self.gain
     }
 
-    /// How splats learn from photographs, given what they are.
+    /// Returns the photometric rule for the configured kind of splats.
     pub fn photometric_rule(&self) -> Option<PhotometricRule> {
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
     }
 
-    /// Seeds at most: merged components keep theirs, and a lattice is merged only when it is drawn.
+    /// Returns the maximum number of seeds: merged components retain theirs, and a lattice is merged only for
+    /// drawing.
     pub fn most_seeds(&self) -> usize {
         self.max_components.saturating_mul(8)
     }
 
-    /// These settings, or the first that is out of range.
+    /// Returns these settings, or an error for the first one out of range.
     pub fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.max_components) {
             return Err(ConfigError {
@@ -211,14 +210,14 @@ impl SceneConfig {
             });
         }
         let of_seeds = [
-            ("near_detail", self.near.is_some(), "alike"),
-            ("ray_search", self.ray_search != 0.0, "where they are"),
+            ("near_detail", self.near.is_some(), "one size"),
+            ("ray_search", self.ray_search != 0.0, "fixed positions"),
         ];
         let asked = of_seeds.into_iter().find(|(_, is_on, _)| *is_on);
         if let Some((setting, _, how)) = asked.filter(|_| self.births.is_order_invariant()) {
             return Err(ConfigError {
                 setting,
-                expected: format!("off with --births {}, whose cells are {how}", self.births),
+                expected: format!("off with --births {}, whose cells have {how}", self.births),
                 found: "on".to_owned(),
             });
         }

@@ -1,4 +1,4 @@
-//! Where the form of a scene's sums is chosen.
+//! Construction of scenes with the configured form of sums.
 
 use super::coarsening::coarsened;
 use super::config::SceneConfig;
@@ -11,8 +11,8 @@ use crate::model::scene::state::SceneState;
 use glam::DVec3;
 use std::borrow::Cow;
 
-/// A scene without components, whose positions are kept relative to `origin` (world units), with
-/// sums of the form that `config` names.
+/// Creates an empty scene, whose positions are stored relative to `origin` (world units), with sums of the
+/// form set in `config`.
 ///
 /// ```
 /// use glam::DVec3;
@@ -40,8 +40,8 @@ pub fn begin(config: &SceneConfig, origin: DVec3) -> Box<dyn SceneLearner> {
     }
 }
 
-/// A scene that goes on where another, configured alike, stopped after `frames` frames; `None` if
-/// its sums have another form, or seeds are farther away than their scale tells apart.
+/// Resumes a scene with the same configuration after `frames` frames; `None` if its sums have another form,
+/// or seeds are too far from the origin for their scale.
 pub fn restore(
     config: &SceneConfig,
     state: SceneState,
@@ -54,8 +54,8 @@ pub fn restore(
     }
 }
 
-/// Scenes, configured alike, that went on from `start`, if they share one, as one scene within the budget
-/// (`scene.md`, Fusion); `None` without scenes or if sums have another form.
+/// Fuses scenes of equal configuration, which may have continued from a common `start`, into one within the
+/// budget (`scene.md`, Fusion); `None` without scenes or if sums have another form.
 pub fn fuse(
     config: &SceneConfig,
     start: Option<&SceneState>,
@@ -73,7 +73,7 @@ fn fused<W: SumScalar>(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
-    // In units of one scale: the widest that a budget asked for.
+    // Converts all to the coarsest scale that a budget required.
     let steps = scenes.iter().map(|scene| scene.coarsened).max()?;
     let start = match start {
         Some(start) => Some(alike::<W>(start, steps)?),
@@ -91,7 +91,7 @@ fn fused<W: SumScalar>(
     Some(over_budget.state())
 }
 
-/// A scene at the scale of so many steps.
+/// Converts a scene to the scale after `steps` steps.
 fn alike<W: SumScalar>(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
     match scene.coarsened == steps {
         true => Some(Cow::Borrowed(scene)),

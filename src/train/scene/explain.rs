@@ -1,7 +1,7 @@
-//! What the scene says of a frame's points before they are summed: how far each is from its seed, and where
-//! along its ray it most probably lies.
+//! Comparison of a frame's points with the scene before they are summed: distance from the seed, and most
+//! probable position along the ray.
 //!
-//! Both at once: a pass over the points of a frame takes as long for their memory as for its arithmetic.
+//! Both share one pass, which is as much bound by memory as by arithmetic.
 
 use super::component_sums::ComponentSums;
 use super::grid::{NONE, squared_distance};
@@ -12,27 +12,24 @@ use super::sum_scalar::SumScalar;
 use crate::observation::surface::{DepthTolerance, SurfacePoint};
 use rayon::prelude::*;
 
-/// Points of a task.
+/// Points per task.
 const CHUNK: usize = 1024;
 
-/// The scene as a frame's points are seen in it.
 pub struct Explainer<'a, W> {
-    /// Sums of the components that the frame did not bring about.
+    /// Sums of components that existed before the frame.
     pub component_sums: &'a ComponentSums<W>,
-    /// Where all components stand.
     pub seed_positions: SeedPositions<'a>,
     /// Structural scale, world units.
     pub h: f64,
     pub spacing: Spacing,
     pub tolerance: DepthTolerance,
-    /// Whether depths are refined.
     pub refines: bool,
 }
 
 impl<W: SumScalar> Explainer<'_, W> {
-    /// Replaces `q` by the squared distances of points from the seeds of their owners, NaN without one, and
-    /// `shifts` by how far they move along their rays, both in world units. Gives the sum of the distances and
-    /// the number of points that have an owner.
+    /// Replaces `q` by the squared distance of each point from its owner's seed (world units², NaN without
+    /// owner), and `shifts` by its movement along the ray (world units). Returns the sum of `q` and the
+    /// number of points with an owner.
     pub fn explain(
         &self,
         points: &[SurfacePoint],
@@ -49,7 +46,7 @@ impl<W: SumScalar> Explainer<'_, W> {
             let known = q.iter().filter(|q| !q.is_nan());
             known.fold((0.0, 0), |(sum, n), q| (sum + q, n + 1))
         });
-        // Added in the order of the parts, which have one size: it rounds alike on any number of threads.
+        // Parts of fixed size, added in order: rounding is independent of the number of threads.
         let parts: Vec<(f64, usize)> = part.collect();
         parts.into_iter().fold((0.0, 0), |(sum, n), part| (sum + part.0, n + part.1))
     }
@@ -67,7 +64,7 @@ impl<W: SumScalar> Explainer<'_, W> {
                 (*q, *shift) = (f64::NAN, 0.0);
                 continue;
             }
-            // Neighbours often have one owner.
+            // Neighbours often have the same owner.
             if owner != last {
                 seed = self.seed_positions.of(owner as usize);
                 (last, plane) = (owner, self.plane(owner as usize, seed));

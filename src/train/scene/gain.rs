@@ -1,4 +1,4 @@
-//! A frame's exposure against the scene's (`scene.md`, Gain).
+//! Gain of a frame relative to the scene's exposure (`scene.md`, Gain).
 
 use super::component_sums::ComponentSums;
 use super::grid::NONE;
@@ -7,28 +7,29 @@ use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Fewest points of a component whose colour is trusted.
+/// Minimum number of points of a component whose colour is used.
 const MIN_POINTS: f64 = 20.0;
-/// Known points that determine the gain of a large frame.
+/// Number of known points that determine the gain of a large frame.
 pub const MIN_MATCHES: f64 = 5000.0;
 /// Share of the points of a small frame that determine its gain.
 const MIN_SHARE: f64 = 0.125;
-/// Fewest points that determine the gain of any frame.
+/// Minimum number of known points for the gain of any frame.
 const FEWEST_MATCHES: f64 = 100.0;
-/// Points of one partial sum: sums do not depend on the number of threads.
+/// Points per partial sum; a fixed size makes sums independent of the number of threads.
 const CHUNK: usize = 512;
 
-/// Returns how many of a frame's points must be known to determine its gain, at most `most`.
+/// Returns the number of a frame's points that must be known to determine its gain, at most `most`.
 pub fn fewest_matches(points: usize, most: f64) -> f64 {
     (MIN_SHARE * points as f64).max(FEWEST_MATCHES).min(most)
 }
 
-/// Per channel the factor that makes the frame's colours as bright as those of its points' components,
-/// `Σ c̄ / Σ c`; 1 where fewer than `fewest` points are known, or either sum is nothing: no exposure makes
-/// light of black, and a frame that is multiplied to black teaches it.
+/// Returns, per channel, the factor `Σ c̄ / Σ c` from the frame's brightness to that of its points'
+/// components; 1 if fewer than `fewest` points are known or either sum is zero, as no exposure turns black
+/// into light and a gain of 0 would train the scene on black.
 ///
-/// Not that of least squares, `Σ c̄·c / Σ c²`: noise of the frame's colours is in its denominator, so that it
-/// is too small by a few per cent, and in a chain of frames, each beside the last, once more with each.
+/// The least-squares factor `Σ c̄·c / Σ c²` is not used: its denominator contains the noise of the frame's
+/// colours, which makes it a few per cent too small. The bias would accumulate along a sequence of
+/// overlapping frames.
 pub fn gain<W: SumScalar>(
     component_sums: &ComponentSums<W>,
     points: &[SurfacePoint],
@@ -40,18 +41,17 @@ pub fn gain<W: SumScalar>(
     Brightness::gain(chunks.collect::<Vec<_>>(), fewest)
 }
 
-/// Sums of colours over points of known components.
 #[derive(Default)]
 pub struct Brightness {
-    /// Of the components' means.
+    /// Sum of the component means.
     expected: DVec3,
-    /// Of the points.
+    /// Sum of the points' colours.
     seen: DVec3,
     points: f64,
 }
 
 impl Brightness {
-    /// Of some points with their components.
+    /// Sums over points with the given components.
     pub fn of<W: SumScalar>(
         component_sums: &ComponentSums<W>,
         points: &[SurfacePoint],
@@ -74,7 +74,7 @@ impl Brightness {
         sums
     }
 
-    /// The [`gain`] that the parts of a frame tell of together, added in their order.
+    /// Returns the [`gain`] from the parts of a frame, added in order.
     pub fn gain(parts: impl IntoIterator<Item = Self>, fewest: f64) -> [f32; 3] {
         let mut total = Self::default();
         for part in parts {
@@ -85,7 +85,7 @@ impl Brightness {
         if total.points < fewest {
             return [1.0; 3];
         }
-        // A factor alone: with an offset beside it scores were worse (`scene.md`, Gain).
+        // A factor only: an additional offset lowered the scores (`scene.md`, Gain).
         let (expected, seen) = (total.expected.to_array(), total.seen.to_array());
         [0, 1, 2].map(|i| {
             let is_lit = expected[i] > 0.0 && seen[i] > 0.0;
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn gains_are_ratios_of_brightness_and_never_nothing() {
-        // The blue of the scene, and the green of the frame, is black.
+        // The scene has no blue, the frame no green.
         let mut row = [0.0; N_SUMS];
         row[0] = 100.0;
         row[10..13].copy_from_slice(&[60.0, 40.0, 0.0]);

@@ -1,9 +1,9 @@
-//! Where a scene stands as a whole.
+//! Rigid motion of a scene as a whole.
 //!
-//! Frames are aligned to the scene and the scene is learnt from them: nothing in that says where both
-//! are. The first frames do, whatever their recorded poses err by, and where these were wrong all that
-//! follow are corrected by as much. Recorded poses err about nothing in the mean: so the scene is moved
-//! as a whole, with everything that it has learnt, to where the corrections of its frames are least.
+//! Frames are aligned to the scene, and the scene is built from the frames: this leaves their common position
+//! free. The first frames fix it, including their own pose errors, which all following corrections inherit.
+//! As recorded poses are unbiased on average, the whole scene is moved to where the corrections of its frames
+//! are smallest.
 
 use super::component_sums::ComponentSums;
 use super::rigid_equations::{Motion, RigidEquations};
@@ -13,10 +13,9 @@ use crate::model::scene::state::SceneState;
 use crate::model::splat::pose_log::FramePose;
 use glam::{DMat3, DQuat, DVec3};
 
-/// The motion of the world, old coordinates to new ones, after which frames are where they were recorded but
-/// for what they err by one by one: least squares, linear in small turns, under the standard deviations of
-/// recorded turns (radians) and places (world units). `None` without frames, or where they do not say how they
-/// were recorded.
+/// Returns the motion of the world, from old to new coordinates, that minimises the corrections of the
+/// frames: least squares, linear in small rotations, under the standard deviations of recorded rotations
+/// (radians) and positions (world units). `None` without frames, or if a recorded rotation is unknown.
 pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Pose> {
     let poses: Vec<[Pose; 2]> = frames.iter().map(FramePose::poses).collect::<Option<_>>()?;
     let n = poses.len() as f64;
@@ -24,7 +23,8 @@ pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Po
     let mut normal = RigidEquations::NONE;
     for [recorded, real] in &poses {
         let apart = Motion::between(recorded, real);
-        // A turn of the world turns every camera, and moves it by its distance from the middle.
+        // A rotation of the world rotates every camera and moves it in proportion to its distance from the
+        // middle.
         let turned = Motion { turn: apart.turn, shift: DVec3::ZERO };
         normal.join(&RigidEquations::prior(&turned, [turn, f64::INFINITY]));
         let weight = shift.powi(-2);
@@ -36,14 +36,14 @@ pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Po
     Some(Pose::IDENTITY.attached(middle + shift - turn * middle, turn))
 }
 
-/// A seed, world units from `origin`, in a world that is moved as a whole.
+/// Moves a seed, given in world units from `origin`, with the world.
 pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
     let place = origin + DVec3::from_array(seed.map(f64::from));
     (motion.transform_point(place) - origin).as_vec3().to_array()
 }
 
-/// The scene in a world that is moved as a whole: seeds, sums about them, splats, logs and cameras. `None` if
-/// sums have another form, or frames do not say how they were recorded.
+/// Moves the scene with the world: seeds, sums, splats, logs and cameras. `None` if sums have another form,
+/// or a recorded rotation is unknown.
 pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneState> {
     let origin = DVec3::from_array(state.origin);
     let mut sums = ComponentSums::<W>::restore(state.sums, state.visibility)?;
@@ -89,7 +89,7 @@ mod tests {
         let motion = common_motion(&frames, [0.01, 0.02]).unwrap();
         for i in 0..16 {
             let back = recorded(i).moved(&by).moved(&motion);
-            // Linear in turns of an hundredth.
+            // The solution is linear in rotations of a hundredth.
             assert!((back.centre() - recorded(i).centre()).length() < 1e-3);
             assert!((back.forward() - recorded(i).forward()).length() < 1e-3);
         }

@@ -1,55 +1,51 @@
-//! Seeds by place: a hash grid with cells as wide as the structural scale, some of which to every side are a
-//! block.
+//! Spatial index of seeds: a hash grid with cells as wide as the structural scale, grouped into blocks.
 //!
-//! A scene has no bounds that are known beforehand, so blocks are hashed instead of laid out. Points lie on
-//! surfaces: most cells of a box around some of them hold no seed, and looking these up one by one took
-//! half the time of finding components; a block of four to a side has seeds of a dozen cells together. Larger
-//! ones hold more seeds that are too far away, smaller ones are mostly empty again. Buckets are chains of
-//! nodes with room for a few seeds each: insertion moves nothing, growth relinks, and seeds keep their
-//! numbers. Nodes hold places beside numbers, so that a box takes eight seeds at a time.
+//! The bounds of a scene are not known in advance, so blocks are hashed. Points lie on surfaces: most cells
+//! of a box around a few of them are empty, and separate lookups took half the time of the assignment. A
+//! block of 4×4×4 cells returns the seeds of a dozen occupied cells at once; larger blocks hold more seeds
+//! that are too far away, smaller ones are mostly empty again. Buckets are chains of nodes with room for a
+//! few seeds each: insertion moves nothing, growth relinks, and seeds keep their numbers. Nodes hold
+//! positions beside numbers, so that eight seeds are tested against a box at a time.
 
 use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector};
 use crate::model::scene::points_device::{NO_SEED, Seeds};
 
-/// Stands for no seed, and for no component.
+/// Marks no seed or no component.
 pub const NONE: u32 = NO_SEED;
-/// Cells from the origin that can be told apart on every axis.
-// At 2²⁰ cells an f32 still tells sixteenths of a cell apart.
+/// Number of cells from the origin, per axis, that can be distinguished.
+// At 2²⁰ cells an f32 still resolves a sixteenth of a cell.
 const MAX_CELLS: f32 = (1 << 20) as f32;
-/// Buckets of a grid without seeds.
 const MIN_BUCKETS: usize = 256;
-/// Cells along a side of a block, as a power of two, where seeds near a place are looked for.
+// Edge of a block in cells, as a power of two, for searches around a place.
 const WIDE_BLOCK: u32 = 2;
-/// The same where seeds are looked up by their own place: few others come along then.
+// The same for lookups of an exact position, which should read few other seeds.
 const NARROW_BLOCK: u32 = 1;
-/// Seeds of a node.
 const NODE: usize = LANES;
 
-/// Seeds of all components, found by place.
+/// Seeds of all components, indexed by position.
 pub struct SeedGrid {
     cell: f32,
     per_cell: f32,
-    /// Cells along a side of a block, as a power of two.
+    /// Binary logarithm of a block's edge in cells.
     block_bits: u32,
     positions: Vec<[f32; 3]>,
     nodes: Vec<Node>,
-    /// First node by bucket; a power of two of them.
+    /// First node of each bucket; the length is a power of two.
     heads: Vec<u32>,
 }
 
 /// Some seeds of a bucket, in ascending order.
 #[derive(Clone, Copy)]
 struct Node {
-    /// Where they are, axis by axis; nowhere behind the last.
+    /// Positions, axis by axis; NaN in free slots.
     along: [[f32; NODE]; 3],
-    /// [`NONE`] behind the last.
+    /// Seed numbers; [`NONE`] in free slots.
     ids: [u32; NODE],
-    /// The next node of the bucket.
     next: u32,
 }
 
 impl SeedGrid {
-    /// No seeds yet; cells are `cell` world units wide.
+    /// Creates an empty grid of cells `cell` world units wide.
     pub fn new(cell: f64) -> Self {
         Self {
             cell: cell as f32,
@@ -61,7 +57,7 @@ impl SeedGrid {
         }
     }
 
-    /// The same for seeds that are looked up by their exact place, [`Self::at`].
+    /// Creates an empty grid for lookups of exact positions with [`Self::at`].
     pub fn of_lattice(cell: f64) -> Self {
         Self { block_bits: NARROW_BLOCK, ..Self::new(cell) }
     }
@@ -71,39 +67,39 @@ impl SeedGrid {
         self.positions.len()
     }
 
-    /// Where a seed is.
+    /// Returns the position of a seed.
     #[inline(always)]
     pub fn position(&self, id: usize) -> [f32; 3] {
         self.positions[id]
     }
 
-    /// Whether a seed is within reach of a place.
+    /// True if a seed is within `reach` of a place.
     #[inline(always)]
     pub fn is_within(&self, seed: u32, place: [f32; 3], reach: f32) -> bool {
         squared_distance(self.position(seed as usize), place) <= reach * reach
     }
 
-    /// All seeds, for a device that searches; whether they are others than it has.
+    /// Returns all seeds for upload to a device; `are_new` states that they differ from those it has.
     pub fn seeds(&self, are_new: bool) -> Seeds<'_> {
         let Self { cell: h, per_cell, positions, .. } = self;
         let (h, per_cell) = (*h, *per_cell);
         Seeds { h, per_cell, max_cells: MAX_CELLS, positions, are_new }
     }
 
-    /// Bytes that the grid takes.
+    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         self.len() * size_of::<[f32; 3]>()
             + self.nodes.len() * size_of::<Node>()
             + self.heads.len() * size_of::<u32>()
     }
 
-    /// Whether a place can be told from its neighbours.
+    /// True if a position is close enough to the origin to have a cell.
     #[inline(always)]
     pub fn reaches(&self, position: [f32; 3]) -> bool {
         position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
-    /// The cell of a place within reach.
+    /// Returns the cell of such a position.
     #[inline(always)]
     pub fn cell_of(&self, position: [f32; 3]) -> [i32; 3] {
         let mut cell = [0; 3];
@@ -113,7 +109,7 @@ impl SeedGrid {
         cell
     }
 
-    /// Whether a place may lie within `radius` world units of a seed: beyond the rim, too.
+    /// True if a place may lie within `radius` world units of a seed, including places just outside the grid.
     #[inline(always)]
     pub fn comes_near(&self, position: [f32; 3], radius: f32) -> bool {
         position.iter().all(|x| (x.abs() - radius) * self.per_cell < MAX_CELLS)
@@ -128,9 +124,9 @@ impl SeedGrid {
         mixed.wrapping_mul(0x2C1B_3C6D) as usize >> 4 & (self.heads.len() - 1)
     }
 
-    /// Adds a seed at a place within reach.
+    /// Adds a seed at a position with a cell; returns its number.
     pub fn insert(&mut self, position: [f32; 3]) -> u32 {
-        // As many buckets as nodes at least keep chains short.
+        // At least as many buckets as nodes, so that chains stay short.
         if self.nodes.len() >= self.heads.len() {
             self.grow();
         }
@@ -140,7 +136,7 @@ impl SeedGrid {
         id
     }
 
-    /// The same seeds, each at another place; `None` if one of these is out of reach.
+    /// Returns the grid with every seed moved by `place`; `None` if one gets out of range.
     pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Option<Self> {
         let Self { cell, per_cell, block_bits, .. } = *self;
         let mut moved = Self { cell, per_cell, block_bits, ..Self::new(1.0) };
@@ -175,10 +171,11 @@ impl SeedGrid {
         }
     }
 
-    /// First nodes of the blocks that some cells lie in.
+    /// Returns the first nodes of the blocks that overlap a box of cells.
     #[inline(always)]
     fn heads_of(&self, cells: CellBox) -> Heads<'_> {
-        // In loops: what arrays are mapped by is compiled for the baseline.
+        // Explicit loops: array `map` is not inlined, so it would be compiled for the baseline instruction
+        // set.
         let (mut low, mut high) = (cells.low, cells.high);
         for axis in 0..3 {
             low[axis] >>= self.block_bits;
@@ -187,7 +184,8 @@ impl SeedGrid {
         Heads { grid: self, low, high, next: low }
     }
 
-    /// Every seed in the blocks that some cells lie in, and some from elsewhere, to `visit`.
+    /// Calls `visit` for every seed in the blocks that overlap a box of cells, and for seeds of other blocks
+    /// in the same buckets.
     #[inline(always)]
     fn visit_blocks(&self, cells: CellBox, mut visit: impl FnMut(u32, [f32; 3])) {
         for mut next in self.heads_of(cells) {
@@ -200,7 +198,7 @@ impl SeedGrid {
         }
     }
 
-    /// Every seed in the cells from `low` to `high` to `visit`.
+    /// Calls `visit` for every seed in the cells from `low` to `high`.
     #[inline(always)]
     pub fn visit(&self, low: [i32; 3], high: [i32; 3], mut visit: impl FnMut(u32, [f32; 3])) {
         self.visit_blocks(CellBox { low, high }, |id, seed| {
@@ -211,23 +209,23 @@ impl SeedGrid {
         });
     }
 
-    /// The cells of a box between two corners.
+    /// Returns the cells of a box between two corners.
     pub fn cells_between(&self, [low, high]: [[f32; 3]; 2]) -> CellBox {
         CellBox { low: self.cell_of(low), high: self.cell_of(high) }
     }
 
-    /// Adds to `found` the seeds of a box between two corners.
+    /// Appends the seeds of a box between two corners to `found`.
     pub fn gather(&self, corners: [[f32; 3]; 2], found: &mut Vec<(u32, [f32; 3])>) {
         Isa::best().run(Gather { grid: self, corners, found });
     }
 
-    /// The nearest seed within a cell's width of a place; of equals the oldest.
+    /// Returns the nearest seed within one cell width of a place; of equals, the oldest.
     pub fn nearest(&self, position: [f32; 3]) -> Option<u32> {
         let found = Isa::best().run(Nearest { grid: self, position });
         (found != NONE).then_some(found)
     }
 
-    /// The nearest seed no farther than `reach`, a cell's width at most, from a place; of equals the oldest;
+    /// Returns the nearest seed within `reach` of a place, at most one cell width; of equals, the oldest;
     /// [`NONE`] without one.
     #[inline(always)]
     pub fn nearest_within<V: Vector>(&self, position: [f32; 3], reach: f32) -> u32 {
@@ -236,9 +234,9 @@ impl SeedGrid {
         }
         let [x, y, z] = position;
         let place = [V::splat(x), V::splat(y), V::splat(z)];
-        // `NONE` is above every id, so that a seed at exactly this distance counts.
+        // `NONE` exceeds every id, so that a seed at exactly this distance is accepted.
         let (mut best, mut found) = (reach * reach, NONE);
-        // A little more, as distances are rounded.
+        // Slightly larger, since distances are rounded.
         let radius = reach * (1.0 + 1e-5);
         let corners = [[x - radius, y - radius, z - radius], [x + radius, y + radius, z + radius]];
         for mut next in self.heads_of(self.cells_between(corners)) {
@@ -249,7 +247,7 @@ impl SeedGrid {
                 while near != 0 {
                     let i = near.trailing_zeros() as usize % NODE;
                     near &= near - 1;
-                    // The order of buckets must not decide between equals.
+                    // Ties must not depend on the order of buckets.
                     let is_older = squared[i] == best && node.ids[i] < found;
                     if squared[i] < best || is_older {
                         (best, found) = (squared[i], node.ids[i]);
@@ -261,7 +259,7 @@ impl SeedGrid {
         found
     }
 
-    /// The seed at exactly this place.
+    /// Returns the seed at exactly this position.
     pub fn at(&self, position: [f32; 3]) -> Option<u32> {
         if !self.reaches(position) {
             return None;
@@ -278,10 +276,8 @@ impl SeedGrid {
 }
 
 impl Node {
-    /// No seeds, and no next node.
     const EMPTY: Self = Self { along: [[f32::NAN; NODE]; 3], ids: [NONE; NODE], next: NONE };
 
-    /// Adds a seed where there is room.
     fn add(&mut self, id: u32, position: [f32; 3]) {
         if let Some(free) = self.ids.iter().position(|id| *id == NONE) {
             self.ids[free] = id;
@@ -289,7 +285,7 @@ impl Node {
         }
     }
 
-    /// Squared distances of its seeds from a place, summed x, y, z; NaN behind the last.
+    /// Squared distances of its seeds from a place, summed in the order x, y, z; NaN for free slots.
     #[inline(always)]
     fn squared_distances<V: Vector>(&self, [x, y, z]: [V; 3]) -> V {
         let [u, v, w] = &self.along;
@@ -303,8 +299,8 @@ impl Node {
     }
 }
 
-/// First nodes of blocks between two corners. By hand: what iterators are put together of is not compiled for a
-/// kernel's instructions.
+/// Iterator over the first nodes of blocks between two corners. Hand-written, since iterator adapters are not
+/// compiled for a kernel's instruction set.
 struct Heads<'a> {
     grid: &'a SeedGrid,
     low: [i32; 3],
@@ -333,7 +329,6 @@ impl Iterator for Heads<'_> {
     }
 }
 
-/// The nearest seed within a cell's width.
 struct Nearest<'a> {
     grid: &'a SeedGrid,
     position: [f32; 3],
@@ -348,7 +343,6 @@ impl Kernel for Nearest<'_> {
     }
 }
 
-/// Adds the seeds of a box to those found.
 struct Gather<'a> {
     grid: &'a SeedGrid,
     corners: [[f32; 3]; 2],
@@ -382,25 +376,25 @@ impl Kernel for Gather<'_> {
     }
 }
 
-/// Cells around some places, all that lie between the outermost.
+/// Box of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct CellBox {
-    /// The first along each axis.
+    /// Smallest index along each axis.
     pub low: [i32; 3],
-    /// The last along each axis.
+    /// Largest index along each axis, inclusive.
     pub high: [i32; 3],
 }
 
 impl CellBox {
-    /// How many cells it holds.
+    /// Returns the number of cells.
     pub fn n_cells(&self) -> f64 {
-        // More, it may be, than 64 bits hold.
+        // In f64, as the product may exceed 64 bits.
         let along = |i: usize| f64::from(self.high[i]) - f64::from(self.low[i]) + 1.0;
         (0..3).map(|i| along(i).max(0.0)).product()
     }
 }
 
-/// Squared distance of two places, summed x, y, z.
+/// Returns the squared distance of two positions, summed in the order x, y, z.
 #[inline(always)]
 pub fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [x, y, z] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];

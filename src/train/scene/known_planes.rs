@@ -1,4 +1,4 @@
-//! What components say of the points they own, worked out once for all rounds of a frame's alignment.
+//! Planes of the components, computed once for all rounds of a frame's alignment.
 
 use super::component_sums::ComponentSums;
 use super::grid::NONE;
@@ -8,15 +8,15 @@ use crate::model::scene::sums::{SceneSums, outer};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// Fewest points of a component that is trusted as a plane.
+/// Minimum number of points of a component that serves as a plane.
 const MIN_POINTS: f64 = 20.0;
-/// Least length of the mean normal of a plane.
+/// Minimum length of the mean normal.
 const MIN_AGREEMENT: f64 = 0.8;
 
-/// A component as a plane with a colour that varies over it.
+/// Component as a plane with a linear colour.
 #[derive(Clone, Copy)]
 pub struct ColoredPlane {
-    /// Where the component's sums are about, world units from the origin.
+    /// Seed to which the component's sums refer, world units from the origin.
     pub seed: DVec3,
     /// Mean of its points, world units from the origin.
     pub mean: DVec3,
@@ -26,12 +26,12 @@ pub struct ColoredPlane {
     pub variance: f64,
     /// Mean colour.
     pub color: DVec3,
-    /// One row per channel, in the plane, per world unit.
+    /// Colour gradient within the plane, one row per channel, per world unit.
     pub gradient: DMat3,
 }
 
 impl ColoredPlane {
-    /// Of sums about `seed`; `None` of few points, or points whose normals differ.
+    /// Fits a plane to sums about `seed`; `None` with few points or diverging normals.
     pub fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
         let normal = sums.normal / sums.count;
         if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
@@ -46,14 +46,13 @@ impl ColoredPlane {
             normal,
             variance: covariance.quadratic_form(normal).max(0.0),
             color: sums.color / sums.count,
-            // Across a plane its points say nothing of the colour, so only the part within it is
-            // kept.
+            // The points give no information on the colour across the plane, so that part is removed.
             gradient: gradient - outer(gradient * normal, normal),
         })
     }
 }
 
-/// The planes of the components that were asked for so far.
+/// Cache of the planes requested so far.
 pub struct KnownPlanes<'a, W> {
     component_sums: &'a ComponentSums<W>,
     seed_positions: SeedPositions<'a>,
@@ -61,13 +60,12 @@ pub struct KnownPlanes<'a, W> {
     h: f64,
     /// Ridge of the regression of colour on position, world units².
     ridge: f64,
-    /// By component its place among `planes`.
+    /// Index of each component's plane in `planes`.
     places: Vec<u32>,
     planes: Vec<Option<ColoredPlane>>,
 }
 
 impl<'a, W: SumScalar> KnownPlanes<'a, W> {
-    /// None is known yet.
     pub fn new(
         component_sums: &'a ComponentSums<W>,
         seed_positions: SeedPositions<'a>,
@@ -78,7 +76,7 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
         Self { component_sums, seed_positions, h, ridge, places, planes: Vec::new() }
     }
 
-    /// Works out those of the components of some points that had any before the frame and are not known yet.
+    /// Computes the missing planes of the given owners, as far as they existed before the frame.
     pub fn learn(&mut self, owners: &[u32]) {
         let mut new = Vec::new();
         for &id in owners {
@@ -95,12 +93,12 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
         self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
     }
 
-    /// How many components were asked for so far.
+    /// Number of components requested so far.
     pub fn len(&self) -> usize {
         self.planes.len()
     }
 
-    /// The plane of a component that was asked for and its number among these; `None` of one that is none.
+    /// Returns the plane of a requested component and its index; `None` if it has no plane.
     #[inline]
     pub fn of(&self, component: u32) -> Option<(usize, &ColoredPlane)> {
         let place = *self.places.get(component as usize)? as usize;

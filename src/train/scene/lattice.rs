@@ -1,19 +1,19 @@
-//! Fixed lattices: where components are born when nothing may depend on the order of frames.
+//! Fixed lattices of seeds, for models that must not depend on the order of frames.
 
 use super::grid::squared_distance;
 
-/// Centre of the cell of the cubic lattice of side `a` that a place falls into.
+/// Returns the centre of the cell that contains `position` in the cubic lattice of edge `a`.
 #[inline(always)]
 pub fn cubic(position: [f32; 3], a: f32) -> [f32; 3] {
     position.map(|x| ((x / a).floor() + 0.5) * a)
 }
 
-/// Nearest point of the body-centred lattice whose cubes have sides `a`: corners and centres of the
-/// cubes. Its cells hold half a cube, so the same density as [`cubic`] takes `a` ∛2 times as large.
+/// Returns the nearest point of the body-centred lattice with cubes of edge `a`: corners and centres of the
+/// cubes. A cell has half the volume of a cube, so equal density to [`cubic`] requires an `a` larger by ∛2.
 #[inline(always)]
 pub fn body_centred(position: [f32; 3], a: f32) -> [f32; 3] {
     let centre = cubic(position, a);
-    // Without the sum, which point comes first would tell whether zeros have a sign.
+    // Adding 0 removes the sign of negative zeros, which would depend on the first point of the cell.
     let corner = position.map(|x| (x / a).round() * a + 0.0);
     let nearer = squared_distance(position, centre) <= squared_distance(position, corner);
     if nearer { centre } else { corner }

@@ -1,11 +1,11 @@
-//! What a scene's learner can do besides what all learners can.
+//! Interface of a scene trainer beyond that of all trainers.
 
 use crate::model::scene::splat_rule::SplatRule;
 use crate::observation::surface::Observation;
 use crate::train::learner::Learns;
 
-/// A scene; the form of its sums was chosen at run time.
+/// Scene trainer whose form of sums was chosen at run time.
 pub trait SceneLearner: Learns<Observation> {
-    /// Draws components by another rule from now on.
+    /// Sets the splat rule from now on.
     fn set_splat_rule(&mut self, rule: SplatRule);
 }

@@ -1,11 +1,10 @@
-//! Fewer components than were born: those whose union explains as much are merged in closed form
-//! (joint moments), the cheapest first.
+//! Reduction of the number of components: pairs whose union explains the points almost as well are merged in
+//! closed form (joint moments), cheapest first.
 //!
-//! Every component proposes its best neighbour, disjoint pairs are taken from the cheapest on, and
-//! passes repeat until the budget holds: a heap of all pairs would have to be mended after every
-//! merge. The cost is what the union leaves unexplained of the points' colours and of their
-//! distance to a plane, so that even walls go first and edges last; quality falls monotonically
-//! with the budget (`bench accuracy`).
+//! Every component proposes its best neighbour, disjoint pairs are taken in order of cost, and passes repeat
+//! until the budget holds; a heap of all pairs would need repair after every merge. The cost is the increase
+//! in the residual of colour and of distance to a plane, so that uniform walls are merged first and edges
+//! last. Quality falls monotonically with the budget (`bench accuracy`).
 
 use super::component_sums::ComponentSums;
 use super::components::Components;
@@ -17,29 +16,28 @@ use crate::model::scene::sums::SceneSums;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
+/// Maximum standard deviation of a merged component, units of `h`: keeps sums within their range.
 const MAX_SPREAD: f64 = 0.8;
-/// Largest distance of a merged component's mean from the seed its sums are about, units of `h`.
+/// Maximum distance of a merged component's mean from the seed of its sums, units of `h`.
 const MAX_OFFSET: f64 = 1.5;
-/// Squared colour error (0 to 1 per channel) that counts as much as a squared distance of `h` from
-/// the plane: a surface a quarter of `h` off is as bad as a colour an eighth off.
+/// Squared colour error (0 to 1 per channel) equivalent to a squared distance of `h²` from the plane: a
+/// surface `h/4` away costs as much as a colour error of 1/8.
 const THICKNESS_COST: f64 = 0.25;
-/// Ridge of the colour's regression on position, units of `h²`.
+/// Ridge of the regression of colour on position, units of `h²`.
 const RIDGE: f64 = 0.025;
-/// Passes over all components at most; every pass merges pairs.
+/// Maximum number of passes over all components; every pass merges pairs.
 const PASSES: usize = 12;
 
-/// A component as merging sees it; offsets about the scene's origin, units of `h`.
+/// Statistics of a component, in units of `h`; the seed is relative to the scene's origin.
 #[derive(Clone, Copy)]
 struct Summary {
     sums: SceneSums,
     seed: DVec3,
-    /// What it leaves unexplained, less the part that merging does not change.
+    /// Residual of the component, without the part that merging leaves unchanged.
     error: f64,
 }
 
-/// Merges until at most `most` components are left, or a pass over all of them finds fewer pairs than
-/// `worthwhile`, at least one.
+/// Merges until at most `most` components are left, or a pass finds fewer than `worthwhile` pairs or none.
 pub fn merge_down<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     components: &mut Components,
@@ -73,7 +71,7 @@ pub fn merge_down<W: SumScalar>(
     }
 }
 
-/// Up to `n` disjoint pairs of neighbours whose union costs least, the older of each first.
+/// Returns up to `n` disjoint pairs of neighbours of lowest cost, the older component first.
 fn cheapest_pairs<W: SumScalar>(
     component_sums: &ComponentSums<W>,
     components: &Components,
@@ -91,12 +89,12 @@ fn cheapest_pairs<W: SumScalar>(
         .into_par_iter()
         .filter_map(|id| best_partner(&summaries, components, grid, h, id))
         .collect();
-    // Equal costs in the order of numbers: any number of threads merges alike.
+    // Ties are resolved by number, so that the result is independent of the number of threads.
     pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut taken = vec![false; summaries.len()];
     let mut chosen = Vec::new();
     for (_, a, b) in pairs {
-        // Pairs share no component, so it does not matter in which order they are merged.
+        // Disjoint pairs: the order of merging is irrelevant.
         if chosen.len() < n && !taken[a as usize] && !taken[b as usize] {
             (taken[a as usize], taken[b as usize]) = (true, true);
             chosen.push((a, b));
@@ -112,13 +110,13 @@ fn summary<W: SumScalar>(
     h: f64,
     id: usize,
 ) -> Summary {
-    // Offsets stay in units of `h`: costs weigh them against colours, which have no unit.
+    // Offsets stay in units of `h`, as costs weigh them against dimensionless colours.
     let sums = SceneSums::new(&component_sums.sums(id), 1.0);
     let seed = DVec3::from_array(SeedPositions { grid, components }.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
-/// The neighbour that a component is cheapest merged with, and what that costs.
+/// Returns a component's neighbour of lowest merging cost, and that cost.
 fn best_partner(
     summaries: &[Summary],
     components: &Components,
@@ -131,7 +129,7 @@ fn best_partner(
         return None;
     }
     let mean = (own.seed + own.sums.mean_offset()) * h;
-    // Merging takes means up to 1.5 `h` from their seeds, and neighbours are those of the points.
+    // After earlier merges means lie up to 1.5 `h` from their seeds; neighbours are those of the mean.
     let mean = mean.as_vec3().to_array();
     if !grid.reaches(mean) {
         return None;
@@ -144,12 +142,12 @@ fn best_partner(
         if other_id as usize == id || other.sums.count == 0.0 {
             return;
         }
-        // The older one stays, since its seed is what its sums are about.
+        // The older one is retained: its sums already refer to its seed.
         let is_older = components.reference(id) < components.reference(other_id as usize);
         let (a, b) = if is_older { (own, other) } else { (other, own) };
         let Some(cost) = cost(a, b) else { return };
         let pair = if is_older { (cost, id as u32, other_id) } else { (cost, other_id, id as u32) };
-        // Equal costs by the lower ids: seeds come in the order of buckets.
+        // Ties are resolved by the lower ids, since seeds come in the order of buckets.
         if best.is_none_or(|best| (pair.0, pair.1, pair.2) < best) {
             best = Some(pair);
         }
@@ -157,7 +155,7 @@ fn best_partner(
     best
 }
 
-/// By how much more two components leave unexplained as one; `None` if that would be too large.
+/// Returns the increase of the residual by merging; `None` if the union would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     let union = a.sums + b.sums.moved(b.seed - a.seed);
     let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
@@ -165,8 +163,8 @@ fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     is_small.then(|| error(&union) - a.error - b.error)
 }
 
-/// Squared error over a component's points of a plane with a linear colour, less `Σ |c|²`, which is
-/// the same for a union as for its parts.
+/// Squared error over a component's points relative to a plane with a linear colour, without `Σ |c|²`, which
+/// is the same for a union and for its parts.
 fn error(sums: &SceneSums) -> f64 {
     let n = sums.count;
     let (color, covariance) = (sums.color / n, sums.covariance());

@@ -1,4 +1,4 @@
-//! Moments of merged components, by sums that were moved from seed to seed.
+//! Tests of the moments of merged components, whose sums were moved between seeds.
 
 use super::component_sums::ComponentSums;
 use super::sum_scalar::SumScalar;
@@ -12,7 +12,6 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::{array, sample::Index};
 
-/// Adds the terms of one point to a component.
 fn add<W: SumScalar>(sums: &mut ComponentSums<W>, id: usize, terms: &[W::Term; N_SUMS])
 where
     W::Term: Sync,
@@ -20,7 +19,7 @@ where
     sums.for_each_part(1, |_, rows, _| rows[id].add(terms));
 }
 
-/// Whatever is merged, however often and from however far, the sums are some that files take.
+/// After any number of merges over any distance, the sums stay within the bounds that files require.
 fn merges_stay_bounded<W: SumScalar>(term: impl Fn(f64) -> W::Term) {
     for case in 0..400 {
         let mut rng = Rng::new(7, Purpose::Init, case);
@@ -29,8 +28,8 @@ fn merges_stay_bounded<W: SumScalar>(term: impl Fn(f64) -> W::Term) {
         let mut vector =
             |step: fn(f64) -> f64| DVec3::from_array([0; 3].map(|_| step(rng.range(-1.0, 1.0))));
         let seeds = [DVec3::ZERO; 6].map(|_| vector(|x| x));
-        // Points on a line through the first seed, along an axis or in a plane of two: about
-        // that seed some of their moments are nothing but rounding.
+        // Points on a line through the first seed, along an axis or in a coordinate plane: about that seed
+        // some of their moments consist of rounding only.
         let direction = vector(f64::round);
         for (id, seed) in seeds.iter().enumerate() {
             for _ in 0..1 + id % 3 {
@@ -59,8 +58,8 @@ fn merging_keeps_moments_within_their_bounds() {
     merges_stay_bounded::<f64>(|x| x);
 }
 
-/// Whether some points have these moments, decided in integers: all principal minors of
-/// `N · Σ d dᵀ − Σ d Σ dᵀ` are 0 or more.
+/// True if some set of points has these moments, decided in integers: all principal minors of
+/// `N · Σ d dᵀ − Σ d Σ dᵀ` must be at least 0.
 fn are_moments_of_points(sums: &[f64; N_SUMS]) -> bool {
     let quanta = |i: usize| (sums[i] / QUANTUM) as i128;
     let scatter = |i: usize, a: usize, b: usize| quanta(0) * quanta(i) - quanta(a) * quanta(b);
@@ -71,7 +70,7 @@ fn are_moments_of_points(sums: &[f64; N_SUMS]) -> bool {
     [xx, yy, zz, whole].into_iter().chain(pairs).all(|minor| minor >= 0)
 }
 
-/// A wall: points in a plane that is parallel to an axis or anyhow, about seeds beside it.
+/// A wall: points in an axis-parallel or tilted plane, with seeds beside it.
 fn wall() -> impl Strategy<Value = Vec<([f64; 3], Vec<[f64; 3]>)>> {
     let unit = || array::uniform3(-1.0..1.0);
     let component = (unit(), vec(unit(), 1..3));

@@ -1,10 +1,8 @@
-//! The engine of the scene preset (`scene.md`, Stages of a frame): components are born where points
-//! have none within the structural scale, and carry additive statistics about a seed that stays where it
-//! is among the others.
+//! Engine of the scene preset (`scene.md`, Stages of a frame): components are born at points without a
+//! component within the structural scale, and hold additive statistics about a fixed seed.
 //!
-//! The E-step is the mixture's, truncated to one candidate: the initial model of every component is
-//! isotropic with one common precision about its seed, so the component with the largest
-//! responsibility is the one with the nearest seed.
+//! The E-step is the mixture's with one candidate: the initial model of every component is isotropic about
+//! its seed with one common precision, so the largest responsibility belongs to the nearest seed.
 #![doc = include_str!("scene.md")]
 
 pub mod config;

@@ -1,4 +1,4 @@
-//! Seeds near points that move a little again and again, gathered once for many moves.
+//! Candidate seeds of points that move slightly and repeatedly, gathered once for many moves.
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
@@ -6,41 +6,40 @@ use super::seed_groups::SeedGroups;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// Points that are gathered for by one thread at a time.
 const CHUNK: usize = 64;
-/// Most points that share their seeds: consecutive ones are neighbours in the picture.
+/// Number of points that share candidates: consecutive points are neighbours in the image.
 pub const GROUP: usize = 8;
-/// How far points may move before the seeds near them are gathered anew, units of what is in reach.
+/// Movement after which candidates are gathered again, relative to the reach.
 const MARGIN: f32 = 0.25;
 
-/// The seeds that each of some points has within reach as it moves, gathered anew where it moves far.
+/// Candidate seeds within reach of points that move; refreshed after large movements.
 pub struct NearSeeds<'a> {
     grid: &'a SeedGrid,
     reach: f32,
-    /// Of [`CHUNK`] points each.
+    /// Chunks of [`CHUNK`] points.
     chunks: Vec<Chunk>,
 }
 
 #[derive(Default)]
 struct Chunk {
-    /// Where the points are.
+    /// Current positions.
     places: Vec<[f32; 3]>,
-    /// Where they were gathered for.
+    /// Positions at the last gathering.
     gathered: Vec<[f32; 3]>,
     groups: SeedGroups,
 }
 
 impl<'a> NearSeeds<'a> {
-    /// Those of so many points; `reach` is the width of a cell at most.
+    /// Prepares for `n_points` points; `reach` is at most one cell width.
     pub fn new(grid: &'a SeedGrid, reach: f32, n_points: usize) -> Self {
         let mut chunks = Vec::new();
         chunks.resize_with(n_points.div_ceil(CHUNK), Chunk::default);
         Self { grid, reach, chunks }
     }
 
-    /// Replaces `owners` by the component of each of the points where `place` moves them to, which is that of the
-    /// nearest seed; [`NONE`] where no seed is near enough. The points are the same ones every time. What `look`
-    /// says of every [`CHUNK`] of them and their components, in their order.
+    /// Replaces `owners` by the component of each point moved by `place`, that of the nearest seed; [`NONE`]
+    /// if no seed is near enough. The points must be the same in every call. Returns the results of `look`
+    /// for each [`CHUNK`] of points and owners, in order.
     pub fn assign<T: Send>(
         &mut self,
         components: &Components,
@@ -74,7 +73,7 @@ impl Chunk {
         self.places.extend(places);
     }
 
-    /// Whether a point is farther than `margin` from where it was gathered for, or never was.
+    /// True if a point moved more than `margin` since the last gathering, or none has taken place.
     fn has_left(&self, margin: f32) -> bool {
         let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
             squared_distance(*place, *gathered) <= margin * margin
@@ -83,10 +82,10 @@ impl Chunk {
         gathered.len() != places.len() || !places.iter().zip(gathered).all(has_stayed)
     }
 
-    /// Gathers seeds for points where they are now.
     fn gather(&mut self, grid: &SeedGrid, reach: f32) {
         self.gathered.clone_from(&self.places);
         self.groups.clear();
+        // Wider by the margin, so that points moved by less still find every seed within reach.
         for places in self.places.chunks(GROUP) {
             self.groups.gather(grid, (1.0 + MARGIN) * reach, places);
         }
@@ -109,17 +108,17 @@ mod tests {
             let seed = grid.insert(place(1.0));
             components.born(seed, WHOLE);
         }
-        // Where the grid ends.
+        // At the boundary of the grid.
         let rim = 0.1 * (1 << 20) as f32;
         components.born(grid.insert([rim - 0.05, 0.0, 0.0]), WHOLE);
         let at = |position| SurfacePoint { position, ..SurfacePoint::default() };
         let mut points: Vec<SurfacePoint> = (0..1000).map(|_| at(place(1.0))).collect();
-        // Some that no cell holds, and some that come in or leave.
+        // Points outside the grid, and points that enter or leave it.
         points.push(at([1e30, 0.0, 0.0]));
         points.extend((0..20).map(|i| at([rim + 0.01 * (i - 10) as f32, 0.0, 0.0])));
         let mut near = NearSeeds::new(&grid, 0.1, points.len());
         let mut owners = Vec::new();
-        // Less far than the margin, about as far, and much farther.
+        // Movements below the margin, close to it and far beyond.
         for spread in [0.0, 0.005, 0.02, 0.3] {
             let moved = points.iter().map(|point| {
                 let way = place(spread);

@@ -1,5 +1,4 @@
-//! Which components a frame could see: evidence for and against them (`scene.md`, Visibility
-//! counts).
+//! Visibility of components in a frame: evidence for and against them (`scene.md`, Visibility counts).
 
 use super::component_sums::{ComponentSums, Visibility};
 use super::seed_positions::SeedPositions;
@@ -8,10 +7,10 @@ use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
 
-/// Runs of rows that threads take.
+/// Parallel tasks.
 const PARTS: usize = 64;
 
-/// A frame to look at components from.
+/// View of the scene from a frame's camera.
 pub struct Viewer<'a> {
     frame: &'a Observation,
     rotation: DMat3,
@@ -19,9 +18,9 @@ pub struct Viewer<'a> {
     h: f64,
 }
 
-/// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where
-/// it measured something farther; what is hidden or unknown does not count. `camera` is the
-/// frame's, where it really stood.
+/// Counts one frame's evidence for every component: a hit if the frame measured it, a miss if it measured
+/// something farther; hidden or unknown components do not count. `camera` is the frame's camera with its
+/// corrected pose.
 pub fn observe<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,
@@ -33,7 +32,7 @@ pub fn observe<W: SumScalar>(
     component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
             let (n, sum, normal) = wide.plane(id, row);
-            // A free row, or a component that has received nothing yet.
+            // A free row, or a component without points.
             if n == 0.0 {
                 continue;
             }
@@ -41,7 +40,7 @@ pub fn observe<W: SumScalar>(
             let mean = seed + DVec3::from_array(sum) * (h / n);
             if let Some((visibility, expected)) = viewer.visibility(mean, DVec3::from_array(normal))
             {
-                // A merged component could return what each of its seeds could.
+                // A merged component can give the returns of all its seeds.
                 row.count_visibility(visibility, expected * seed_positions.components.surface(id));
             }
         }
@@ -49,21 +48,21 @@ pub fn observe<W: SumScalar>(
 }
 
 impl<'a> Viewer<'a> {
-    /// A frame taken by `camera`; `h` is the structural scale, world units.
+    /// Creates the view of a frame taken by `camera`; `h` is the structural scale, world units.
     pub fn new(frame: &'a Observation, camera: &Camera, h: f64) -> Self {
         let pose = &camera.pose;
         let (rotation, centre) = (pose.rotation().transpose(), pose.centre() - frame.origin);
         Self { frame, rotation, centre, h }
     }
 
-    /// Whether the frame measured something behind a surface at `mean` (world units from the origin), and not the
-    /// surface; `None` where that is hidden, out of view or unknown.
+    /// True if the frame measured something behind a surface at `mean` (world units from the origin), false
+    /// if it measured the surface; `None` if it is hidden, out of view or unknown.
     pub fn sees_through(&self, mean: DVec3) -> Option<bool> {
         let (visibility, _) = self.visibility(mean, DVec3::ZERO)?;
         Some(visibility == Visibility::Miss)
     }
 
-    /// What the frame says of a component at `mean`, and the returns it could have given.
+    /// Returns the visibility of a component at `mean`, and its expected returns.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);
         if local.z <= 0.0 {
@@ -79,15 +78,15 @@ impl<'a> Viewer<'a> {
         let measured = f64::from(*ranges.at(u as usize, v as usize));
         let [constant, growing] = self.frame.tolerance.margin.map(f64::from);
         let margin = constant + growing * range;
-        // Infinity, where there was no surface, is a miss; NaN, where nothing is known, is neither.
+        // Infinity (no surface) is a miss; NaN (unknown) is neither.
         let visibility = if measured > range + margin {
             Visibility::Miss
         } else if (measured - range).abs() <= margin {
             Visibility::Hit
         } else {
-            return None; // hidden, or unknown
+            return None; // hidden or unknown
         };
-        // Normals that cancel out face nowhere: no return is expected of them.
+        // Normals that cancel out have no direction: no return is expected.
         let facing =
             (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
         Some((visibility, facing * self.h * self.h * k.fx * k.fy / (range * range)))

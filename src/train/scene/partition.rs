@@ -1,4 +1,4 @@
-//! Which points belong together, without a model of them.
+//! Grouping of points by nearest seed, without a model.
 
 use super::assign::assign;
 use super::births::{Limits, give_birth};
@@ -8,7 +8,7 @@ use super::grid::{NONE, SeedGrid};
 use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
 
-/// Seeds that points are assigned to, and born from, as the trainer does.
+/// Seeds to which points are assigned and from which seeds are born, as in training.
 ///
 /// ```
 /// use vbgs_studio::observation::surface::SurfacePoint;
@@ -28,7 +28,7 @@ pub struct Partition {
 }
 
 impl Partition {
-    /// No seeds; `h` is the structural scale, world units.
+    /// Creates a partition without seeds; `h` is the structural scale, world units.
     pub fn new(h: f64) -> Self {
         Self {
             spacing: Spacing::new(h, None),
@@ -38,7 +38,7 @@ impl Partition {
         }
     }
 
-    /// The component of every point, born where none is near; `None` where there may be no more.
+    /// Returns the component of every point; new ones are born where none is near. `None` beyond the limit.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
         let Self { spacing, grid, components, owners } = self;
         assign(grid, components, *spacing, points, owners);

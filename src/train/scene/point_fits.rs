@@ -1,8 +1,8 @@
-//! Seeds and sums of points on the processor and on a device beside it (`scene.md`, On a device).
+//! Search and summation of points on the processor or on a device (`scene.md`, On a device).
 //!
-//! A device answers with the seed of every point, and with sums in whole quanta of the components that
-//! points come to. Neither changes anything: a frame at which it fails is fitted by the processor, and the
-//! device is given up. So is one whose arithmetic differs: the first frame is fitted by both and compared.
+//! A device returns the seed of every point, and sums in whole quanta of the components with points. A frame
+//! on which it fails is computed by the processor, and the device is not used again. The same holds if its
+//! arithmetic differs: the first frame is computed by both and compared.
 
 use super::accumulate::{Matched, accumulate};
 use super::assign::{assign, assign_known};
@@ -25,39 +25,38 @@ use crate::train::pass_use::PassUse;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 
-/// Structural scales whose squares, and those of places within their reach, are numbers of full precision.
+/// Structural scales for which squared distances within reach are normal f32 numbers.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
-/// Fits points on whoever's turn it is.
+/// Fits points on the processor or the device.
 #[derive(Default)]
 pub struct PointFits {
     device: Option<PointFitter>,
     used: PassUse,
-    /// Points that were searched for, or summed, by the device, and those of them that it left open.
+    /// Number of points that the device processed, and of those that it left to the processor.
     points: u64,
     open_points: u64,
     slots: PointSlots,
 }
 
-/// A device and what is known of it.
 struct PointFitter {
     device: Box<dyn PointsDevice>,
     trial: DeviceTrial,
-    /// Whether its arithmetic was found to be the processor's.
+    /// True once its results were verified against the processor's.
     is_proved: bool,
-    /// Whether it has seeds of the grid; not if that was made anew.
+    /// True if it has the seeds of the current grid.
     has_seeds: bool,
-    /// Whether it has the points of the frame.
+    /// True if it has the points of the current frame.
     has_points: bool,
-    /// Whose turn the frame is.
+    /// Device for the current frame.
     turn: Turn,
-    /// Milliseconds of the frame on the processor and on the device, while both are tried.
+    /// Milliseconds of the frame on processor and device, while both are timed.
     ms: [f64; 2],
     owners: Vec<u32>,
 }
 
 impl PointFits {
-    /// Fits points on a device too from now on.
+    /// Adds a device for the following frames.
     pub fn add_device(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.points, self.open_points) = (0, 0);
@@ -73,13 +72,13 @@ impl PointFits {
         });
     }
 
-    /// What points were fitted on so far.
+    /// Returns counts and times by device.
     pub fn used(&self) -> PassUse {
         let open_share = self.open_points as f64 / self.points.max(1) as f64;
         PassUse { open_share, ..self.used.clone() }
     }
 
-    /// Begins a frame of so many points that are fitted at the structural scale `h`.
+    /// Begins a frame of `n_points` points at the structural scale `h`.
     pub fn begin_frame(&mut self, n_points: usize, h: f64) {
         let Some(fitter) = &mut self.device else { return };
         fitter.has_points = false;
@@ -91,14 +90,14 @@ impl PointFits {
         };
     }
 
-    /// Says that the frame to come is only looked at, which is the processor's.
+    /// Begins a frame whose points are assigned but not summed, which the processor does.
     pub fn begin_look(&mut self) {
         if let Some(fitter) = &mut self.device {
             fitter.turn = Turn::Processor;
         }
     }
 
-    /// Says that the grid was made anew.
+    /// Marks the grid as rebuilt.
     pub fn forget_seeds(&mut self) {
         if let Some(fitter) = &mut self.device {
             fitter.has_seeds = false;
@@ -131,7 +130,7 @@ impl PointFits {
         }
     }
 
-    /// Lets the device find the components, if it is its turn; whether it did.
+    /// Assigns on the device if it is its turn; returns true on success.
     fn assign_on_device(
         &mut self,
         grid: &SeedGrid,
@@ -157,8 +156,8 @@ impl PointFits {
         }
     }
 
-    /// Adds the points to the sums of their components, as [`accumulate`] does where components are looked
-    /// at by their projection, and gives what that gives.
+    /// Adds the points to the sums of their components, with the same result as [`accumulate`] with
+    /// visibility by projection.
     pub fn accumulate<W: SumScalar>(
         &mut self,
         component_sums: &mut ComponentSums<W>,
@@ -204,14 +203,14 @@ impl PointFits {
         taught
     }
 
-    /// Counts a frame of so many points that was the device's.
+    /// Counts a frame of `n_points` points computed by the device.
     fn count(&mut self, n_points: usize) {
         self.points += n_points as u64;
         self.open_points += self.slots.n_left as u64;
         self.used.device_frames += 1;
     }
 
-    /// Keeps or gives up a device that was tried, by milliseconds of the sums on processor and device.
+    /// Accepts or drops a device after a trial, given the milliseconds of the sums on processor and device.
     fn judge(&mut self, is_equal: bool, [processor, on_device]: [f64; 2]) {
         if !is_equal {
             return self.give_up(DIFFERING.to_owned());
@@ -223,7 +222,7 @@ impl PointFits {
         self.used.trial = fitter.trial.medians;
     }
 
-    /// Goes on without the device, which is said once.
+    /// Drops the device, with one warning.
     fn give_up(&mut self, reason: String) {
         self.used.give_up(reason);
         self.device = None;
@@ -231,7 +230,8 @@ impl PointFits {
 }
 
 impl PointFitter {
-    /// Puts into `owners` the nearest seed of every point; of how many the processor has to look.
+    /// Stores the nearest seed of every point in `owners`; returns the number that the processor has to
+    /// search.
     fn find_seeds(
         &mut self,
         grid: &SeedGrid,
@@ -249,7 +249,7 @@ impl PointFitter {
         Ok(found.par_iter().filter(|seed| **seed == OPEN).count())
     }
 
-    /// Sums of the points by slot, in whole quanta.
+    /// Returns the sums of the points by slot, in whole quanta.
     fn sums(
         &mut self,
         slots: &PointSlots,
@@ -259,7 +259,7 @@ impl PointFitter {
         self.device.sums(&SlotSums {
             points: &slots.points,
             seeds: &slots.seeds,
-            // As the processor rounds it.
+            // Rounded as on the processor.
             per_h: (1.0 / h) as f32,
             gain: frame.gain,
             weight: frame.weight as f32,

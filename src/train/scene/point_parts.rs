@@ -1,29 +1,29 @@
-//! A frame's points listed by the run of components that theirs belongs to.
+//! Lists of a frame's points by range of components.
 
 use rayon::prelude::*;
 
-/// Runs of components, each for one thread.
+/// Number of ranges of components, each for one thread.
 pub const PARTS: usize = 32;
-/// Points looked at for where to cut.
+/// Number of points sampled to choose the ranges.
 const SAMPLED: usize = 1024;
-/// Points that are listed by one thread.
+/// Points per task.
 const CHUNK: usize = 2048;
 
-/// The points of a frame in parts of consecutive components.
+/// A frame's points, partitioned by ranges of consecutive components.
 pub struct PointParts {
     firsts: Vec<usize>,
     chunks: Vec<Chunk>,
 }
 
-/// Consecutive points in the order of their parts.
+/// Consecutive points, sorted by part.
 struct Chunk {
     points: Vec<u32>,
-    /// Where those of every part end; behind them are those of no component.
+    /// End of each part; points without a component follow the last.
     ends: [usize; PARTS],
 }
 
 impl PointParts {
-    /// Lists points by the owner of each; values beyond the last component mean none.
+    /// Partitions points by owner; values beyond the last component mean none.
     pub fn new(owners: &[u32], n_components: usize) -> Self {
         let firsts = firsts(owners, n_components);
         let mut part_of = vec![0u8; n_components];
@@ -35,12 +35,12 @@ impl PointParts {
         Self { firsts, chunks: chunks.collect() }
     }
 
-    /// First component of every part, ascending, the first of all 0.
+    /// Returns the first component of every part, ascending, beginning with 0.
     pub fn firsts(&self) -> &[usize] {
         &self.firsts
     }
 
-    /// The points of the part that begins at a component, ascending.
+    /// Returns the points, ascending, of the part that begins at component `first`.
     pub fn of(&self, first: usize) -> impl Iterator<Item = &[u32]> + Clone {
         let part = self.firsts.partition_point(|&other| other < first);
         self.chunks.iter().map(move |chunk| {
@@ -51,10 +51,10 @@ impl PointParts {
 }
 
 impl Chunk {
-    /// Of points from `first` on.
     fn new(first: u32, owners: &[u32], part_of: &[u8]) -> Self {
         let part = |owner: u32| part_of.get(owner as usize).map_or(PARTS, |&part| part as usize);
-        // Counted one place late: summed up, they are where each part begins, which filling moves to its end.
+        // Counts are stored one index late: their prefix sums are the starts of the parts, which filling
+        // turns into ends.
         let mut ends = [0; PARTS + 2];
         owners.iter().for_each(|&owner| ends[part(owner) + 1] += 1);
         (1..=PARTS).for_each(|part| ends[part] += ends[part - 1]);
@@ -68,9 +68,11 @@ impl Chunk {
     }
 }
 
-/// Where the components of parts begin that have about as many points each: a frame sees neighbours, which
-/// were born one after the other, so parts of as many components would leave most threads without work.
+/// Chooses the first components of parts with similar numbers of points. A frame shows neighbouring
+/// components, which have consecutive numbers: parts of equal numbers of components would leave most threads
+/// idle.
 fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
+    // A sample suffices, since parts need only similar sizes.
     let some = owners.iter().step_by(owners.len() / SAMPLED + 1).map(|&owner| owner as usize);
     let mut some: Vec<usize> = some.filter(|&owner| owner < n_components).collect();
     some.sort_unstable();
@@ -85,7 +87,7 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// All but some of the points belong to the last hundredth of the components.
+    /// Most points belong to the last hundredth of the components.
     fn owners() -> Vec<u32> {
         let owner = |i: u32| match i % 50 {
             0 => u32::MAX,

@@ -1,4 +1,4 @@
-//! A frame's components in a row, for a device that sums their points: it needs room for those alone.
+//! Compact list of a frame's components, for a device that sums their points: it needs memory only for those.
 
 use super::accumulate::Matched;
 use super::grid::NONE;
@@ -8,35 +8,34 @@ use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Says of a component that a point of its cannot be a device's.
+/// Marks a component with a point that the device cannot sum.
 const LEFT: u32 = 1 << 31;
-/// Largest numbers, and pixels of a point, whose terms a device rounds as the processor does: their quanta
-/// stay below 2²², beyond which rounding by a sum is none.
+// Largest number, and pixels per point, for which the device rounds terms as the processor does: quanta stay
+// below 2²², the limit of rounding by addition.
 const MAX_NUMBER: f32 = 2.0;
 const MAX_WEIGHT: u32 = 16;
-/// Largest factor on a colour, and shift of a point, whose products are numbers.
+/// Largest factor on a colour and largest shift of a point, so that products are finite.
 const MAX_FACTOR: f32 = 65_536.0;
 
-/// Slots of the components that points come to.
+/// Slots of the components with points in a frame.
 #[derive(Default)]
 pub struct PointSlots {
-    /// By component pixels of its points, then its slot.
+    /// Per component, the pixels of its points, then its slot.
     of_components: Vec<AtomicU32>,
-    /// By slot its component, ascending.
+    /// Component of each slot, ascending.
     pub ids: Vec<u32>,
-    /// By slot the seed that its sums are about, and a 0.
+    /// Seed of each slot's sums, and a 0.
     pub seeds: Vec<[f32; 4]>,
-    /// By point its slot, [`NONE`] where a device sums nothing, and the bits of its shift.
+    /// Per point, its slot ([`NONE`] if the device does not sum it) and the bits of its shift.
     pub points: Vec<[u32; 2]>,
-    /// By point its component if the processor sums it, [`NONE`] elsewhere; nothing if there are none.
+    /// Per point, its component if the processor sums it, else [`NONE`]; empty if there are none.
     pub left: Vec<u32>,
-    /// How many those are.
     pub n_left: usize,
 }
 
 impl PointSlots {
-    /// Gives a slot to every component that points come to, of so many, but for those that the processor
-    /// has to sum: with more points than a row holds, or a number that is none.
+    /// Assigns a slot to every component with points, except those that the processor must sum: with more
+    /// points than a row holds, or with invalid or large numbers.
     pub fn fill<W: SumScalar>(
         &mut self,
         n_components: usize,
@@ -70,7 +69,7 @@ impl PointSlots {
         let points = frame.points.par_iter().zip(frame.owners).zip(frame.shifts);
         points.with_min_len(1024).for_each(|((point, &owner), shift)| {
             let Some(count) = counts.get(owner as usize) else { return };
-            // Sums of integers: the same in any order.
+            // Integer sums are independent of the order.
             if is_frame_plain && is_plain(point) && shift.abs() <= MAX_FACTOR {
                 count.fetch_add(frame.weight, Ordering::Relaxed);
             } else {
@@ -79,7 +78,7 @@ impl PointSlots {
         });
     }
 
-    /// Lists the points with their slots, and those that are left.
+    /// Lists the points with their slots, and those left to the processor.
     fn list(&mut self, frame: Matched<'_>, any_left: bool) {
         let slots = &self.of_components;
         let slot = |owner: u32| slots.get(owner as usize).map(|slot| slot.load(Ordering::Relaxed));
@@ -99,12 +98,12 @@ impl PointSlots {
     }
 }
 
-/// Whether the terms of a point are numbers of the usual size.
+/// True if all numbers of a point are within range.
 fn is_plain(point: &SurfacePoint) -> bool {
     [&point.color, &point.normal, &point.direction].iter().all(|v| all_within(v, MAX_NUMBER))
 }
 
 fn all_within(numbers: &[f32; 3], most: f32) -> bool {
-    // Not so of what is no number.
+    // False for NaN.
     numbers.iter().all(|x| x.abs() <= most)
 }

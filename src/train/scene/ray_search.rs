@@ -1,21 +1,22 @@
-//! The surface of a point that no seed is near enough for: depth errs along the ray, so that is where its surface
-//! may be (`scene.md`, Ray search).
+//! Search for a seed along a point's ray if none is near enough, as depth errs along the ray (`scene.md`, Ray
+//! search).
 
 use super::grid::{NONE, SeedGrid};
 use super::spacing::Spacing;
 use crate::math::simd::{Kernel, Vector};
 use crate::observation::surface::SurfacePoint;
 
-/// Distance of the places that are looked at, shares of a point's reach: balls about them overlap.
+/// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
 const STEP: f32 = 0.7;
 
-/// Gives points without a seed the nearest one within reach of a place on their ray, the nearest such place
-/// first; of two as near the one behind, since what is in front would have hidden it. The others keep theirs.
+/// Assigns points without a seed the nearest seed within reach of a place on their ray, nearest places first.
+/// Of two equally near places the farther from the camera is preferred, since a surface in front would have
+/// occluded the point.
 pub struct SearchRays<'a> {
     pub grid: &'a SeedGrid,
     pub spacing: Spacing,
     pub points: &'a [SurfacePoint],
-    /// By point its seed, or [`NONE`].
+    /// Seed of each point, or [`NONE`].
     pub seeds: &'a mut [u32],
 }
 
@@ -77,7 +78,7 @@ mod tests {
         assert_eq!(found(3.05, 0.0, 0.015), Some(wall), "four half-widths are 60 mm");
         assert_eq!(found(2.95, 0.01, 0.015), Some(wall), "from the front too");
         assert_eq!(found(3.05, 0.0, 0.004), None, "noise is smaller than that");
-        assert_eq!(found(3.05, 0.035, 0.015), None, "beside the ray nothing is looked for");
+        assert_eq!(found(3.05, 0.035, 0.015), None, "beside the ray nothing is searched");
         assert_eq!(found(3.09, 0.0, 1.0), None, "sums hold no farther points");
     }
 }

@@ -1,31 +1,31 @@
-//! Depth refinement: a point's most probable place along its ray, given its component as a plane
+//! Depth refinement: most probable position of a point along its ray, given its component's plane
 //! (`scene.md`, Depth refinement).
 
 use super::component_sums::ComponentSums;
 use super::sum_scalar::SumScalar;
 use crate::observation::surface::SurfacePoint;
 
-/// Fewest points of a component that is trusted as a plane.
+/// Minimum number of points of a component that serves as a plane.
 const MIN_POINTS: f64 = 20.0;
-/// Most times as much as the point itself that the plane counts for.
+/// Maximum weight of the plane relative to the point.
 const MAX_TRUST: f64 = 2.0;
-/// Least cosine between ray and plane normal.
+/// Minimum cosine between ray and plane normal.
 const MIN_COSINE: f64 = 0.3;
 
-/// A component as a plane that draws points to it.
+/// Plane of a component, towards which its points move.
 pub struct RefinementPlane {
     seed: [f32; 3],
-    /// Mean of its points about the seed, world units.
+    /// Mean of its points relative to the seed, world units.
     offset: [f64; 3],
-    /// Sum of normals as it is: its length cancels where it is divided by a slope.
+    /// Sum of the normals, not normalised: the length cancels in the division by the slope.
     normal: [f64; 3],
     length: f64,
-    /// Times as much as a point that the plane counts for.
+    /// Weight of the plane relative to a point.
     trust: f64,
 }
 
 impl RefinementPlane {
-    /// Of a component; `h` is the structural scale, world units. `None` of one of few points.
+    /// Creates the plane of a component; `h` is the structural scale, world units. `None` with few points.
     #[inline(always)]
     pub fn new<W: SumScalar>(
         component_sums: &ComponentSums<W>,
@@ -43,13 +43,13 @@ impl RefinementPlane {
         Some(Self { seed, offset, normal, length: dot(normal, normal).sqrt(), trust })
     }
 
-    /// How far along its ray to move a point, world units. `limit` is the largest distance to the plane at which
-    /// it is taken for the same surface.
+    /// Returns the shift of a point along its ray, world units. `limit` is the maximum distance to the plane
+    /// at which the point belongs to the same surface.
     #[inline(always)]
     pub fn shift(&self, point: &SurfacePoint, limit: f64) -> f64 {
         let Self { seed, offset, normal, length, trust } = self;
         let slope = dot(*normal, point.direction.map(f64::from));
-        // Along a slanted ray a small error of the plane moves a point far.
+        // On a slanted ray a small error of the plane shifts the point a long way.
         if -slope < MIN_COSINE * length {
             return 0.0;
         }

@@ -1,5 +1,4 @@
-//! Least squares for a small rigid motion of a camera and of what it saw: what correcting poses and
-//! tracking have in common.
+//! Least squares for a small rigid motion of a camera and its points, for pose alignment and tracking.
 
 use crate::math::camera::Camera;
 use crate::math::cholesky::Cholesky;
@@ -9,30 +8,30 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Small motion of a camera and of what it saw, in the world's axes.
+/// Small rigid motion of a camera and its points, in world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// Turn about the camera's centre.
+    /// Rotation about the camera centre.
     pub turn: DQuat,
-    /// Shift after it, world units.
+    /// Translation after it, world units.
     pub shift: DVec3,
 }
 
 impl Motion {
-    /// What takes a camera from one pose to another.
+    /// Returns the motion from one pose to another.
     pub fn between(from: &Pose, to: &Pose) -> Self {
         let turn = DQuat::from_mat3(&(to.rotation() * from.rotation().transpose())).normalize();
         Self { turn, shift: to.centre() - from.centre() }
     }
 
-    /// Where it moves a frame's points to, relative to [`Observation::origin`], world units.
+    /// Returns a function that moves a frame's points, relative to [`Observation::origin`], world units.
     pub fn places(&self, frame: &Observation) -> impl Fn(&SurfacePoint) -> [f32; 3] + Sync + use<> {
         let (turn, shift) = (DMat3::from_quat(self.turn), self.shift);
         let centre = frame.camera.pose.centre() - frame.origin;
         move |point| array(centre + turn * (point.position_vector() - centre) + shift)
     }
 
-    /// Moves the frame's points into `points` and returns its camera, moved likewise.
+    /// Moves the frame's points into `points` and returns the moved camera.
     pub fn apply(&self, frame: &Observation, points: &mut Vec<SurfacePoint>) -> Camera {
         let Camera { intrinsics, pose } = frame.camera;
         let (turn, place) = (DMat3::from_quat(self.turn), self.places(frame));
@@ -46,7 +45,7 @@ impl Motion {
         Camera { intrinsics, pose: self.of_pose(&pose) }
     }
 
-    /// A camera at `pose`, moved.
+    /// Returns the moved pose of a camera at `pose`.
     pub fn of_pose(&self, pose: &Pose) -> Pose {
         let world_from_camera = DQuat::from_mat3(&pose.rotation());
         let turn = world_from_camera.inverse() * self.turn * world_from_camera;
@@ -56,16 +55,17 @@ impl Motion {
 
 /// Normal equations of a [`Motion`].
 pub(super) struct RigidEquations {
-    /// By parameter the row of the matrix, the negative right side, and a nought: eight are whole vectors.
+    /// Per parameter, the row of the matrix, the negative right-hand side, and a zero: eight numbers fill
+    /// whole vectors.
     rows: [[f64; 8]; 6],
 }
 
 impl RigidEquations {
-    /// Nothing is known.
+    /// No information.
     pub const NONE: Self = Self { rows: [[0.0; 8]; 6] };
 
-    /// What is known of a motion before anything is seen: it is none, give or take the standard
-    /// deviations of turn (radians) and shift (world units).
+    /// Returns the prior: zero motion with the given standard deviations of rotation (radians) and
+    /// translation (world units), linearised at `motion`.
     pub fn prior(motion: &Motion, [turn_deviation, shift_deviation]: [f64; 2]) -> Self {
         let mut normal = Self::NONE;
         let turn = motion.turn.to_scaled_axis();
@@ -81,8 +81,8 @@ impl RigidEquations {
         normal
     }
 
-    /// Adds a residual that changes by `slope` with the position of what lies at `arm` from the
-    /// camera.
+    /// Adds a residual whose gradient with respect to the position of a point at `arm` from the camera is
+    /// `slope`.
     pub fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
         let turn = arm.cross(slope);
         let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z, residual, 0.0];
@@ -92,8 +92,8 @@ impl RigidEquations {
         }
     }
 
-    /// Adds several residuals `r` of what lies at `arm` from the camera, given over all of them the sums
-    /// `Σ w s sᵀ` and `Σ w r s` with their slopes `s` and weights `w`.
+    /// Adds several residuals `r` of a point at `arm` from the camera, given the sums `Σ w s sᵀ` and
+    /// `Σ w r s` over them, with slopes `s` and weights `w`.
     pub fn add_all(&mut self, information: DMat3, pull: DVec3, arm: DVec3) {
         let crossed = |m: DMat3| {
             DMat3::from_cols(arm.cross(m.x_axis), arm.cross(m.y_axis), arm.cross(m.z_axis))
@@ -117,7 +117,7 @@ impl RigidEquations {
         }
     }
 
-    /// Adds what other residuals say.
+    /// Adds the equations of other residuals.
     pub fn join(&mut self, part: &Self) {
         for (sums, more) in self.rows.iter_mut().zip(&part.rows) {
             sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
@@ -128,16 +128,16 @@ impl RigidEquations {
         std::array::from_fn(|i| self.rows[i / 6][i % 6])
     }
 
-    /// Turn (axis times angle) and shift; `None` unless all numbers are finite.
+    /// Returns rotation (axis times angle) and translation; `None` unless all numbers are finite.
     pub fn solution(&self) -> Option<[DVec3; 2]> {
         let x = Cholesky::new(6, &self.matrix())?.solve(&self.rows.map(|row| -row[6]));
         let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
-        // The factor says nothing of the right side: a colour that is no number shows only here.
+        // The factor does not depend on the right-hand side: a NaN colour shows only here.
         (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
     }
 
-    /// Standard deviations of turn (radians) and shift (world units) along the axes that are least
-    /// certain; `None` unless all numbers are finite.
+    /// Returns the standard deviations of rotation (radians) and translation (world units) along the least
+    /// certain axes; `None` unless all numbers are finite.
     pub fn deviations(&self) -> Option<[f64; 2]> {
         let factor = Cholesky::new(6, &self.matrix())?;
         let column =

@@ -1,4 +1,4 @@
-//! Frames that are looked at a second time, and moved with what they taught.
+//! Tests of the second alignment of frames and the motion of their contributions.
 
 use super::align_tests::room;
 use super::config::{BirthRule, SceneConfig};
@@ -15,7 +15,7 @@ fn config() -> SceneConfig {
     SceneConfig { refine: false, ..SceneConfig::coarse(0.05) }
 }
 
-/// After so many frames, all of them recorded rightly.
+/// Trains on the given number of frames with correct poses.
 fn trained(config: &SceneConfig, frames: usize) -> SceneTrainer<i32> {
     let mut trainer = SceneTrainer::<i32>::new(config, DVec3::ZERO);
     let right = room(DQuat::IDENTITY, DVec3::ZERO);
@@ -35,7 +35,7 @@ fn change(trainer: &mut SceneTrainer<i32>, kept: KeptFrame, motion: Pose) {
     trainer.change(&change);
 }
 
-/// What a frame taught, as it would be kept if it had been learnt elsewhere.
+/// Contributions of a frame as they would be if it had been added at a different pose.
 fn elsewhere(trainer: &SceneTrainer<i32>, kept: &KeptFrame, motion: &Pose) -> KeptFrame {
     let mut kept = kept.clone();
     let shift = |id: u32| {
@@ -55,7 +55,7 @@ fn a_frame_that_was_learnt_wrong_is_put_right_with_all_that_it_taught() {
     let right = trainer.state();
     let kept = right.kept[2].clone();
     assert_eq!((kept.frame, kept.logged), (3, 3), "the first is aligned to nothing");
-    assert!(trainer.second_look(&kept).is_none(), "it stands where it should");
+    assert!(trainer.second_look(&kept).is_none(), "it is aligned already");
     let turn = DQuat::from_scaled_axis(DVec3::new(0.003, -0.002, 0.004));
     let motion = Pose::IDENTITY.attached(DVec3::new(0.004, -0.006, 0.003), turn);
     let wrong = elsewhere(&trainer, &kept, &motion);
@@ -74,17 +74,17 @@ fn a_frame_that_was_learnt_wrong_is_put_right_with_all_that_it_taught() {
     let apart = (real(&again).centre() - real(&right).centre()).length();
     assert!(apart < 0.1 * motion.centre().length(), "{apart} is left");
     assert!((real(&again).forward() - real(&right).forward()).length() < 4e-4);
-    // Nothing was lost on the way: as many points everywhere, about where they were.
+    // No points were lost, and their sums are about the same.
     for (again, right) in rows(&again).iter().zip(rows(&right)) {
         let [again, right] = [values(again), values(right)];
         assert_eq!(again[0], right[0]);
         let apart = (1..4).map(|i| (again[i] - right[i]).abs()).fold(0.0, f64::max);
-        // Of one frame in six, in structural scales.
+        // The error of one frame in six, in structural scales.
         assert!(apart <= 0.015 * right[0] + 0.001, "{apart} of {} points", right[0]);
     }
 }
 
-/// Exactly: what a frame taught is taken back whole before it is given again.
+/// Exact up to rounding: contributions are removed in full before they are added again.
 #[test]
 fn there_and_back_is_where_it_was() {
     let mut trainer = trained(&config(), 4);
@@ -118,7 +118,7 @@ fn whoever_goes_on_looks_again_at_the_same_frames() {
         trainer.train(&frame);
     }
     let state = trainer.state();
-    // The newest of those that were aligned.
+    // The newest aligned frames.
     assert!(state.kept.iter().map(|kept| kept.frame).eq(3..19));
     let mut gone_on = SceneTrainer::<i32>::restore(&config(), state, 19).unwrap();
     for frame in frames {
@@ -140,14 +140,14 @@ fn frames_are_kept_by_the_numbers_that_components_are_stored_by() {
     assert!(!state.kept.is_empty());
     for kept in &state.kept {
         assert!(kept.taught.ids.is_sorted_by(|a, b| a < b));
-        // No component has fewer points than one of the frames gave it.
+        // No component has fewer points than one of the frames added.
         for (id, taught) in kept.taught.iter() {
             assert!(rows(&state)[id as usize][0] >= taught[0], "component {id}");
         }
     }
     let mut again = SceneTrainer::<i32>::restore(&config, state.clone(), 4).unwrap();
     assert!(again.state() == state);
-    // Nor do sums round by the order that components are numbered in.
+    // Rounding does not depend on the numbering of components either.
     for frame in frames().skip(4) {
         trainer.train(&frame);
         again.train(&frame);
@@ -178,7 +178,7 @@ fn components_that_became_parts_of_others_are_let_go_of() {
         let has_points = |&id: &u32| rows(&after)[id as usize][0] > 0;
         assert!(after_frame.taught.ids.iter().all(has_points));
     }
-    // What is left of them still can be moved.
+    // The remaining contributions can still be moved.
     let motion = Pose::IDENTITY.attached(DVec3::X * 0.01, DQuat::IDENTITY);
     change(&mut trainer, after.kept[0].clone(), motion);
     assert_eq!(trainer.state().visibility, after.visibility);

@@ -1,15 +1,14 @@
-//! The nearest seed of many points: neighbours gather the seeds around them together, and compare all with
-//! all.
+//! Nearest seeds of many points: neighbouring points gather the seeds around them together and are compared
+//! with all of them.
 //!
-//! Straight loops over vectors, where a lookup per point would chase buckets.
+//! This gives straight SIMD loops, while a lookup per point would follow chains of buckets.
 
 use super::grid::{NONE, SeedGrid, squared_distance};
 use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector, load_rows};
 
-/// Most cells of a group that are looked through as one; beyond that its points are far apart.
+/// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
 const MAX_CELLS: f64 = 512.0;
 
-/// Groups of consecutive points with the seeds around each.
 #[derive(Default)]
 pub struct SeedGroups {
     groups: Vec<Group>,
@@ -18,24 +17,23 @@ pub struct SeedGroups {
 
 struct Group {
     n_points: usize,
-    /// Where their seeds end, and those of the next group begin.
+    /// End of the group's seeds in the common list.
     end: usize,
 }
 
 impl SeedGroups {
-    /// Forgets all groups.
     pub fn clear(&mut self) {
         self.groups.clear();
         self.seeds.clear();
     }
 
-    /// Adds a group of points, given by their places, with the seeds within `radius` (world units) of each, and some more.
+    /// Adds a group of points with at least all seeds within `radius` (world units) of each.
     pub fn gather(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
-        // A little more, as distances are rounded.
+        // Slightly larger, since distances are rounded.
         self.gather_halves(grid, radius * (1.0 + 1e-5), points);
     }
 
-    /// A group that a depth edge tears apart is halved until it holds together: one point's cells are few.
+    /// Halves a group that spans a depth edge until it is compact; a single point always covers few cells.
     fn gather_halves(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
         let near = points.iter().copied().filter(|point| grid.comes_near(*point, radius));
         if let Some(corners) = corners(near, radius) {
@@ -50,15 +48,15 @@ impl SeedGroups {
         self.groups.push(Group { n_points: points.len(), end: self.seeds.len() });
     }
 
-    /// Sets by point its nearest seed, no farther than `reach`; [`NONE`] where none is. The points are those
-    /// that were gathered for, no farther from there than they were gathered more widely.
+    /// Sets the nearest seed within `reach` of each point, or [`NONE`]. The points must be those passed to
+    /// `gather`, moved by at most the difference between its radius and `reach`.
     pub fn nearest(&self, grid: &SeedGrid, reach: f32, points: &[[f32; 3]], owners: &mut [u32]) {
         let limit = reach * reach;
         Isa::best().run(Nearest { groups: self, grid, limit, points, owners });
     }
 }
 
-/// Lower and upper corner of the box around some places, wider by `radius` on every side; `None` of none.
+/// Corners of the bounding box of some places, enlarged by `radius` on every side; `None` without places.
 fn corners(places: impl Iterator<Item = [f32; 3]>, radius: f32) -> Option<[[f32; 3]; 2]> {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for place in places {
@@ -90,8 +88,7 @@ impl Kernel for Nearest<'_> {
             let (found, left) = owners.split_at_mut(group.n_points);
             let seeds = &self.groups.seeds[start..group.end];
             for (points, owners) in these.chunks(LANES).zip(found.chunks_mut(LANES)) {
-                // Places that are not there, and those beyond the grid, have no seed, whoever their neighbours
-                // are.
+                // NaN marks unused lanes and places outside the grid, so that they find no seed.
                 let mut along = [[f32::NAN; LANES]; 3];
                 for (lane, point) in points.iter().enumerate() {
                     if self.grid.reaches(*point) {
@@ -108,7 +105,7 @@ impl Kernel for Nearest<'_> {
     }
 }
 
-/// The nearest of some seeds to each of eight places, no farther than the root of `limit`.
+/// Nearest of some seeds to each of eight places; `limit` is the maximum squared distance.
 #[inline(always)]
 fn nearest_of<V: Vector>(
     along: &[[f32; LANES]; 3],
@@ -133,7 +130,7 @@ fn nearest_of<V: Vector>(
     for (nearest, found) in nearest.iter_mut().zip(found.to_array()) {
         *nearest = found.to_bits();
     }
-    // Equal distances go to the older seed, in whatever order blocks are visited.
+    // Ties are resolved for the older seed, independently of the order of blocks.
     let mut doubtful = doubtful.signs();
     while doubtful != 0 {
         let lane = doubtful.trailing_zeros() as usize % LANES;
@@ -144,7 +141,7 @@ fn nearest_of<V: Vector>(
     nearest
 }
 
-/// The same of one place.
+/// Scalar version for one place, which resolves ties.
 fn oldest_nearest(place: [f32; 3], seeds: &[(u32, [f32; 3])], limit: f32) -> u32 {
     let near = seeds.iter().map(|&(id, seed)| (squared_distance(place, seed), id));
     let near = near.filter(|(squared, _)| *squared <= limit);

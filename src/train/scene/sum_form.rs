@@ -1,17 +1,17 @@
-//! The arithmetic of a scene's sums.
+//! Arithmetic of a scene's sums.
 
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, VariantNames};
 
-/// How sums are kept.
+/// Number format of the sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum SumForm {
-    /// Terms in f32, sums in integers: any order of points gives the same bits.
+    /// Terms in f32, sums in integers: the same bits for any order of points.
     Mixed,
     /// Terms and sums in f32.
     F32,
-    /// All in f64: the oracle.
+    /// Terms and sums in f64, the reference.
     F64,
 }

@@ -1,46 +1,46 @@
-//! The number that a sum of one component is kept in: integers of 2⁻¹⁵ in 32 bits, f32 or f64.
+//! Number types of a component's sums: 32-bit integers in units of 2⁻¹⁵, f32 or f64.
 
 use crate::math::real::Real;
 use crate::model::scene::bounds::{self, Slack};
 use crate::model::scene::state::{QUANTUM, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 
-/// The number that a sum of one component is kept in.
+/// Number type of a component's sums.
 pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
-    /// Arithmetic of the terms of one point.
+    /// Number type of the terms of one point.
     type Term: Real;
-    /// Points from which on a row spills into a wide one. As many more still fit.
+    /// Number of points from which a row spills into a wide one. A row holds twice as many.
     const FULL: f64;
-    /// How far rounding may take sums of this form.
+    /// Tolerance for rounding of sums.
     const SLACK: Slack;
-    /// A term, rounded to the form of the sums.
+    /// Rounds a term to this type.
     fn of(term: Self::Term) -> Self;
-    /// A sum, rounded likewise.
+    /// Rounds a sum to this type.
     fn of_sum(sum: f64) -> Self;
-    /// A sum of whole quanta.
+    /// Converts a sum of whole quanta.
     fn of_quanta(quanta: i32) -> Self;
-    /// What a sum received since it was `before`, in whole quanta.
+    /// Returns the difference from an earlier value, in whole quanta.
     fn since(self, before: Self) -> i32;
-    /// Sum of both; integers wrap.
+    /// Adds two sums; integers wrap.
     fn plus(self, other: Self) -> Self;
-    /// The value of a sum.
+    /// Returns the value of a sum.
     fn value(self) -> f64;
-    /// Rows as checkpoints hold them.
+    /// Converts rows to checkpoint form.
     fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums;
-    /// The rows of a checkpoint, if they are of this form.
+    /// Converts rows from checkpoint form; `None` if they have another type.
     fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
 }
 
-/// Integer sums do not depend on the order of terms. Terms are within ±7.84, which takes 19 bits.
+/// Integer sums are independent of the order of terms. Terms are within ±7.84, which takes 19 bits.
 impl SumScalar for i32 {
     type Term = f32;
-    // Twice as many terms of 7.84, the largest, are 2.105·10⁹ quanta: just below 2³¹.
+    // Twice as many terms of 7.84, the maximum, are 2.105·10⁹ quanta: just below 2³¹.
     const FULL: f64 = WIDE_POINTS as f64;
     const SLACK: Slack = bounds::MIXED;
 
     #[inline(always)]
     fn of(term: f32) -> Self {
-        /// Added to a number below 2²², leaves the nearest integer, ties to even, in the low bits.
+        /// Added to a number below 2²², it leaves the nearest integer, ties to even, in the low bits.
         const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
         (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
     }
@@ -85,7 +85,7 @@ macro_rules! plain_sum_scalar {
     ($t:ty, $stored:ident, $slack:ident) => {
         impl SumScalar for $t {
             type Term = $t;
-            // Nothing overflows; in f32 sums stand still from 2²⁴ points on instead.
+            // Floats do not overflow; f32 sums stagnate from 2²⁴ points on instead.
             const FULL: f64 = f64::INFINITY;
             const SLACK: Slack = bounds::$slack;
 

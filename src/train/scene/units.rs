@@ -1,33 +1,33 @@
-//! Lengths and sizes as a user says them.
+//! Lengths and sizes in the notation of settings.
 
 use super::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
 
-/// Structural scale where none is asked for, pixels.
+/// Default structural scale, pixels.
 pub const DEFAULT_PIXELS: f64 = 2.5;
-/// Share of a sensor's tolerance that components have to be wide for where rays are searched: what lies along
-/// them is found there (`scene.md`, Ray search).
+/// Minimum structural scale, as a share of the sensor's tolerance, if rays are searched: points within the
+/// noise are then found along the ray (`scene.md`, Ray search).
 const ALONG_RAYS: f64 = 0.8;
 
-/// Structural scale: largest distance of a point from the seed of its component.
+/// Structural scale: maximum distance of a point from the seed of its component.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum StructuralScale {
-    /// Pixels, at the distance beyond which one point in twenty lies: elsewhere it is more.
+    /// Pixels at the 95th percentile of depth; on nearer surfaces the same length covers more pixels.
     Pixels(f64),
     /// World units.
     World(f64),
 }
 
 impl StructuralScale {
-    /// Whether it is a length that a component can have.
+    /// True for a finite, positive length.
     pub fn is_positive(&self) -> bool {
         let (Self::Pixels(length) | Self::World(length)) = self;
         length.is_finite() && *length > 0.0
     }
 
-    /// The length that it has at least, world units, where depths within `tolerance` are one surface. Who asks
-    /// in world units is taken at their word down to half of that.
+    /// Returns the minimum length, world units, if depths within `tolerance` are one surface. A length given
+    /// in world units may be as small as half the tolerance.
     pub fn least(self, tolerance: f64, are_rays_searched: bool) -> f64 {
         match self {
             Self::Pixels(_) if are_rays_searched => ALONG_RAYS * tolerance,
@@ -71,7 +71,7 @@ impl From<StructuralScale> for String {
     }
 }
 
-/// Most components of a scene.
+/// Maximum number of components of a scene.
 ///
 /// ```
 /// use vbgs_studio::train::scene::units::Budget;
@@ -84,14 +84,14 @@ impl From<StructuralScale> for String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum Budget {
-    /// So many.
+    /// Number of components.
     Components(usize),
-    /// As many as fit in so many bytes of the model, at [`COMPONENT_BYTES`] each.
+    /// Model size in bytes, at [`COMPONENT_BYTES`] per component.
     Bytes(usize),
 }
 
 impl Budget {
-    /// In components.
+    /// Returns the budget in components.
     pub fn components(self) -> usize {
         match self {
             Self::Components(n) => n,

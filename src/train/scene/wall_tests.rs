@@ -1,4 +1,4 @@
-//! Correction of poses on a flat wall that fills the picture, by few components.
+//! Tests of pose correction on a flat wall that fills the picture, with few components.
 
 use super::config::SceneConfig;
 use super::trainer::SceneTrainer;
@@ -12,18 +12,17 @@ use glam::{DQuat, DVec3};
 /// Distance of the wall, whose normal is the first axis, metres.
 const DISTANCE: f64 = 1.2;
 
-/// Standard deviations of recorded places, metres, and turns, radians, per axis.
+/// Standard deviations of recorded positions, metres, and rotations, radians, per axis.
 const ERRORS: [f64; 2] = [0.002, 0.0024];
-/// Frames of a recording.
 const FRAMES: usize = 24;
 
-/// What is painted on the wall.
+/// Texture of the wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Paint {
     Pattern,
-    /// Lines that leave motions along them open.
+    /// Lines that leave motion along them undetermined.
     Stripes,
-    /// A slow change of brightness alone.
+    /// A gradual change of brightness only.
     Plain,
     /// One panel on a plain wall.
     Door,
@@ -47,15 +46,14 @@ impl Paint {
     }
 }
 
-/// A recording of a wall.
 #[derive(Clone, Copy)]
 struct Wall {
     paint: Paint,
     /// Columns of the depth image.
     columns: u32,
-    /// Half-width of the depth's noise, metres.
+    /// Half-width of the depth noise, metres.
     noise: f64,
-    /// Standard deviations of recorded places, metres, and turns, radians, per axis.
+    /// Standard deviations of recorded positions, metres, and rotations, radians, per axis.
     errors: [f64; 2],
     seed: u64,
 }
@@ -71,7 +69,7 @@ impl Wall {
         Pose::look_at(eye, target, DVec3::Z).unwrap()
     }
 
-    /// Half of a pose's error drifts slowly, half is new in every frame.
+    /// Half of a pose's error drifts slowly, the other half is independent per frame.
     fn recorded(&self, i: usize) -> Pose {
         let mut fast = Rng::new(self.seed, Purpose::Synthetic, i as u64);
         let mut slow = Rng::new(self.seed, Purpose::Init, 0);
@@ -130,7 +128,8 @@ impl Wall {
     }
 }
 
-/// Returns the root mean squares of what places (metres) and turns (radians) err by, beside what all frames share.
+/// Returns the root mean square errors of positions (metres) and rotations (radians), after removing the mean
+/// error of all frames.
 fn errors(poses: &[Pose]) -> [f64; 2] {
     let n = poses.len() as f64;
     let offs = poses.iter().enumerate().map(|(i, pose)| {
@@ -151,7 +150,7 @@ fn train(trainer: &mut SceneTrainer<i32>, wall: &Wall, frames: usize) {
     }
 }
 
-/// Errors of the recorded poses and of those that training found.
+/// Returns the errors of the recorded poses and of those found by training.
 fn before_and_after(wall: &Wall, h: f64) -> [[f64; 2]; 2] {
     let mut trainer = SceneTrainer::<i32>::new(&SceneConfig::coarse(h), DVec3::ZERO);
     train(&mut trainer, wall, FRAMES);
@@ -185,7 +184,7 @@ fn motions_that_a_wall_leaves_open_stay_as_recorded() {
     }
 }
 
-/// Large components know no slope of paint that repeats within them.
+/// Large components cannot represent the slope of a texture that repeats within them.
 #[test]
 fn paint_that_is_finer_than_components_moves_nothing_far() {
     for seed in 0..3 {
@@ -218,6 +217,6 @@ fn a_wall_is_tracked_by_few_components() {
     train(&mut trainer, &PHONE, 12);
     let found: Vec<Pose> = trainer.state().trajectory.iter().filter_map(|at| at.pose()).collect();
     assert_eq!(found.len(), 12);
-    // Ninety millimetres by pictures of the scene alone.
+    // Alignment to pictures of the scene alone gives ninety millimetres.
     assert!(errors(&found)[0] < 0.01, "{:?}", errors(&found));
 }

@@ -1,47 +1,47 @@
-//! Sums that rows could not hold, by component.
+//! Wide sums by component, for rows that could overflow.
 
 use crate::model::scene::sums::N_SUMS;
 
-/// Of a component that has none.
+// Marks a component without wide sums.
 const NONE: u32 = u32::MAX;
 
-/// Wide sums of some components. They are asked for at every point of a frame: one look-up by number tells
-/// whether a component has any, and where.
+/// Wide sums of some components. They are looked up for every point of a frame, so the index is a direct
+/// table by component.
 #[derive(Default)]
 pub struct WideSums {
-    /// Place among the rows by component, up to the last that has one.
+    /// Index into `rows` by component, up to the last with wide sums.
     places: Vec<u32>,
     rows: Vec<(u32, [f64; N_SUMS])>,
 }
 
 impl WideSums {
-    /// Components that have wide sums.
+    /// Number of components with wide sums.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// These components.
+    /// Iterates over these components.
     pub fn ids(&self) -> impl Iterator<Item = u32> {
         self.rows.iter().map(|(id, _)| *id)
     }
 
-    /// Those of a component, if it has any.
+    /// Returns the wide sums of a component, if any.
     #[inline(always)]
     pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Those of a component, if it has any.
+    /// Returns the wide sums of a component, if any.
     pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get_mut(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Adds to those of a component.
+    /// Adds to the wide sums of a component.
     pub fn add(&mut self, id: u32, sums: &[f64; N_SUMS]) {
         match self.get_mut(id) {
-            // Sums of integer quanta below 2⁵³: exact in f64, hence the same in any order.
+            // Integer quanta below 2⁵³ are exact in f64, hence independent of the order.
             Some(wide) => wide.iter_mut().zip(sums).for_each(|(wide, sum)| *wide += sum),
             None => {
                 let n = self.places.len().max(id as usize + 1);
@@ -52,7 +52,7 @@ impl WideSums {
         }
     }
 
-    /// Takes those of a component away.
+    /// Removes the wide sums of a component.
     pub fn remove(&mut self, id: u32) {
         let Some(place) = self.places.get_mut(id as usize) else { return };
         let place = std::mem::replace(place, NONE) as usize;

@@ -1,5 +1,4 @@
-//! What the settings of both presets share: ranges, values as a user says them, and the tables that
-//! declare every option once.
+//! Declaration of settings: ranges, parsing of values, and the tables that define every option once.
 
 mod preset;
 mod range;

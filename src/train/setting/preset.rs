@@ -1,17 +1,17 @@
-//! The presets by name.
+//! Names of the presets.
 
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// A named set of defaults, and the learner that they are for.
+/// A named set of defaults and the learner they are for.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Preset {
-    /// The algorithm as published.
+    /// The published algorithm.
     Paper,
-    /// Only what a scene needs.
+    /// Scene reconstruction: components are created as needed.
     Scene,
 }

@@ -1,16 +1,16 @@
-//! Ranges of settings, and what is said of one outside its range.
+//! Ranges of settings and the error for values outside.
 
-/// A setting outside its range.
+/// A setting is out of its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{setting}: expected {expected}, found {found}")]
 pub struct ConfigError {
-    /// Name of the setting, as settings files spell it.
+    /// Name of the setting as in settings files.
     pub setting: &'static str,
-    /// The allowed range.
+    /// Permitted range.
     pub expected: String,
-    /// The value given.
+    /// Value found.
     pub found: String,
 }
 
-/// Most components a model may have: one id is an `i32` everywhere it is stored.
+/// Maximum number of components of a model: ids are stored as `i32`.
 pub const MAX_COMPONENTS: usize = 20_000_000;

@@ -1,64 +1,63 @@
-//! The table of a preset's settings: every option is declared once.
+//! Table of a preset's settings: every option is declared once.
 //!
-//! `settings!` makes of one declaration the struct of what a user asks for (read from RON files,
-//! layered by [`SettingLayer::or`]), and a constant table whose rows know how to read a value from
-//! the command line, put it into a run's settings, check its range and compare it with a stored
-//! run's. Everything that speaks of settings walks that table: the arguments and their help, the
-//! refusal of the other preset's options, the check of a run that goes on, the window's panel, the
-//! preset files and the tables of the README. A row holds functions, not values, so that settings
-//! keep their own types and comparisons are typed; only messages are text.
+//! From one declaration, `settings!` creates a struct of optional values (read from RON files, layered by
+//! [`SettingLayer::or`]) and a constant table. Its rows parse a value from the command line, apply it to a
+//! run's settings, check its range and compare it with a stored run. The table defines command-line
+//! arguments and help, the rejection of the other preset's options, checks of resumed runs, the window's
+//! panel, preset files and the README's tables. Rows hold functions instead of values, so that settings
+//! retain their types; only messages are text.
 
 use super::preset::Preset;
 use super::range::ConfigError;
 use super::value::{Choice, ValueError};
 use std::ffi::OsStr;
 
-/// How the command line says a setting.
+/// Form of a setting on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spelling {
-    /// An option and what stands for its value in help texts.
+    /// An option and the placeholder of its value in help texts.
     Option(&'static str, &'static str),
-    /// A part of the preset, left out by `--without` and asked for by `--with`.
+    /// A part of the preset, disabled by `--without` and enabled by `--with`.
     Part(&'static str),
-    /// Not at all: it is only in files.
+    /// Available only in files.
     File,
 }
 
-/// Says whether a text is a value of some setting.
+/// Checks that a text is a valid value of a setting.
 pub type TextCheck = fn(&OsStr) -> Result<(), ValueError>;
 
-/// A run's value of a setting, if it has one, and the value asked for, as messages show them.
+/// Texts of a run's value, if any, and of the requested value.
 pub type StoredAndAsked = (Option<String>, String);
 
-/// What there is to say of a setting, whatever its type.
+/// Description of a setting, independent of its type.
 #[derive(Clone, Copy)]
 pub struct About {
     /// Name in files.
     pub field: &'static str,
-    /// Its name in older versions, one word: files and options of that name are understood.
+    /// Former name (one word), still accepted in files and as an option.
     pub old: Option<&'static str>,
-    /// On the command line.
+    /// Form on the command line.
     pub spelling: Spelling,
-    /// In the window; `None` if it is not there.
+    /// Label in the window; `None` if not shown there.
     pub label: Option<&'static str>,
-    /// The value that it has if nobody sets it, or what that depends on.
+    /// Default value, or what the default depends on.
     pub default: &'static str,
-    /// Whether the default is one value, whatever the dataset and the other settings.
+    /// True if the default does not depend on the dataset or other settings.
     pub is_default_fixed: bool,
-    /// Legal values where not every value of the type is.
+    /// Permitted values, if not all values of the type are.
     pub range: Option<fn() -> String>,
-    /// All values, where they are few and have names.
+    /// All values, if they are few and named.
     pub choices: fn() -> Vec<Choice>,
-    /// Whether the option names a file that holds the value.
+    /// True if the option names a file that holds the value.
     pub is_in_file: bool,
-    /// Whether a text is a value, before it is known which preset is meant.
+    /// Checks that a text is a value, before the preset is known.
     pub check_text: TextCheck,
     doc: &'static str,
 }
 
 impl About {
     #[doc(hidden)]
-    #[expect(clippy::too_many_arguments, reason = "called by `settings!` alone, in this order")]
+    #[expect(clippy::too_many_arguments, reason = "called only by `settings!`, in this order")]
     pub const fn new(
         field: &'static str,
         old: Option<&'static str>,
@@ -85,13 +84,13 @@ impl About {
         }
     }
 
-    /// What it does: sentences, the last without its full stop.
+    /// Returns the help text: sentences, the last without its full stop.
     pub fn help(&self) -> &'static str {
         let doc = self.doc.trim();
         doc.strip_suffix('.').unwrap_or(doc)
     }
 
-    /// As messages name it.
+    /// Returns the name used in messages.
     pub fn name(&self) -> String {
         match self.spelling {
             Spelling::Option(option, _) => option.to_owned(),
@@ -100,7 +99,7 @@ impl About {
         }
     }
 
-    /// Its option, or its name in files where it has none of its own.
+    /// Returns the option, or the name in files if there is none.
     pub fn key(&self) -> &'static str {
         match self.spelling {
             Spelling::Option(option, _) => option,
@@ -109,64 +108,63 @@ impl About {
     }
 }
 
-/// A value asked for that is not the one that a run was begun with.
+/// A requested value differs from the stored run's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conflict {
-    /// The setting, as messages name it.
+    /// Name of the setting as used in messages.
     pub setting: String,
-    /// The run's value, if it has any.
+    /// Stored value, if any.
     pub stored: Option<String>,
-    /// The value asked for.
+    /// Requested value.
     pub asked: String,
 }
 
-/// One setting of the layer `L`.
+/// Table row of one setting of layer `L`.
 pub struct Setting<L: SettingLayer> {
-    /// What there is to say of it.
+    /// Description.
     pub about: About,
-    /// The value that a layer gives it, as text.
+    /// Returns the layer's value as text.
     pub given: fn(&L) -> Option<String>,
-    /// The same as a preset file has it.
+    /// Returns the layer's value in the format of preset files.
     pub ron: fn(&L) -> Result<Option<String>, ron::Error>,
-    /// Gives it the value that a text says.
+    /// Sets the layer's value from text.
     pub parse: fn(&mut L, &OsStr) -> Result<(), ValueError>,
-    /// Leaves it to the layer below.
+    /// Removes the layer's value, so that the layer below applies.
     pub clear: fn(&mut L),
-    /// Its slot in a layer, if it is on or off.
+    /// Returns the layer's slot if the setting is a boolean.
     pub flag: fn(&mut L) -> Option<&mut Option<bool>>,
-    /// Puts the value, if one is given, into a run's settings.
+    /// Writes the layer's value, if any, to a run's settings.
     pub apply: fn(&L, &mut L::Run),
-    /// Its range and its value in a run, if that is outside.
+    /// Returns the permitted range and a run's value if it is outside.
     pub outside: fn(&L::Run) -> Option<(String, String)>,
-    /// A value asked for that is not a run's: the run's, if it has any, and the one asked for.
+    /// Returns the run's value, if any, and the layer's if they differ.
     pub differs: fn(&L, &L::Run) -> Option<StoredAndAsked>,
 }
 
-/// What a user asks for of the settings of one preset; what is not given is as the layer below has
-/// it.
+/// User-specified settings of one preset; unset ones are taken from the layer below.
 pub trait SettingLayer: Default + Sized + 'static {
     /// All settings of a run.
     type Run;
-    /// Every setting, in the order in which they are applied and listed.
+    /// All settings, in the order in which they are applied and listed.
     const TABLE: &'static [Setting<Self>];
 
-    /// The preset whose settings they are.
+    /// Preset that the settings belong to.
     const PRESET: Preset;
-    /// An example of a file with some of them, for messages.
+    /// Example of a settings file, for messages.
     const EXAMPLE: &'static str;
 
-    /// These settings where given, `fallback`'s elsewhere.
+    /// Combines two layers: values of `self` if set, else of `fallback`.
     fn or(self, fallback: Self) -> Self;
 
-    /// Puts what is given into a run's settings.
+    /// Writes all set values to a run's settings.
     fn apply(&self, run: &mut Self::Run) {
         Self::TABLE.iter().for_each(|setting| (setting.apply)(self, run));
     }
 
-    /// The first setting of a run that is out of its range.
+    /// Checks all ranges of a run's settings.
     ///
     /// # Errors
-    /// [`ConfigError`] names the setting as files do.
+    /// [`ConfigError`] for the first setting out of range, with its name in files.
     fn check(run: &Self::Run) -> Result<(), ConfigError> {
         Self::TABLE.iter().try_for_each(|setting| match (setting.outside)(run) {
             None => Ok(()),
@@ -176,7 +174,7 @@ pub trait SettingLayer: Default + Sized + 'static {
         })
     }
 
-    /// The first setting given that is not as a run has it.
+    /// Returns the first set value that differs from a run's.
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| {
             let (stored, asked) = (setting.differs)(self, run)?;
@@ -184,7 +182,7 @@ pub trait SettingLayer: Default + Sized + 'static {
         })
     }
 
-    /// The first setting given that `Other` has no option for, and its value.
+    /// Returns the first set value that `Other` has no option for.
     fn foreign_to<Other: SettingLayer>(&self) -> Option<(&'static About, String)> {
         Self::TABLE.iter().find_map(|setting| {
             let key = setting.about.key();
@@ -195,18 +193,17 @@ pub trait SettingLayer: Default + Sized + 'static {
     }
 }
 
-/// Declares the settings of a preset: a [`SettingLayer`] with an example of a file that gives some, and
-/// its table. Of every setting:
+/// Declares the settings of a preset: a [`SettingLayer`] with an example file, and its table. For each
+/// setting:
 ///
-/// * its doc comment is its help everywhere;
-/// * `option "--name" "VALUE"`, `part "name"` or `file` is how the command line says it;
-/// * `was "word"` is its name in older files and on older command lines;
-/// * `label "Name"` puts it into the window;
-/// * `default "text"` is the value of a run in which nobody sets it, `default by "text"` says what
-///   that value depends on;
-/// * `range "text", |value| test` is what a value must be;
-/// * `below other` leaves a lower layer's value out where this one gives `other`;
-/// * `at |run| place` is where a run's settings hold it, or `get` and `set` are how.
+/// * the doc comment is its help text;
+/// * `option "--name" "VALUE"`, `part "name"` or `file` is its form on the command line;
+/// * `was "word"` is its former name in files and on the command line;
+/// * `label "Name"` shows it in the window;
+/// * `default "text"` is the default value, `default by "text"` describes what it depends on;
+/// * `range "text", |value| test` restricts its values;
+/// * `below other` drops a lower layer's value if this layer sets `other`;
+/// * `at |run| place`, or `get` and `set`, access it in a run's settings.
 macro_rules! settings {
     (
         $(#[$meta:meta])*

@@ -1,55 +1,55 @@
-//! Values of settings, as the command line says them.
+//! Values of settings and their parsing from text.
 
 use serde::Serialize;
 use std::ffi::OsStr;
 use std::fmt::Debug;
 
-/// One of the few values a setting may have.
+/// One of the named values of a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// As the command line spells it.
+    /// Spelling on the command line.
     pub name: &'static str,
-    /// As the window calls it.
+    /// Label in the window.
     pub label: &'static str,
-    /// What it means, one sentence without a full stop; empty where the name says it.
+    /// Meaning, one sentence without a full stop; empty if the name suffices.
     pub help: &'static str,
 }
 
-/// Why a text is no value of a setting.
+/// Error of parsing a setting's value.
 #[derive(Debug, thiserror::Error)]
 pub enum ValueError {
-    /// What was expected and found.
+    /// Message with the expected and the found value.
     #[error("{0}")]
     Text(String),
-    /// The value is in a file, which is at fault.
+    /// Error in the file that holds the value.
     #[error(transparent)]
     File(Box<dyn std::error::Error + Send + Sync>),
 }
 
-/// A value that an option of the command line can have.
+/// Type of a value that a command-line option can have.
 pub trait SettingValue: Clone + PartialEq + Debug + Serialize {
-    /// Whether the option names a file that holds the value.
+    /// True if the option names a file that holds the value.
     const IS_FILE: bool = false;
 
-    /// All values, where they are few and have names.
+    /// Lists all values, if they are few and named.
     fn choices() -> Vec<Choice> {
         Vec::new()
     }
 
-    /// Reads the text after an option.
+    /// Parses the text after an option.
     ///
     /// # Errors
-    /// [`ValueError`] says what is expected.
+    /// [`ValueError`] states what was expected.
     fn parse(text: &OsStr) -> Result<Self, ValueError>;
 
-    /// The same slot, if it is that of something that is on or off.
+    /// Returns the slot itself if it is a boolean.
     fn flag(_: &mut Option<Self>) -> Option<&mut Option<bool>> {
         None
     }
 }
 
-/// A value as messages show it: as JSON has it, words without quotes, numbers as short as they are
-/// exact. What JSON has no word for (no number) is said as Rust does.
+/// Formats a value for messages: as JSON, with strings unquoted and numbers as short as exactness
+/// allows. Values without a JSON form (NaN) use Rust's debug format.
 pub fn text_of(value: &(impl Serialize + Debug)) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(text)) => text,
@@ -63,7 +63,7 @@ pub fn text_of(value: &(impl Serialize + Debug)) -> String {
     }
 }
 
-/// Values whose text says by itself what is wrong with it.
+/// Implements [`SettingValue`] for types that parse from text without names.
 macro_rules! parsed_values {
     ($($value:ty, $expected:literal;)+) => {$(
         impl SettingValue for $value {
@@ -95,8 +95,8 @@ impl SettingValue for bool {
     }
 }
 
-/// Makes types whose [`std::str::FromStr`] knows them by text into values; with `by name` those that
-/// `strum` gives names, each with what it is called in the window and what it means where that is said.
+/// Implements [`SettingValue`] by [`std::str::FromStr`]. With `by name`, the named values are listed,
+/// either from `strum` or with a label and help for each.
 macro_rules! named_values {
     (by text $($value:ty),+) => {$(
         impl $crate::train::setting::value::SettingValue for $value {
@@ -110,7 +110,7 @@ macro_rules! named_values {
     (by name $($value:ty),+) => {$(
         impl $crate::train::setting::value::SettingValue for $value {
             fn choices() -> Vec<$crate::train::setting::value::Choice> {
-                // `strum` names variants that it does not read, too: nobody can ask for those.
+                // `strum` also lists disabled variants, which cannot be parsed.
                 let names = <$value as strum::VariantNames>::VARIANTS.iter();
                 let names = names.filter(|name| name.parse::<$value>().is_ok());
                 names.map(|name| $crate::train::setting::value::Choice { name, label: name, help: "" }).collect()

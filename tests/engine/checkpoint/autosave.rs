@@ -53,7 +53,7 @@ fn a_failed_save_is_said_and_tried_again() {
     session.step().unwrap();
     assert!(autosave.between_frames(&session).is_none());
     let said = autosave.wait().unwrap().unwrap_err().to_string();
-    for part in ["run.vbgs", "does not exist", "training goes on", "when it is due"] {
+    for part in ["run.vbgs", "does not exist", "training continues", "when it is due"] {
         assert!(said.contains(part), "{part:?} is missing in: {said}");
     }
     std::fs::create_dir(folder.path().join("disk")).unwrap();

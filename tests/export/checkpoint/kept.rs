@@ -55,14 +55,14 @@ fn frames_that_no_scene_keeps_are_refused() {
         (7, "deviation", 0.0),
         (2, "deviation", f64::NAN),
         (3, "components shown", f64::INFINITY),
-        (9, "components taught", 1e300),
+        (9, "components updated", 1e300),
     ] {
         let part = format!("KEPT[component {}, {name}]", at / 5);
         assert_refused(&with(b"KEPT", at, wrong), &[&part]);
     }
     assert_refused(
         &with(b"KEPT", 6, 3.0),
-        &["KEPT[component 1, pose]", "one of 3 corrected poses"],
+        &["KEPT[component 1, pose]", "an index below the 3 corrected poses"],
     );
     assert_refused(&with(b"KEPT", 4, 4.0), &["KETI", "4 elements", "found 3"]);
     assert_refused(&with(b"KEPT", 3, 1e15), &["KESI"]);

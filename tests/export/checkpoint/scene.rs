@@ -355,9 +355,9 @@ fn sums_that_no_points_have() {
         12,
         22,
         95 * 32768,
-        &["component 12, normal x]: expected at most 7.84 a point, of 12 points"],
+        &["component 12, normal x]: expected at most 7.84 per point, for 12 points"],
     );
-    with(0, 10, 1, &["SUMS[component 0, red]: expected at most 7.84 a point, of 0 points"]);
+    with(0, 10, 1, &["SUMS[component 0, red]: expected at most 7.84 per point, for 0 points"]);
     with(12, 0, 4096 * 32768, &["component 12, N]: expected fewer than 4096 points", "found 4096"]);
 }
 
@@ -454,7 +454,7 @@ fn view_directions_longer_than_one() {
     refused(
         mixed(),
         edit,
-        &["component 12, view yy]: expected at most what `view xx` leaves of N"],
+        &["component 12, view yy]: expected at most the remainder of N after `view xx`"],
     );
 }
 

@@ -91,7 +91,7 @@ fn cursor_prior_and_normalisation() {
         edit(&mut checkpoint);
         assert_refused(&to_bytes(&checkpoint), parts);
     };
-    refused(&|c| c.cursor.frames = 5, &["CURS", "4 frames learnt at most", "5"]);
+    refused(&|c| c.cursor.frames = 5, &["CURS", "at most 4 trained frames", "5"]);
     refused(&|c| mixture(c).0.scale[1] = 0.0, &["NORM", "a positive scale"]);
     refused(&|c| mixture(c).0.offset[0] = f64::NAN, &["NORM", "finite"]);
     refused(&|c| mixture(c).1.u0_space = -1.0, &["PRIR", "positive numbers", "-1"]);

@@ -1,4 +1,4 @@
-//! What is known of a recording's images before any of them is looked at.
+//! Inputs of the rig estimate: image pairs, timestamps, trajectory and readout times.
 
 use super::mount::Mount;
 use crate::dataset::entry::DepthSource;
@@ -7,7 +7,7 @@ use crate::dataset::source::ByteSource;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 
-/// A depth image and the photograph beside it, of one lens, with the times that they are stamped with.
+/// A depth image and its photograph, of one lens, with their timestamps.
 pub(in super::super) struct Shot {
     pub name: String,
     pub depth: (f64, DepthSource),
@@ -15,25 +15,28 @@ pub(in super::super) struct Shot {
 }
 
 impl Shot {
-    /// What one of its files holds. Twice, as all that settings are chosen by: what a disk refuses once is
-    /// learnt from later.
+    /// Reads one of its files. Retries once, because a passing disk error would change the estimate
+    /// silently.
     pub fn read<T>(&self, read: impl Fn() -> Result<T, FrameProblem>) -> Option<T> {
         let told = |problem| {
-            tracing::warn!("frame {}: {problem}; delays are told by others", self.name);
+            tracing::warn!(
+                "frame {}: {problem}; delays are estimated from other frames",
+                self.name
+            );
         };
         read().or_else(|_| read()).map_err(told).ok()
     }
 }
 
-/// How the camera moved, and how it reads images.
+/// Camera motion and readout times.
 pub(in super::super) struct Clock<At> {
-    /// World pose at a time, where it is known.
+    /// World pose at a time; `None` if unknown.
     pub at: At,
-    /// Of both images.
+    /// Intrinsics of both images.
     pub intrinsics: Intrinsics,
-    /// Seconds from the first row of a depth image to the last, whose middle row is read at its time.
+    /// Seconds from the first to the last row of a depth image; its timestamp is that of the middle row.
     pub depth_reading: f64,
-    /// The same of a photograph.
+    /// The same for a photograph.
     pub color_reading: f64,
 }
 
@@ -41,14 +44,14 @@ impl<At> Clock<At>
 where
     At: Fn(f64) -> Option<Pose>,
 {
-    /// One whose poses are of a camera that sits so on what the trajectory follows.
+    /// Returns the clock of a camera with this mount on the tracked body.
     pub fn mounted(&self, mount: Mount) -> Clock<impl Fn(f64) -> Option<Pose>> {
         let at = move |time| (self.at)(time).map(|pose| mount.of(&pose));
         let Self { intrinsics, depth_reading, color_reading, .. } = *self;
         Clock { at, intrinsics, depth_reading, color_reading }
     }
 
-    /// One whose images take so many times as long to be read.
+    /// Returns a clock with readout times multiplied by `times`.
     pub fn slowed(&self, times: f64) -> Clock<&At> {
         let Self { at, intrinsics, depth_reading, color_reading } = self;
         let [depth_reading, color_reading] = [times * depth_reading, times * color_reading];

@@ -1,4 +1,4 @@
-//! How well two photographs fit, given when they were taken.
+//! Photometric distance of two photographs as a function of their delay.
 
 use super::clock::{Clock, Shot};
 use super::depth;
@@ -9,12 +9,12 @@ use crate::math::image::Image;
 use crate::math::pose::Pose;
 use glam::DVec3;
 
-/// Sides of the squares of pixels that are averaged: noise and detail finer than a pixel's error are gone.
+/// Side of the squares whose pixels are averaged: suppresses noise and detail below the registration error.
 const SQUARE: usize = 4;
-/// Differences of grey, of 1, count at most as this: what moves or shines is another colour.
+/// Limit for differences of grey in `[0, 1]`: larger ones are motion or reflections.
 const FARTHEST: f64 = 0.2;
 
-/// Two photographs, and what both show.
+/// Two photographs and the world points visible in both.
 pub(super) struct Pair {
     times: [f64; 2],
     greys: [Image<f32>; 2],
@@ -22,7 +22,8 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Those beside two depth images that were taken `delay` after their times; `None` where one cannot be read.
+    /// Loads the photographs of a pair of depth images with the given depth delay; `None` if one cannot be
+    /// read.
     pub fn load<At>(pair: &depth::Pair<'_>, clock: &Clock<At>, delay: f64) -> Option<Self>
     where
         At: Fn(f64) -> Option<Pose>,
@@ -35,7 +36,7 @@ impl Pair {
         })
     }
 
-    /// Mean difference of what both show of the same points; exposures are made equal.
+    /// Mean difference of grey at the common points, after equalising exposure.
     pub fn distance<At>(&self, clock: &Clock<At>, delay: f64) -> f64
     where
         At: Fn(f64) -> Option<Pose>,
@@ -58,7 +59,7 @@ impl Pair {
     }
 }
 
-/// Means of the squares of a photograph, in `[0, 1]`.
+/// Means over the squares of a photograph, in `[0, 1]`.
 fn load(shot: &Shot, k: &Intrinsics) -> Option<Image<f32>> {
     let color = shot.read(|| decode::color(&shot.color.1, (k.width, k.height)))?;
     let (columns, rows) = (color.width / SQUARE, color.height / SQUARE);
@@ -77,7 +78,7 @@ fn load(shot: &Shot, k: &Intrinsics) -> Option<Image<f32>> {
     Some(means)
 }
 
-/// Between the four squares around a place in the photograph; `None` at its rim.
+/// Interpolates between the four squares around a pixel position; `None` at the border.
 fn grey_at(grey: &Image<f32>, [u, v, _]: [f64; 3]) -> Option<f64> {
     let (x, y) = (u / SQUARE as f64 - 0.5, v / SQUARE as f64 - 0.5);
     let (column, row) = (x.floor(), y.floor());

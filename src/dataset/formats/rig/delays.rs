@@ -1,25 +1,23 @@
-//! When images were taken, told by what they show: a clock that stamps them late shows where the camera
-//! turns.
+//! Estimates errors of timestamps: a wrong time is visible where the camera's rotation rate changes.
 //!
-//! A camera that turns evenly says nothing, since a delay moves both images of a pair alike: pairs are chosen
-//! between which it turns otherwise (`pairs.rs`). Of delays in steps the one of the least mean distance is
-//! taken, and refined by a parabola, if two halves of the pairs agree about it.
+//! With uniform rotation a delay moves both images of a pair alike, so pairs with different rotation rates
+//! are used (`pairs.rs`). The delay with the least mean distance is found on a grid and refined by a
+//! parabola. It is accepted if both halves of the pairs agree.
 
 use rayon::prelude::*;
 
-/// The fewest pairs of images that say anything.
+/// Least number of image pairs.
 const FEWEST: usize = 6;
-/// Seconds between the delays that are tried, and how many to either side.
+/// Step between the delays that are tried, seconds, and number of steps to either side.
 const STEP: f64 = 0.005;
 const N_STEPS: usize = 8;
-/// By what share the mean distance must fall, seconds by which two halves of the pairs may differ, and the least
-/// delay that is told.
+/// Least relative decrease of the mean distance, largest difference between both halves of the pairs,
+/// seconds, and least delay that is reported, seconds.
 const FALL: f64 = 0.05;
 const AGREED: f64 = 0.008;
 const LEAST: f64 = 0.004;
 
-/// The delay at which what pairs say, given one, is least on average; `None` where they do not determine it, or
-/// determine that there is none.
+/// Delay with the least mean `distance` over all pairs; `None` if it is undetermined or negligible.
 pub(super) fn lowest_of<P: Sync>(
     pairs: &[P],
     distance: impl Fn(&P, f64) -> f64 + Sync,
@@ -40,10 +38,10 @@ pub(super) fn lowest_of<P: Sync>(
     (is_determined && delay.abs() >= LEAST).then_some(delay)
 }
 
-/// By delay: see [`delay_of`].
+/// Distances by index of the delay, see [`delay_of`].
 type Distances = [f64; 2 * N_STEPS + 1];
 
-/// Seconds of a place among the distances.
+/// Delay in seconds at an index of the distances.
 fn delay_of(place: f64) -> f64 {
     (place - N_STEPS as f64) * STEP
 }
@@ -55,7 +53,7 @@ fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
     })
 }
 
-/// The delay of the least distance and that distance; `None` at either end, where less may lie beyond.
+/// Delay of the least distance, and that distance; `None` at either end, where the minimum may lie outside.
 fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     let triples = distances.array_windows().enumerate();
     let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;

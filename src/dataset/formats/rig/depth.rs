@@ -1,4 +1,4 @@
-//! How well two depth images fit, given when they were taken.
+//! Distance of two depth images as a function of their delay.
 
 use super::clock::{Clock, Shot};
 use super::strips::{EVERY, Strips};
@@ -9,23 +9,23 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Distances count as shares of the depth, at most this: edges hide and show.
+/// Limit for relative depth differences, to bound the effect of occlusions.
 const FARTHEST: f64 = 0.05;
 
-/// Two images of the same surfaces.
+/// Two depth images of the same surfaces.
 pub(super) struct Pair<'a> {
     pub shots: [&'a Shot; 2],
     depths: [Depth; 2],
 }
 
 impl<'a> Pair<'a> {
-    /// `None` where one of them cannot be read, or measures along rays, as no Kinect does.
+    /// Loads both images; `None` if one cannot be read or is measured along rays, as no Kinect does.
     pub fn load<At>(shots: [&'a Shot; 2], clock: &Clock<At>) -> Option<Self> {
         let [a, b] = shots;
         Some(Self { shots, depths: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?] })
     }
 
-    /// Mean distance of the first one's depth from the second one's, as a share of the depth.
+    /// Mean depth difference of both images, relative to depth.
     pub fn distance<At>(&self, clock: &Clock<At>, delay: f64) -> f64
     where
         At: Fn(f64) -> Option<Pose>,
@@ -38,8 +38,8 @@ impl<'a> Pair<'a> {
         if n > 0.0 { sum / n } else { FARTHEST }
     }
 
-    /// How far behind what the first one measured the second one's depth is, as a share of the depth: of the same
-    /// samples for whatever moves them.
+    /// Signed depth difference of the second image to the first, relative to depth. Samples are the same
+    /// for any clock and delay.
     pub fn apart<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<Option<f64>>
     where
         At: Fn(f64) -> Option<Pose>,
@@ -47,7 +47,7 @@ impl<'a> Pair<'a> {
         self.measured(clock, delay, |_, share| share)
     }
 
-    /// World points that both measured.
+    /// World points measured in both images.
     pub fn common<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<DVec3>
     where
         At: Fn(f64) -> Option<Pose>,
@@ -56,8 +56,8 @@ impl<'a> Pair<'a> {
         self.measured(clock, delay, near).into_iter().flatten().flatten().collect()
     }
 
-    /// By sample of the first one what is made of its world point and of how far behind it, as a share of its
-    /// depth, the second one's depth is; `None` where one measured nothing.
+    /// For each sample of the first image, `make` of its world point and the relative depth difference in
+    /// the second image; `None` if one has no depth.
     fn measured<At, T>(
         &self,
         clock: &Clock<At>,
@@ -85,13 +85,13 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Sum of the distances within pairs.
+/// Sum of the distances of all pairs.
 pub(super) fn total<At>(pairs: &[&Pair<'_>], clock: &Clock<At>, delay: f64) -> f64
 where
     At: Fn(f64) -> Option<Pose> + Sync,
 {
     let each: Vec<f64> = pairs.par_iter().map(|pair| pair.distance(clock, delay)).collect();
-    // In their order, so that sums round alike on any number of threads.
+    // Summed in order, so that rounding does not depend on the number of threads.
     each.iter().sum()
 }
 

@@ -1,10 +1,10 @@
-//! What a recording's images tell of the rig that took them: when it took them, and how the camera sits on what
-//! its trajectory follows.
+//! Estimates properties of a recording's rig from its images: errors of timestamps, and the mount of the
+//! camera on the tracked body.
 //!
-//! Depth of one image, moved by the trajectory into another, lies on what that one measured if both were
-//! taken when their times say and from where the trajectory says; and what it measured has one colour in the
-//! photographs beside both. So pairs of images tell of errors that all of them share: delays by pairs between
-//! which the turning changes, the mount by pairs that are turned against each other.
+//! If times and trajectory are right, depth of one image transformed into another matches the depth
+//! measured there, and matching points have the same colour in both photographs. So pairs of images show
+//! errors that all of them share. Delays follow from pairs with different rotation rates, the mount from
+//! pairs that are rotated against each other.
 
 mod clock;
 mod color;
@@ -24,22 +24,21 @@ use glam::DVec3;
 pub(super) use mount::Mount;
 use rayon::prelude::*;
 
-/// What all images of a recording share.
+/// Properties shared by all images of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rig {
-    /// Whether rows are read one after the other, as was expected: unless depth agrees better without.
+    /// True if rows are read one after the other; false if depth agrees better without a rolling shutter.
     pub reads_rows: bool,
-    /// Seconds by which depth was taken after its times, negative before them; 0 where the recording does not
-    /// determine it.
+    /// Delay of depth after its timestamps, seconds; negative if it is earlier, 0 if undetermined.
     pub depth_delay: f64,
-    /// The same of photographs.
+    /// The same for photographs.
     pub color_delay: f64,
-    /// How the camera sits on what the trajectory follows.
+    /// Mount of the camera on the tracked body.
     pub mount: Mount,
 }
 
 impl Rig {
-    /// What is expected before any image is looked at.
+    /// Assumption before the estimate.
     pub const EXPECTED: Self = Self {
         reads_rows: true,
         depth_delay: 0.0,
@@ -48,7 +47,7 @@ impl Rig {
     };
 }
 
-/// That of a recording.
+/// Estimates the rig of a recording.
 pub(super) fn find<At>(shots: &[Shot], clock: &Clock<At>) -> Rig
 where
     At: Fn(f64) -> Option<Pose> + Sync,

@@ -1,19 +1,19 @@
-//! How a camera sits on what its trajectory follows: markers of a motion capture are not its lens.
+//! Mount of a camera on the tracked body, such as the markers of motion capture.
 
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 
-/// Where a camera sits on what its trajectory follows.
+/// Pose of a camera relative to the tracked body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in super::super) struct Mount {
-    /// In the axes of what is followed, which are about the camera's: metres.
+    /// Translation in the body's axes, which are close to the camera's; metres.
     pub shift: DVec3,
-    /// Axis times angle, radians.
+    /// Rotation vector, radians.
     pub turn: DVec3,
 }
 
 impl Mount {
-    /// The pose of the camera where what is followed has this one.
+    /// Camera pose for a pose of the tracked body.
     pub fn of(&self, followed: &Pose) -> Pose {
         followed.attached(self.shift, DQuat::from_scaled_axis(self.turn))
     }

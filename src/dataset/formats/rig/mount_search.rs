@@ -1,8 +1,9 @@
-//! The search for how a camera sits on what its trajectory follows.
+//! Estimates the mount of a camera on the tracked body.
 //!
-//! A shift and a turn that no pose knows of move two images that are turned against each other differently. The
-//! most probable ones under what both measured (Gauss-Newton with Cauchy weights, slopes by differences, since
-//! depth images are looked up pixel by pixel) are taken if they serve images that they were not found by.
+//! An unknown mount moves two images differently if they are rotated against each other. The maximum a
+//! posteriori mount is found by Gauss-Newton with Cauchy weights. Slopes are finite differences, because
+//! depth images are sampled per pixel. The mount is accepted if it improves image pairs that it was not
+//! fitted to.
 
 use super::clock::Clock;
 use super::depth::{Pair, total};
@@ -12,27 +13,27 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// The fewest pairs of images that say anything.
+/// Least number of image pairs.
 const FEWEST: usize = 6;
-/// By what share the distance within pairs must fall that the mount was not found by.
+/// Least relative decrease of the distance of pairs that were not used for the fit.
 const FALL: f64 = 0.05;
-/// Steps of Gauss-Newton.
+/// Gauss-Newton steps.
 const ROUNDS: usize = 12;
-/// How often a step is doubled at most.
+/// Bound of the number of times a step is doubled.
 const DOUBLINGS: u32 = 5;
-/// Share of the distance by which a round must lower it for another.
+/// Least relative decrease of the distance for another round.
 const SETTLED: f64 = 0.002;
-/// Radians and metres by which a pose is moved for a slope, to either side: some ten pixels, over which noise
-/// of depth counts for little.
+/// Half-widths of the finite differences, radians and metres: about ten pixels, over which depth noise
+/// averages out.
 const EPS: [f64; N] = [0.016, 0.016, 0.016, 0.04, 0.04, 0.04];
-/// Deviations that are expected before anything is measured, radians and metres.
+/// Prior standard deviations, radians and metres.
 const EXPECTED: [f64; N] = [0.03, 0.03, 0.03, 0.05, 0.05, 0.05];
-/// Distance, as a share of the depth, that weighs a half.
+/// Relative depth difference at which the Cauchy weight is one half.
 const ROBUST: f64 = 0.01;
-/// Neighbouring samples err together: so many count as one.
+/// Correlated neighbouring samples that count as one.
 const ALIKE: f64 = 20.0;
 
-/// Turn about the axes of the camera, and shift along them.
+/// Rotation about the camera's axes and translation along them.
 const N: usize = 6;
 type Vector = [f64; N];
 
@@ -40,7 +41,7 @@ fn mount_of([a, b, c, x, y, z]: Vector) -> Mount {
     Mount { shift: DVec3::new(x, y, z), turn: DVec3::new(a, b, c) }
 }
 
-/// What pairs of images say; none where they do not determine it.
+/// Mount estimated from image pairs; the identity if it is undetermined.
 pub(super) fn find<At>(pairs: &[Pair<'_>], clock: &Clock<At>, delay: f64) -> Mount
 where
     At: Fn(f64) -> Option<Pose> + Sync,
@@ -64,7 +65,7 @@ where
 
 struct Search<'a, At> {
     clock: &'a Clock<At>,
-    /// Of depth, seconds.
+    /// Delay of depth, seconds.
     delay: f64,
 }
 
@@ -72,12 +73,11 @@ impl<At> Search<'_, At>
 where
     At: Fn(f64) -> Option<Pose> + Sync,
 {
-    /// Sum of the distances within pairs.
     fn distance(&self, pairs: &[&Pair<'_>], mount: Mount) -> f64 {
         total(pairs, &self.clock.mounted(mount), self.delay)
     }
 
-    /// The most probable mount by these pairs.
+    /// Most probable mount for these pairs.
     fn fitted(&self, pairs: &[&Pair<'_>]) -> Mount {
         let mut best = [0.0; N];
         let mut least = self.distance(pairs, mount_of(best));
@@ -96,8 +96,8 @@ where
         mount_of(best)
     }
 
-    /// Where along a step the distance is least, and that distance. Slopes are larger than what they stand for,
-    /// for noise makes depth steep, so that steps are too short: they are doubled as long as that serves.
+    /// Point with the least distance along a step, and that distance. Noise makes the slopes too large and
+    /// steps too short, so a step is doubled as long as the distance falls.
     fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
             let mut place = from;
@@ -115,7 +115,7 @@ where
         best
     }
 
-    /// What one pair says of a step from a mount.
+    /// Normal equations of one pair at a mount.
     fn equations(&self, pair: &Pair<'_>, from: Vector) -> Equations {
         let apart = |mount: Vector| pair.apart(&self.clock.mounted(mount_of(mount)), self.delay);
         let here = apart(from);
@@ -143,7 +143,7 @@ where
     }
 }
 
-/// Normal equations of a step.
+/// Normal equations of a Gauss-Newton step.
 struct Equations {
     matrix: [Vector; N],
     right: Vector,
@@ -152,7 +152,7 @@ struct Equations {
 impl Equations {
     const NONE: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
 
-    /// What is expected, from a mount.
+    /// Prior of the mount, linearised at `from`.
     fn prior(from: &Vector) -> Self {
         let mut prior = Self::NONE;
         let expected = from.iter().zip(EXPECTED).zip(&mut prior.matrix).zip(&mut prior.right);

@@ -1,25 +1,25 @@
-//! Which images of a recording tell of its rig: pairs that show the same, between which the camera turns
-//! otherwise, or is turned.
+//! Selects image pairs for the rig estimate: they show the same surfaces, and the camera's rotation rate or
+//! its orientation differs between them.
 
 use super::clock::{Clock, Shot};
 use crate::math::pose::Pose;
 use glam::DVec3;
 
-/// Pairs of images that are looked at.
+/// Largest number of image pairs.
 const PAIRS: usize = 16;
-/// Images after the first of a pair among which the second is sought.
+/// Images after the first of a pair that are candidates for the second.
 const REACH: usize = 48;
-/// Radians that the camera may have turned between the two: they must show the same.
+/// Largest rotation within a pair, radians: both images must show the same surfaces.
 const MOST_SHAKEN: f64 = 0.35;
 const MOST_TURNED: f64 = 0.6;
-/// Radians a second by which its turning must differ: in 10 ms a pixel and a half of a Kinect.
+/// Least difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
 const LEAST_CHANGE: f64 = 0.3;
-/// Radians that it must have turned: a twentieth of what all poses err by is left of it within the pair.
+/// Least rotation within a pair, radians: a twentieth of a common pose error remains visible within it.
 const LEAST_TURN: f64 = 0.05;
-/// Half the seconds in which a rate of turning is measured.
+/// Half the time over which a rotation rate is measured, seconds.
 const RATE: f64 = 0.01;
 
-/// Pairs of images, evenly over the recording, each with the partner of the most different turning.
+/// Evenly spaced images, each paired with the one whose rotation rate differs most.
 pub(super) fn shaken<'a, At>(shots: &'a [Shot], clock: &Clock<At>) -> Vec<[&'a Shot; 2]>
 where
     At: Fn(f64) -> Option<Pose>,
@@ -28,7 +28,7 @@ where
     chosen(shots, clock, MOST_SHAKEN, change, LEAST_CHANGE)
 }
 
-/// Pairs of images, evenly over the recording, each with the partner that is turned most.
+/// Evenly spaced images, each paired with the one that is rotated most.
 pub(super) fn turned<'a, At>(shots: &'a [Shot], clock: &Clock<At>) -> Vec<[&'a Shot; 2]>
 where
     At: Fn(f64) -> Option<Pose>,
@@ -36,7 +36,7 @@ where
     chosen(shots, clock, MOST_TURNED, Turning::angle, LEAST_TURN)
 }
 
-/// Pairs with no more than so much of a turn between them, each of the highest score of at least the least.
+/// Pairs with a rotation below `most_turn`, each with the highest score, which must reach `least`.
 fn chosen<'a, At>(
     shots: &'a [Shot],
     clock: &Clock<At>,
@@ -61,11 +61,11 @@ where
     (0..anchors).filter_map(pair).collect()
 }
 
-/// An image and how its camera turns.
+/// An image with its camera's pose and rotation rate.
 struct Turning<'a> {
     shot: &'a Shot,
     pose: Pose,
-    /// Radians a second, axes of the world.
+    /// Rotation rate in world axes, radians per second.
     rate: DVec3,
 }
 
@@ -80,7 +80,7 @@ impl<'a> Turning<'a> {
         Some(Self { shot, pose, rate: before.rotation() * turn / (2.0 * RATE) })
     }
 
-    /// Radians by which another image is turned.
+    /// Rotation to another image, radians.
     fn angle(&self, other: &Self) -> f64 {
         self.pose.offset_to(&other.pose).1.to_scaled_axis().length()
     }

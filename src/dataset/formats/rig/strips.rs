@@ -1,20 +1,20 @@
-//! Where a camera was while it read an image, strip by strip of rows.
+//! Camera poses during the readout of an image, per strip of rows.
 
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use glam::DVec3;
 
-/// Rows of a strip, and the rows and columns of which every so-many-th is a sample.
+/// Rows of a strip, and distance between sampled rows and columns.
 pub(super) const EVERY: usize = 16;
 
-/// World poses at which the strips of an image were read.
+/// World pose for each strip of an image; `None` if unknown.
 pub(super) struct Strips {
     intrinsics: Intrinsics,
     poses: Vec<Option<Pose>>,
 }
 
 impl Strips {
-    /// Of an image whose middle row was read at `time`, all rows in `reading` seconds.
+    /// Poses for an image whose middle row is read at `time` and all rows in `reading` seconds.
     pub fn new(
         intrinsics: Intrinsics,
         at: impl Fn(f64) -> Option<Pose>,
@@ -27,14 +27,15 @@ impl Strips {
         Self { intrinsics, poses: strips.map(|row| at(time + read(row))).collect() }
     }
 
-    /// Rows of samples and where the camera was when it read them, where that is known.
+    /// Sampled rows with the camera's pose at their readout, if known.
     pub fn rows(&self) -> impl Iterator<Item = (usize, &Pose)> {
         let rows = (EVERY / 2..).step_by(EVERY);
         rows.zip(&self.poses).filter_map(|(row, pose)| Some((row, pose.as_ref()?)))
     }
 
-    /// Pixels from the left and the top rim, and depth, at which a world point is seen. Its row says when it
-    /// was seen, and that where: twice round is enough for a pixel. `None` outside the image.
+    /// Projects a world point to pixel column, pixel row and depth; `None` outside the image. The row
+    /// determines the time and thereby the pose, so the projection is iterated; two rounds reach pixel
+    /// accuracy.
     pub fn seen(&self, world: DVec3) -> Option<[f64; 3]> {
         let k = &self.intrinsics;
         let (mut strip, mut seen) = (self.poses.len() / 2, None);

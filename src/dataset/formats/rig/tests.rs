@@ -1,4 +1,4 @@
-//! Recordings of a painted room whose clocks and whose camera's place are wrong.
+//! Recordings of a painted room with wrong timestamps and a wrong mount.
 
 use super::{Clock, Mount, Rig, Shot, find};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -20,20 +20,20 @@ fn pose(turn: DQuat) -> Pose {
     Pose::from_opencv(matrix).unwrap()
 }
 
-/// Shaken by half a radian a second about two axes.
+/// Rotates back and forth about two axes, at up to about half a radian a second.
 fn shaken(time: f64) -> Option<Pose> {
     let (yaw, pitch) = (0.15 * (4.1 * time).sin(), 0.12 * (5.3 * time).cos());
     Some(pose(DQuat::from_euler(EulerRot::YXZ, yaw, pitch, 0.0)))
 }
 
-/// Turned about all axes, as who looks around a room.
+/// Rotates about all axes, like a handheld camera panning around a room.
 fn waved(time: f64) -> Option<Pose> {
     let angles = [0.5 * (1.3 * time).sin(), 0.4 * (2.1 * time).cos(), 0.6 * (1.7 * time).sin()];
     let [yaw, pitch, roll] = angles;
     Some(pose(DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll)))
 }
 
-/// Turned as evenly as can be.
+/// Rotates at a constant rate.
 fn even(time: f64) -> Option<Pose> {
     Some(pose(DQuat::from_rotation_y(0.5 * time)))
 }
@@ -42,7 +42,7 @@ fn camera() -> Intrinsics {
     Intrinsics::from_horizontal_fov(160, 128, 1.0)
 }
 
-/// What each pixel of an image sees, row by row as it is read: depth along the axis and the place in the room.
+/// Depth along the axis and world position for each pixel, with the rows read one after the other.
 fn seen(time: f64, reading: f64, at: impl Fn(f64) -> Option<Pose>) -> Vec<(f64, DVec3)> {
     let k = camera();
     let rows = k.height as usize;
@@ -59,7 +59,7 @@ fn seen(time: f64, reading: f64, at: impl Fn(f64) -> Option<Pose>) -> Vec<(f64, 
     seen
 }
 
-/// Frames taken by such a rig, of what moves as `at` says.
+/// Writes frames of a rig whose tracked body moves by `at`.
 fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) -> Vec<Shot> {
     let encoding = DepthEncoding {
         codes: CodeKind::BareFloats,
@@ -76,7 +76,7 @@ fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) ->
         let seen = |time| seen(time, reading, at);
         let lengths = seen(time + rig.depth_delay).into_iter().map(|(z, _)| z as f32);
         std::fs::write(&depth, lengths.flat_map(f32::to_le_bytes).collect::<Vec<u8>>()).unwrap();
-        // Exposed by itself: the same paint is darker in every other photograph.
+        // Auto-exposure: the same paint is darker in every other photograph.
         let exposure = if i.is_multiple_of(2) { 1.0 } else { 0.7 };
         let paint = |place: DVec3| {
             100.0 + 50.0 * (5.0 * place).to_array().map(f64::sin).iter().sum::<f64>() / 3.0
@@ -133,7 +133,7 @@ fn a_camera_beside_what_is_followed_shows_where_it_is_turned() {
         Mount { shift: DVec3::new(0.03, -0.02, 0.01), turn: DVec3::new(0.012, -0.02, 0.016) };
     for real in [Rig { mount, ..late(0.0, 0.0) }, Rig { mount, ..late(-0.026, 0.012) }] {
         let found = found(real, waved);
-        // A shift makes up for a turn in part where all walls are about as far away.
+        // A shift partly compensates for a rotation if all walls are about equally far away.
         for x in [-0.8, 0.8] {
             let seen = DVec3::new(x, 0.5 * x, 2.2);
             let place = |mount: &Mount| mount.of(&Pose::IDENTITY).transform_point(seen);

@@ -1,4 +1,4 @@
-//! What the phone stores of a frame.
+//! Frames as the phone stores them: photograph, lidar depth and confidence.
 
 use super::exposure::gains;
 use super::lidar::{LidarImage, measure};
@@ -11,31 +11,29 @@ use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec2, Vec3};
 
-/// First stream of the lidar's noise; frames count up from it.
+/// First random stream of the lidar noise; the frame index is added.
 const LIDAR: u64 = 1 << 40;
-/// How long the shutter is open, as a part of the walk.
+/// Exposure time as a fraction of the walk.
 const SHUTTER: f64 = 0.000_1;
-/// Light lost in the corners.
+/// Relative light loss in the image corners.
 const VIGNETTING: f64 = 0.06;
-/// Pixels of motion above which a photograph is a mean of three views, and of five.
+/// Motion in pixels above which a photograph averages three views, and five.
 const BLURRED: [f64; 2] = [1.2, 4.0];
-/// Distance at which motion is judged, metres.
+/// Depth at which motion blur is estimated, metres.
 const TYPICAL_DEPTH: f64 = 1.5;
-/// Longest side of depth images, and least ratio of photographs to them.
+/// Maximum side of the depth image in pixels, and minimum ratio of photograph to depth resolution.
 const DEPTH_SIDE: f64 = 256.0;
 const LEAST_FACTOR: f64 = 2.0;
 
-/// A frame as it is stored.
 pub struct Capture {
     /// sRGB-encoded, opaque.
     pub color: Image<[u8; 4]>,
-    /// Metres along the optical axis; 0 in holes.
+    /// Depth along the optical axis, metres; 0 in holes.
     pub depth_z: Image<f64>,
-    /// 0 to 2.
+    /// Confidence code, 0 to 2.
     pub confidence: Image<u8>,
 }
 
-/// The phone on its walk.
 #[derive(Clone, Debug)]
 pub struct PhoneCamera {
     walk: Walk,
@@ -48,12 +46,12 @@ impl PhoneCamera {
         Self { walk, gains: gains(n_frames, seed), seed }
     }
 
-    /// Where a frame is taken from.
+    /// True pose of a frame.
     pub fn pose(&self, frame: usize) -> Pose {
         self.walk.handheld(self.part(frame))
     }
 
-    /// Renders a frame; `depth` are the lidar's intrinsics.
+    /// Renders a frame; `depth` holds the intrinsics of the lidar image.
     pub fn capture(&self, scene: &SyntheticScene, frame: usize, depth: Intrinsics) -> Capture {
         let mut rng = Rng::new(self.seed, Purpose::Synthetic, LIDAR + frame as u64);
         let camera = Camera { intrinsics: depth, pose: self.pose(frame) };
@@ -65,7 +63,7 @@ impl PhoneCamera {
         self.walk.part(frame as f64, self.gains.len())
     }
 
-    /// A photograph: the mean light while the shutter is open, times gain and vignetting.
+    /// Renders a photograph: mean radiance over the exposure, times gain and vignetting.
     fn photograph(&self, scene: &SyntheticScene, frame: usize) -> Image<[u8; 4]> {
         let k = scene.intrinsics();
         let poses = self.exposed(frame, &k);
@@ -85,7 +83,7 @@ impl PhoneCamera {
         Image::from_vec(width, light.height, developed.collect())
     }
 
-    /// Poses while the shutter is open: one where the phone hardly moves, else three or five.
+    /// Poses sampled over the exposure: one for small motion, else three or five.
     fn exposed(&self, frame: usize, k: &Intrinsics) -> Vec<Pose> {
         let middle = self.part(frame);
         let at = |moment: f64| self.walk.handheld(middle + SHUTTER * (moment - 0.5));
@@ -99,13 +97,13 @@ impl PhoneCamera {
     }
 }
 
-/// Pixels by which the picture moves between two poses.
+/// Image motion between two poses, pixels.
 fn motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
     let (offset, turn) = from.offset_to(to);
     k.fx * (turn.to_scaled_axis().length() + offset.length() / TYPICAL_DEPTH)
 }
 
-/// The lidar's camera: the photograph's lens, 192×256 pixels behind a photograph of 1440×1920.
+/// Intrinsics of the lidar image: the lens of the photograph, e.g. 192×256 pixels for 1440×1920.
 pub fn depth_camera(k: &Intrinsics) -> Intrinsics {
     let longest = f64::from(k.width.max(k.height));
     k.scaled(1.0 / (longest / DEPTH_SIDE).max(LEAST_FACTOR))

@@ -1,4 +1,4 @@
-//! What is in the phone's scenes.
+//! Contents of the phone's scenes.
 
 use super::door;
 use super::parts::{CABLE, fine, rod, sagging};
@@ -8,7 +8,6 @@ use crate::dataset::synthetic::room::{FurnishedRoom, Solid, sphere};
 use crate::dataset::synthetic::texture::Texture;
 use glam::{dvec3, vec3};
 
-/// Furnishes and lights a scene.
 pub fn furnish(scene: PhoneScene, seed: u64) -> FurnishedRoom {
     match scene {
         PhoneScene::Room => {
@@ -21,7 +20,6 @@ pub fn furnish(scene: PhoneScene, seed: u64) -> FurnishedRoom {
     }
 }
 
-/// Flat things with fine print, grain and glaze.
 fn add_panels(solids: &mut Vec<Solid>) {
     let oak = FineTexture::Grain(vec3(0.44, 0.27, 0.13));
     solids.extend([
@@ -37,7 +35,6 @@ fn add_panels(solids: &mut Vec<Solid>) {
     ]);
 }
 
-/// A pendant lamp over the table, and loose cables on walls, table and floor.
 fn add_cables(solids: &mut Vec<Solid>) {
     let black = FineTexture::Rubber(vec3(0.02, 0.02, 0.022));
     let white = FineTexture::Rubber(vec3(0.72, 0.72, 0.70));

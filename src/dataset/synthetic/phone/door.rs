@@ -1,4 +1,4 @@
-//! A door in a hallway: a flat surface that fills the picture, with its frame and fittings.
+//! A door in a hallway: a flat surface that fills the image, with its frame and fittings.
 //!
 //! The door is in the wall at `y = 0`; the camera stays at negative y.
 
@@ -12,10 +12,10 @@ use glam::{DVec3, dvec3, vec3};
 
 const LO: DVec3 = dvec3(-2.2, -2.8, 0.0);
 const HI: DVec3 = dvec3(2.2, 0.0, 2.5);
-/// As of the room's furnishing.
+/// Random stream of the furnishing, the same as for the room.
 const STREAM: u64 = u64::MAX;
 
-/// The window behind the camera, as light.
+/// Light of the window behind the camera.
 const WINDOW: Lamp = Lamp {
     corner: dvec3(-0.9, -2.75, 0.9),
     edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
@@ -23,7 +23,7 @@ const WINDOW: Lamp = Lamp {
     radiance: vec3(4.2, 4.6, 5.0),
 };
 
-/// The panel under the ceiling, as light.
+/// Light of the ceiling panel.
 const PANEL: Lamp = Lamp {
     corner: dvec3(-0.6, -1.7, 2.45),
     edges: [dvec3(1.2, 0.0, 0.0), dvec3(0.0, 0.8, 0.0)],
@@ -34,7 +34,7 @@ const PANEL: Lamp = Lamp {
 const FRAME: FineTexture = FineTexture::Grain(vec3(0.62, 0.53, 0.40));
 const STEEL: FineTexture = FineTexture::Steel;
 
-/// The hallway; the seed shifts textures and the tone of the door.
+/// Builds the hallway; the seed varies textures and the tone of the door.
 pub(super) fn hallway(seed: u64) -> FurnishedRoom {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     let tone = rng.range(0.85, 1.15) as f32;
@@ -46,7 +46,6 @@ pub(super) fn hallway(seed: u64) -> FurnishedRoom {
     FurnishedRoom { solids, lamps: vec![WINDOW, PANEL], seed: rng.next_u64() as u32 }
 }
 
-/// Leaf, frame and hinges.
 fn add_door(solids: &mut Vec<Solid>, wood: FineTexture) {
     solids.extend([
         fine([-0.43, -0.016, 0.01], [0.43, 0.0, 2.01], wood),
@@ -61,7 +60,6 @@ fn add_door(solids: &mut Vec<Solid>, wood: FineTexture) {
     }
 }
 
-/// What is screwed or glued to the leaf.
 fn add_fittings(solids: &mut Vec<Solid>) {
     let lever = dvec3(0.352, -0.075, 1.1);
     solids.extend([
@@ -76,7 +74,6 @@ fn add_fittings(solids: &mut Vec<Solid>) {
     ]);
 }
 
-/// The wall beside the door and what is in front of it.
 fn add_surroundings(solids: &mut Vec<Solid>) {
     let black = FineTexture::Rubber(vec3(0.02, 0.02, 0.022));
     let white = FineTexture::Rubber(vec3(0.72, 0.72, 0.70));
@@ -94,7 +91,7 @@ fn add_surroundings(solids: &mut Vec<Solid>) {
         block([-0.6, -1.7, 2.46], [0.6, -0.9, 2.5], Texture::Glow(vec3(3.2, 2.9, 2.4))),
         block([-0.9, -2.8, 0.9], [0.9, -2.765, 2.1], Texture::Window),
         rod(dvec3(0.66, -0.007, 1.1), dvec3(0.66, -0.007, 2.5), 0.004, white),
-        // A bell cord that hangs free, with its knob.
+        // A freely hanging bell cord with its knob.
         rod(dvec3(-0.62, -0.12, 2.5), dvec3(-0.62, -0.12, 1.2), 0.004, black),
         sphere([-0.62, -0.12, 1.18], 0.02, Texture::Fine(oak)),
     ]);

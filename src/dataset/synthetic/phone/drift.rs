@@ -1,17 +1,17 @@
-//! Errors of recorded poses: a random walk from frame to frame.
+//! Drift of recorded poses: a random walk over the frames.
 
 use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DQuat, DVec3};
 
-/// Stream of the drift.
+/// Random stream of the drift.
 const STREAM: u64 = u64::MAX - 3;
-/// Largest error of a recording, metres, drawn between these.
+/// Range of the maximum position error of a recording, metres.
 const LARGEST_OFFSET: [f64; 2] = [0.002, 0.003];
-/// Largest error of a recording, degrees.
+/// Maximum rotation error of a recording, degrees.
 const LARGEST_TURN: f64 = 0.2;
 
-/// The poses that a recording states for frames taken at `poses`; the first is exact.
+/// Poses with drift, as a recording states them for frames taken at `poses`; the first is exact.
 pub fn drifted(poses: &[Pose], seed: u64) -> Vec<Pose> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     let [low, high] = LARGEST_OFFSET;
@@ -25,14 +25,14 @@ pub fn drifted(poses: &[Pose], seed: u64) -> Vec<Pose> {
     poses.iter().zip(errors).map(moved).collect()
 }
 
-/// A smooth random walk from zero whose farthest place is `largest` away.
+/// Smooth random walk from zero, scaled to a maximum distance of `largest`.
 fn walk(n: usize, largest: f64, rng: &mut Rng) -> Vec<DVec3> {
     let (mut place, mut pace) = (DVec3::ZERO, DVec3::ZERO);
     let mut places = Vec::with_capacity(n);
     for _ in 0..n {
         places.push(place);
         pace = 0.8 * pace + DVec3::from_array([(); 3].map(|()| rng.normal()));
-        // Tracking finds known places again and so pulls back.
+        // Mean reversion: a tracker relocalises against known places.
         place = 0.97 * place + pace;
     }
     let farthest = places.iter().fold(0.0f64, |most, place| most.max(place.length()));
@@ -58,7 +58,7 @@ mod tests {
             let turn = largest(|(_, turn)| turn.to_scaled_axis().length().to_degrees());
             assert!((turn - 0.2).abs() < 1e-6, "{turn} degrees");
             let steps = errors.array_windows().map(|[a, b]| (b.0 - a.0).length());
-            assert!(steps.fold(0.0, f64::max) < 0.5 * offset, "frames that follow are alike");
+            assert!(steps.fold(0.0, f64::max) < 0.5 * offset, "consecutive frames are similar");
         }
         assert_eq!(drifted(&[pose], 3), [pose]);
     }

@@ -2,19 +2,19 @@
 
 use crate::math::rng::{Purpose, Rng};
 
-/// Stream of the gains.
+/// Random stream of the gains.
 const STREAM: u64 = u64::MAX - 4;
-/// Least and largest gain.
+/// Minimum and maximum gain.
 const GAINS: [f64; 2] = [0.8, 1.25];
-/// Two gains that follow each other differ by this share at least.
+/// Minimum relative difference between consecutive gains.
 const LEAST_STEP: f64 = 0.08;
-/// Frames of one gain, about.
+/// Approximate number of frames per gain step.
 const FRAMES_PER_STEP: usize = 14;
 
-/// The gain of each frame; the first is 1.
+/// Gain of each frame; the first is 1.
 pub(super) fn gains(n: usize, seed: u64) -> Vec<f32> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
-    // Short recordings have a few steps too.
+    // Gives short recordings a few steps too.
     let length = FRAMES_PER_STEP.min(n.div_ceil(3)).max(1);
     let mut gains = Vec::with_capacity(n);
     let (mut gain, mut left) = (1.0, length);
@@ -32,7 +32,7 @@ pub(super) fn gains(n: usize, seed: u64) -> Vec<f32> {
 fn next(gain: f64, rng: &mut Rng) -> f64 {
     let [low, high] = GAINS.map(f64::ln);
     loop {
-        // A quarter of the interval at most is too near.
+        // Terminates quickly: at most a quarter of the draws are rejected.
         let drawn = rng.range(low, high).exp();
         if (drawn / gain - 1.0).abs() > LEAST_STEP {
             return drawn;

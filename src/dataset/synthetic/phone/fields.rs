@@ -1,22 +1,22 @@
-//! Random fields over images that are correlated over pixels.
+//! Spatially correlated random fields over images.
 
 use crate::math::image::Image;
 use crate::math::rng::Rng;
 
-/// Normal numbers of unit variance that are alike within about `sigma` pixels.
+/// Gaussian field of unit variance with a correlation length of about `sigma` pixels.
 pub(super) fn correlated(width: usize, height: usize, sigma: f64, rng: &mut Rng) -> Image<f32> {
     let white = (0..width * height).map(|_| rng.normal() as f32).collect();
     let white = Image::from_vec(width, height, white);
     let reach = (2.5 * sigma).ceil() as i64;
     let weight = |i: i64| (-0.5 * (i as f64 / sigma).powi(2)).exp() as f32;
     let weights: Vec<f32> = (-reach..=reach).map(weight).collect();
-    // A sum of independent numbers has the sum of their squared weights as variance.
+    // The variance of a weighted sum of independent unit normals is the sum of squared weights.
     let norm = weights.iter().map(|w| w * w).sum::<f32>().sqrt();
     let weights: Vec<f32> = weights.iter().map(|w| w / norm).collect();
     filtered(&white, &weights)
 }
 
-/// Filters rows, then columns; the image is continued by its mirror image.
+/// Separable filter over rows, then columns, with mirrored borders.
 pub(super) fn filtered(image: &Image<f32>, weights: &[f32]) -> Image<f32> {
     let (width, height) = (image.width, image.height);
     let reach = weights.len() as i64 / 2;

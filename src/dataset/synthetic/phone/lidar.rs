@@ -1,5 +1,5 @@
-//! Depth as a phone's lidar reports it: smooth across edges, with correlated noise and holes, and a
-//! confidence from 0 to 2.
+//! Model of a phone's lidar: depth smoothed across edges, with correlated noise and holes, and a confidence
+//! code from 0 to 2.
 
 use super::fields::{correlated, filtered};
 use crate::dataset::synthetic::room::FurnishedRoom;
@@ -8,19 +8,18 @@ use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::rng::Rng;
 
-/// Rays across a pixel, each way.
+/// Rays per pixel and axis.
 const RAYS: usize = 3;
-/// Low-pass over five pixels.
+/// Binomial low-pass filter over five pixels.
 const LOW_PASS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
-/// Metres; nothing comes back from farther away.
+/// Maximum range, metres; no return from beyond.
 const RANGE: f32 = 5.0;
-/// Cosines of incidence: below the first nothing comes back, below the second little does.
+/// Cosines of incidence: no return below the first, low confidence below the second.
 const GRAZING: [f32; 2] = [0.1, 0.3];
-/// Spans of depth around a pixel, as shares of depth: above the first the confidence is 0, above
-/// the second 1.
+/// Relative depth span around a pixel above which confidence is 0, and above which it is 1.
 const EDGES: [f32; 2] = [0.1, 0.05];
 
-/// One ray's echo.
+/// Return of one ray.
 #[derive(Clone, Copy)]
 struct Echo {
     z: f32,
@@ -28,17 +27,17 @@ struct Echo {
     is_poor: bool,
 }
 
-/// Depth along the optical axis, metres, 0 in holes; and its confidence.
+/// Depth along the optical axis (metres, 0 in holes) and confidence.
 pub(super) struct LidarImage {
     pub depth_z: Image<f64>,
     pub confidence: Image<u8>,
 }
 
-/// Measures what `camera` sees; `rng` draws noise and holes.
+/// Measures the view of `camera`; `rng` draws noise and holes.
 pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> LidarImage {
     let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
     let pixels = gathered(&echoes(room, camera), width, height);
-    // Nearby things swell in some places and vanish in others.
+    // At edges, foreground objects grow in some places and shrink in others.
     let swelling = correlated(width, height, 6.0, rng);
     let lowest = around(&pixels, 1, |pixel| pixel.least);
     let spans =
@@ -89,14 +88,14 @@ fn echoes(room: &FurnishedRoom, camera: &Camera) -> Image<Echo> {
     })
 }
 
-/// What comes back to one pixel.
+/// Combined return of a pixel's rays.
 #[derive(Clone, Copy)]
 struct LidarPixel {
     mean: f32,
     least: f32,
     /// Mean cosine of incidence.
     cosine: f32,
-    /// Whether most rays met gloss, glass or black.
+    /// True if most rays hit glossy, glass or black surfaces.
     is_poor: bool,
 }
 
@@ -116,7 +115,7 @@ fn gathered(echoes: &Image<Echo>, width: usize, height: usize) -> Image<LidarPix
     Image::from_vec(width, height, (0..width * height).map(pixel).collect())
 }
 
-/// Least and largest value within `reach` pixels of each pixel.
+/// Minimum and maximum of a value within `reach` pixels of each pixel.
 fn around(
     pixels: &Image<LidarPixel>,
     reach: usize,

@@ -1,5 +1,5 @@
-//! A phone that records the scene: photographs of varying exposure and with motion blur, depth as a
-//! lidar reports it, and poses that drift.
+//! Model of a phone that records the scene: photographs with varying exposure and motion blur, lidar depth,
+//! and poses with drift.
 
 pub(super) mod camera;
 pub(super) mod contents;

@@ -9,19 +9,18 @@ use glam::DVec3;
 
 /// Radius of loose cables, metres.
 pub(super) const CABLE: f64 = 0.004;
-/// Straight pieces of a sagging cable.
+/// Straight segments of a sagging cable.
 const PIECES: usize = 12;
 
 pub(super) fn fine(lo: [f64; 3], hi: [f64; 3], texture: FineTexture) -> Solid {
     block(lo, hi, Texture::Fine(texture))
 }
 
-/// A straight piece of cable or rod.
 pub(super) fn rod(from: DVec3, to: DVec3, radius: f64, texture: FineTexture) -> Solid {
     Solid { shape: Shape::Cable(Capsule { from, to, radius }), texture: Texture::Fine(texture) }
 }
 
-/// A cable that sags by `sag` metres between its ends.
+/// Cable that sags by `sag` metres between its ends.
 pub(super) fn sagging(
     from: DVec3,
     to: DVec3,

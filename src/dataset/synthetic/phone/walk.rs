@@ -1,4 +1,4 @@
-//! How a hand leads the phone through its scenes.
+//! Path of the hand-held phone through its scenes.
 
 use crate::dataset::synthetic::params::PhoneScene;
 use crate::math::pose::Pose;
@@ -6,14 +6,14 @@ use crate::math::rng::{Purpose, Rng};
 use glam::{DQuat, DVec2, DVec3, EulerRot, dvec3};
 use std::f64::consts::TAU;
 
-/// Stream of the phases; away from those of frames and furnishing.
+/// Random stream of the phases; distinct from those of frames and furnishing.
 const PHASES: u64 = u64::MAX - 2;
-/// Deviations of a hand, metres and radians.
+/// Amplitudes of hand shake, metres and radians.
 const SHAKE: [f64; 2] = [0.004, 0.006];
-/// Swings of the hand along the whole walk.
+/// Base frequency of hand shake, cycles per walk.
 const SWINGS: f64 = 47.0;
 
-/// A walk through a scene; places along it are named by parts from 0 to 1.
+/// Walk through a scene, parameterised from 0 to 1.
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
     scene: PhoneScene,
@@ -26,8 +26,8 @@ impl Walk {
         Self { scene, phases: [(); 4].map(|()| rng.uniform()) }
     }
 
-    /// Part of the walk at which a frame of `n_frames` is taken; between frames for fractions.
-    /// The pace varies: slow frames hardly move, fast ones blur.
+    /// Walk parameter of a frame out of `n_frames`; fractional frames interpolate.
+    /// The pace varies: slow frames hardly move, fast ones have motion blur.
     pub fn part(&self, frame: f64, n_frames: usize) -> f64 {
         const HURRIES: f64 = 5.0;
         let even = frame / n_frames.max(1) as f64;
@@ -36,7 +36,7 @@ impl Walk {
         even + 0.75 / (TAU * HURRIES) * (wave(even) - wave(0.0))
     }
 
-    /// The pose at a part of the walk, trembling of the hand included.
+    /// Pose at a walk parameter, with hand shake.
     pub fn handheld(&self, part: f64) -> Pose {
         let [a, b, c, d] = self.phases;
         let swing = |rate: f64, phase: f64| (TAU * (SWINGS * rate * part + phase)).sin();
@@ -46,17 +46,17 @@ impl Walk {
         self.steady(part).attached(offset, DQuat::from_euler(EulerRot::XYZ, x, y, z))
     }
 
-    /// The pose at a part of the walk of a hand that does not tremble.
+    /// Pose at a walk parameter, without hand shake.
     pub fn steady(&self, part: f64) -> Pose {
         let (eye, forward) = match self.scene {
             PhoneScene::Room => self.in_room(part),
             PhoneScene::Door => self.at_door(part),
         };
-        // The gaze is never vertical.
+        // Never falls back: the view direction is never vertical.
         Pose::look_at(eye, eye + forward, DVec3::Z).unwrap_or(Pose::IDENTITY)
     }
 
-    /// Two turns: the first faces the middle, the second the walls ahead.
+    /// Two turns: the first faces the centre of the room, the second the walls ahead.
     fn in_room(&self, part: f64) -> (DVec3, DVec3) {
         let [phase, rise, ..] = self.phases;
         let turn = phase + 2.0 * part;
@@ -67,12 +67,12 @@ impl Walk {
         let aside = smooth((part - 0.42) / 0.2) - smooth((part - 0.92) / 0.2);
         let inward = (target - eye).normalize_or(DVec3::X);
         let turned = DQuat::from_rotation_z(-115f64.to_radians() * aside) * inward;
-        // Floor, walls and ceiling in turns.
+        // Covers floor, walls and ceiling alternately.
         let nod = aside * (0.25 + 0.4 * (TAU * 5.0 * part).sin());
         (eye, turned + DVec3::Z * nod)
     }
 
-    /// Arcs about places of the door, now near, now far.
+    /// Arcs around points of the door at varying distance.
     fn at_door(&self, part: f64) -> (DVec3, DVec3) {
         let [a, b, ..] = self.phases;
         let wave = |rate: f64, phase: f64| (TAU * (rate * part + phase)).sin();
@@ -87,7 +87,7 @@ impl Walk {
     }
 }
 
-/// 0 below 0, 1 above 1, without a crease.
+/// Smoothstep: 0 below 0, 1 above 1.
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)

@@ -1,4 +1,4 @@
-//! The synthetic scene as an ARKit package: an object a line, bare floats and bytes.
+//! Writes the synthetic scene as an ARKit package: one JSON object per line, raw floats and bytes.
 
 use super::files::{WriteError, create_folder, write_bytes, write_rgba, write_text};
 use super::sequence::frames;
@@ -7,7 +7,6 @@ use crate::dataset::synthetic::plan::ViewPlan;
 use serde_json::json;
 use std::path::Path;
 
-/// Images, depth, confidence and the lines.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

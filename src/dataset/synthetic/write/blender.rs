@@ -1,4 +1,4 @@
-//! The synthetic scene in the NeRF-synthetic layout.
+//! Writes the synthetic scene in the NeRF-synthetic (Blender) layout.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use crate::dataset::depth::INVERSE8_RANGE;
@@ -11,16 +11,16 @@ use crate::math::pose::Pose;
 use serde_json::json;
 use std::path::Path;
 
-/// How the Blender layout stores depth.
+/// Depth encoding of the Blender layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthBits {
-    /// `8·(1 − d/255)` in RGBA, steps of 31 mm, as the classic export.
+    /// `8·(1 − d/255)` m in RGBA, 31 mm per step, as in the original export.
     Eight,
-    /// Gray steps of `integer_depth_scale` = 0.25 mm.
+    /// 16-bit gray with `integer_depth_scale` = 0.25 mm per step.
     Sixteen,
 }
 
-/// One `transforms_SPLIT.json` and one folder of images per split.
+/// Writes one `transforms_SPLIT.json` and one folder of images per split.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,
@@ -30,7 +30,7 @@ pub(super) fn write(
     write_splits(plan, |_| true, out, bits, on_frame)
 }
 
-/// Those splits that are wanted.
+/// Writes only the splits that satisfy `is_wanted`.
 pub(super) fn write_splits(
     plan: &ViewPlan,
     is_wanted: fn(&PlannedSplit) -> bool,
@@ -45,7 +45,7 @@ pub(super) fn write_splits(
             let SyntheticView { color, depth_z } = plan.view(split, i);
             let stem = out.join(split.name).join(format!("r_{i}"));
             write_rgba(&stem.with_extension("png"), &color)?;
-            // As NeRF-synthetic names them; readers take any number.
+            // NeRF-synthetic naming; readers accept any number.
             let depth_file = stem.with_file_name(format!("r_{i}_depth_0001.png"));
             let along_ray = ray_lengths(&depth_z, &k);
             match bits {
@@ -56,7 +56,7 @@ pub(super) fn write_splits(
             }
             on_frame();
         }
-        // Last: a recording that was interrupted has no list that names images it lacks.
+        // Written last: after an interruption no list names missing images.
         let list = out.join(format!("transforms_{}.json", split.name));
         write_text(&list, &frame_list(&plan.scene, split, bits))?;
     }
@@ -71,11 +71,11 @@ fn ray_lengths(depth_z: &Image<f64>, k: &Intrinsics) -> Image<f64> {
     lengths
 }
 
-/// The classic code in the three colour channels, opaque.
+/// 8-bit inverted depth in the three colour channels, opaque.
 fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
     lengths.map(|length| {
         let code = (255.0 * (1.0 - length / INVERSE8_RANGE)).round();
-        // 0 and 255 read back as holes.
+        // 0 and 255 are decoded as holes.
         let d = if (1.0..255.0).contains(&code) { code as u8 } else { 0 };
         [d, d, d, 255]
     })
@@ -85,13 +85,13 @@ fn frame_list(scene: &SyntheticScene, split: &PlannedSplit, bits: DepthBits) -> 
     let (lo, hi) = scene.bounds();
     let entry = |(i, pose): (usize, &Pose)| {
         let rows = pose.to_opengl().transpose().to_cols_array_2d();
-        // Without the extension, as the published lists name images.
+        // Without the extension, as in the published lists.
         json!({ "file_path": format!("./{}/r_{i}", split.name), "transform_matrix": rows })
     };
     let frames: Vec<_> = split.poses.iter().enumerate().map(entry).collect();
     let mut list = json!({
         "camera_angle_x": scene.field_of_view(),
-        // The room is larger than the cube that the layout stands for where it says nothing.
+        // The room exceeds the cube that the layout implies without a range.
         "position_range": [lo.to_array(), hi.to_array()],
         "frames": frames,
     });

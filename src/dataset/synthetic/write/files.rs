@@ -1,4 +1,4 @@
-//! Folders, texts and images on disk, and what can go wrong with them.
+//! Writing of folders, text files and images, and the errors.
 
 use crate::dataset::synthetic::params::ParamsError;
 use crate::math::image::Image;
@@ -7,44 +7,44 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::{Path, PathBuf};
 
-/// As phones store their photographs.
+/// Typical quality of a phone's photographs.
 const JPEG_QUALITY: u8 = 95;
 
-/// Why a dataset cannot be written.
+/// Error while writing a dataset.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// Parameters outside their range.
     #[error("{0}")]
     Params(#[from] ParamsError),
-    /// Nothing is overwritten.
+    /// The folder is not empty; nothing is overwritten.
     #[error(
         "{}: expected a new or empty folder, found one with files; choose another", .0.display()
     )]
     NotEmpty(PathBuf),
-    /// A layout that cannot be written frame by frame.
+    /// The layout cannot be written frame by frame.
     #[error(
         "layout {layout}: expected one that can be recorded frame by frame ({expected}), found one whose frames are in one file that is written at the end; choose another layout"
     )]
     NotLive {
-        /// The layout.
+        /// The requested layout.
         layout: String,
-        /// Layouts that can.
+        /// Layouts that support it.
         expected: &'static str,
     },
-    /// A folder or file that cannot be written.
+    /// A folder or file cannot be written.
     #[error("{}: expected to write here, found: {source}; check free space and permissions", path.display())]
     Io {
         /// The folder or file.
         path: PathBuf,
-        /// What the system said.
+        /// System error.
         source: std::io::Error,
     },
-    /// An image that cannot be encoded.
+    /// An image cannot be encoded.
     #[error("{}: expected to write an image, found: {source}; check free space", path.display())]
     Image {
-        /// The image file that was to be written.
+        /// The image file to be written.
         path: PathBuf,
-        /// What the encoder said.
+        /// Encoder error.
         source: image::ImageError,
     },
 }
@@ -53,7 +53,7 @@ pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {
     std::fs::create_dir_all(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// Creates a folder, which must hold nothing if it is there.
+/// Creates a folder; an existing one must be empty.
 pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
     create_folder(path)?;
     let io = |source| WriteError::Io { path: path.to_owned(), source };
@@ -67,29 +67,27 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
     std::fs::write(path, text).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// Writes an 8-bit RGBA PNG, straight alpha.
+/// Writes an 8-bit RGBA PNG with straight alpha.
 pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
     let size = (image.width, image.height);
     write_png(path, image.data.as_flattened(), size, ExtendedColorType::Rgba8)
 }
 
-/// Writes a 16-bit gray PNG.
 pub(super) fn write_gray16(path: &Path, image: &Image<u16>) -> Result<(), WriteError> {
     let bytes = bytemuck::cast_slice(&image.data);
     write_png(path, bytes, (image.width, image.height), ExtendedColorType::L16)
 }
 
-/// Writes an 8-bit gray PNG.
 pub(super) fn write_gray8(path: &Path, image: &Image<u8>) -> Result<(), WriteError> {
     write_png(path, &image.data, (image.width, image.height), ExtendedColorType::L8)
 }
 
-/// Writes a JPEG without what lies behind alpha.
+/// Writes a JPEG; alpha is dropped.
 pub(super) fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
     write_bytes(path, &jpeg(path, image)?)
 }
 
-/// Bytes of a JPEG; `path` is where they are to go.
+/// Encodes a JPEG; `path` is only for errors.
 pub(super) fn jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<Vec<u8>, WriteError> {
     let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
     let mut encoded = Vec::new();
@@ -99,7 +97,6 @@ pub(super) fn jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<Vec<u8>, Write
     Ok(encoded)
 }
 
-/// Writes a file.
 pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     std::fs::write(path, bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
@@ -110,8 +107,8 @@ fn write_png(
     (width, height): (usize, usize),
     color: ExtendedColorType,
 ) -> Result<(), WriteError> {
-    // In memory first: the encoder writes its last chunk when it is dropped, and would keep a full
-    // disk to itself.
+    // Encoded in memory first: the encoder writes its last chunk on drop, which would swallow the error of
+    // a full disk.
     let mut encoded = Vec::new();
     PngEncoder::new(&mut encoded)
         .write_image(bytes, width as u32, height as u32, color)

@@ -1,40 +1,39 @@
-//! The layouts that the synthetic scene is written in.
+//! Layouts in which the synthetic scene can be written.
 
 use super::blender::DepthBits;
 
-/// Folder layout to write. Layouts without splits hold the evaluation frames of the room's camera
-/// behind the training frames; free frames, and the phone's evaluation frames, are in the folder
-/// [`super::FREE_FOLDER`].
+/// Folder layout to write. In layouts without splits, the evaluation frames of the room's camera follow the
+/// training frames. Free frames and the phone's evaluation frames go to the folder [`super::FREE_FOLDER`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyntheticLayout {
     /// NeRF-synthetic, with depth along the ray.
     Blender(DepthBits),
-    /// 7-Scenes: millimetres along the optical axis.
+    /// 7-Scenes: depth along the optical axis, millimetres.
     SevenScenes,
-    /// TUM RGB-D: lists by time, 1/5000 m.
+    /// TUM RGB-D: lists sorted by time, depth in 1/5000 m.
     Tum,
-    /// Open3D: `trajectory.log`, millimetres.
+    /// Open3D: `trajectory.log`, depth in millimetres.
     Open3d,
-    /// Replica as NICE-SLAM rendered it: JPEG, 1/6553.5 m.
+    /// Replica as rendered by NICE-SLAM: JPEG, depth in 1/6553.5 m.
     Replica,
-    /// ScanNet's export: JPEG, depth by a camera of half the size, millimetres.
+    /// ScanNet export: JPEG, depth at half resolution in millimetres.
     Scannet,
-    /// nerfstudio with depth, millimetres.
+    /// nerfstudio with depth in millimetres.
     Nerfstudio,
-    /// Record3D's exported folder: JPEG, EXR of half floats of a quarter of the size, metres.
+    /// Record3D's exported folder: JPEG, depth as half-float EXR at a quarter of the resolution, metres.
     Record3d,
-    /// Record3D's archive: JPEG, packed floats of a quarter of the size, metres.
+    /// Record3D's archive: JPEG, compressed float depth at a quarter of the resolution, metres.
     Record3dArchive,
-    /// Stray Scanner with unpacked images: depth of a quarter of the size, millimetres.
+    /// Stray Scanner with extracted images: depth at a quarter of the resolution, millimetres.
     StrayScanner,
-    /// An ARKit package: bare floats of a quarter of the size, metres.
+    /// ARKit package: raw float depth at a quarter of the resolution, metres.
     Arkit,
-    /// RTAB-Map's export, millimetres.
+    /// RTAB-Map export, depth in millimetres.
     RtabMap,
 }
 
 impl SyntheticLayout {
-    /// Each of them; Blender's by both depths.
+    /// All layouts, Blender with both depth encodings.
     pub const ALL: [Self; 13] = [
         Self::Blender(DepthBits::Eight),
         Self::Blender(DepthBits::Sixteen),
@@ -51,12 +50,12 @@ impl SyntheticLayout {
         Self::RtabMap,
     ];
 
-    /// Whether the layout has a folder or list for each split.
+    /// True if the layout has a folder or list per split.
     pub(super) fn has_splits(self) -> bool {
         matches!(self, Self::Blender(_) | Self::SevenScenes)
     }
 
-    /// Whether a phone records in it: photographs, smaller depth and its confidence.
+    /// True for layouts of phone apps: photographs, depth of lower resolution and its confidence.
     pub(super) fn is_of_phones(self) -> bool {
         matches!(self, Self::Record3d | Self::Record3dArchive | Self::StrayScanner | Self::Arkit)
     }

@@ -1,4 +1,4 @@
-//! A recording that was written is played: its files appear in another folder, a frame at a time.
+//! Replay of a written recording: its files appear in another folder, one frame at a time.
 
 use super::files::{WriteError, create_folder, write_text};
 use super::layout::SyntheticLayout;
@@ -8,13 +8,13 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Kinds of files of which each frame has one: folders that follow each other, and what the names of
-/// one kind hold.
+/// Kinds of files with one file per frame: folders in order, and a part of the file name that identifies
+/// the kind.
 type FrameFileKinds = &'static [(&'static [&'static str], &'static str)];
-/// Lists, the lines at their head and the lines of a frame.
+/// List files: name, number of header lines, lines per frame.
 type FrameLists = &'static [(&'static str, usize, usize)];
 
-/// Where the frames of a layout are.
+/// Files and lists that hold a layout's frames.
 pub(super) struct FramePlaces {
     files: FrameFileKinds,
     lists: FrameLists,
@@ -23,7 +23,10 @@ pub(super) struct FramePlaces {
 const LIVE: &str = "seven-scenes, tum, open3d, replica, scannet, stray-scanner, arkit, rtab-map";
 
 impl FramePlaces {
-    /// Those of a layout whose frames come one by one.
+    /// Returns the places of a layout.
+    ///
+    /// # Errors
+    /// [`WriteError::NotLive`] if the layout cannot be written frame by frame.
     pub fn of(layout: SyntheticLayout) -> Result<Self, WriteError> {
         let (files, lists): (FrameFileKinds, FrameLists) = match layout {
             SyntheticLayout::SevenScenes => (
@@ -69,7 +72,7 @@ impl FramePlaces {
         Ok(Self { files, lists })
     }
 
-    /// Copies a recording, every frame when it is due.
+    /// Copies a recording; `due` blocks until the next frame is due.
     pub fn play(
         &self,
         finished: &Path,
@@ -104,7 +107,7 @@ impl FramePlaces {
     }
 }
 
-/// All files below a folder, relative to it, by what they are found by: folder and name.
+/// Lists all files below a folder: relative path to (folder, file name).
 fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, WriteError> {
     let mut found = BTreeMap::new();
     let mut folders = vec![PathBuf::new()];
@@ -123,7 +126,7 @@ fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, Write
     Ok(found)
 }
 
-/// Takes the files of one kind out, in the order of their numbers.
+/// Removes the files of one kind from `rest`; returns them in numerical order.
 fn take(
     rest: &mut BTreeMap<PathBuf, (String, String)>,
     folders: &[&str],
@@ -133,7 +136,7 @@ fn take(
     let mut taken = Vec::new();
     rest.retain(|path, (folder, name)| match place(folder).filter(|_| name.contains(part)) {
         Some(place) => {
-            // Numbers are padded, or shorter ones are smaller.
+            // Numbers are zero-padded, or a shorter name means a smaller number.
             taken.push((place, name.len(), path.clone()));
             false
         }
@@ -143,7 +146,7 @@ fn take(
     taken.into_iter().map(|(_, _, path)| path).collect()
 }
 
-/// In two parts, as a file that is encoded while it is written.
+/// Writes in two parts, as an encoder that streams to disk would.
 fn copy(from: &Path, to: &Path, file: &Path) -> Result<(), WriteError> {
     let target = to.join(file);
     let io = |source| WriteError::Io { path: target.clone(), source };

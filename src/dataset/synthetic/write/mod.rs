@@ -26,16 +26,16 @@ use files::create_empty_folder;
 use live::FramePlaces;
 use std::path::Path;
 
-/// Sub-folder of a recording in a layout without splits: the splits that it does not hold, in the
-/// Blender layout with 16-bit depth, with true poses in the world of the recording.
+/// Sub-folder, in layouts without splits, for the remaining splits: in the Blender layout with 16-bit
+/// depth, with true poses in the world frame of the recording.
 pub const FREE_FOLDER: &str = "free";
 
-/// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every
-/// split. `on_frame` gets the numbers of frames written and of all frames.
+/// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every split.
+/// `on_frame` receives the number of frames written and the total.
 ///
 /// # Errors
-/// Parameters outside their range, a layout that the camera does not record in, a folder that is not
-/// empty, and files that cannot be written.
+/// Parameters outside their range, a layout that the camera does not support, a folder that is not empty,
+/// or files that cannot be written.
 pub fn write(
     params: &SyntheticParams,
     out: &Path,
@@ -44,7 +44,7 @@ pub fn write(
 ) -> Result<(), WriteError> {
     check_camera(params, layout)?;
     let plan = ViewPlan::new(params)?;
-    // Before anything is rendered, so that no recording is mixed with another.
+    // Before rendering, so that recordings are never mixed.
     create_empty_folder(out)?;
     let total = plan.splits.iter().map(|split| split.poses.len()).sum();
     let mut done = 0;
@@ -79,18 +79,18 @@ fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(),
     }
     Err(ParamsError {
         setting: "layout",
-        expected: "record3d, record3d-archive, stray-scanner or arkit beside the phone",
+        expected: "record3d, record3d-archive, stray-scanner or arkit for the phone",
         found: format!("{layout:?}"),
     })
 }
 
-/// Writes what [`write()`] does as a recording that grows, images in two parts, lines behind their images
-/// and the marker of the end last: `due` is called before each frame, with its number from 0 and that
-/// of all, and returns when it is time. Rendering is slower than a camera, so that everything is
-/// written to a folder beside first.
+/// Writes the dataset of [`write()`] as a growing recording. Images are written in two parts, list lines
+/// after their images, and the end marker last. `due` is called before each frame with its index from 0 and
+/// the total, and blocks until the frame is due. Rendering is slower than a camera, so everything is first
+/// rendered to a temporary folder next to `out`.
 ///
 /// # Errors
-/// A layout that has its frames in one file; otherwise as [`write()`].
+/// A layout that stores its frames in one file; otherwise as [`write()`].
 pub fn write_live(
     params: &SyntheticParams,
     out: &Path,

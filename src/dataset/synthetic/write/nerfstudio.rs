@@ -1,4 +1,4 @@
-//! The synthetic scene as nerfstudio takes it.
+//! Writes the synthetic scene in the nerfstudio layout.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use super::sequence::frames;
@@ -8,10 +8,9 @@ use crate::dataset::synthetic::view::SyntheticView;
 use serde_json::json;
 use std::path::Path;
 
-/// Metres per step.
+/// Metres per depth code.
 const DEPTH_UNIT: f64 = 0.001;
 
-/// Images and the list.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

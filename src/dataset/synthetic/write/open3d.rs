@@ -1,4 +1,4 @@
-//! The synthetic scene as Open3D records it.
+//! Writes the synthetic scene in Open3D's recording layout.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use super::sequence::{by_columns, frames};
@@ -9,10 +9,9 @@ use crate::dataset::synthetic::view::SyntheticView;
 use serde_json::json;
 use std::path::Path;
 
-/// Metres per step.
+/// Metres per depth code.
 const DEPTH_UNIT: f64 = 0.001;
 
-/// Images, trajectory and camera.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

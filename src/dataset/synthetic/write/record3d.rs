@@ -1,4 +1,5 @@
-//! The synthetic scene as Record3D exports it, and as it shares it: photographs and smaller depth.
+//! Writes the synthetic scene as Record3D's exported folder or shared archive: photographs with depth of
+//! lower resolution.
 
 use super::files::{
     WriteError, create_folder, jpeg, write_bytes, write_gray8, write_jpeg, write_text,
@@ -15,16 +16,15 @@ use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Folder of confidence maps.
 const CONFIDENCE: &str = "confidence";
 
-/// The exported folder: `metadata.json`, JPEG, EXR of half floats, and the phone's confidence.
+/// Writes the exported folder: `metadata.json`, JPEG, half-float EXR and the phone's confidence.
 pub(super) fn write_folder(
     plan: &ViewPlan,
     out: &Path,
     on_frame: &mut dyn FnMut(),
 ) -> Result<(), WriteError> {
-    // An exact depth needs no confidence.
+    // Exact depth needs no confidence.
     let folders: &[&str] = match plan.is_of_phone() {
         true => &["rgb", "depth", CONFIDENCE],
         false => &["rgb", "depth"],
@@ -43,7 +43,7 @@ pub(super) fn write_folder(
     write_text(&out.join("metadata.json"), &metadata(plan).to_string())
 }
 
-/// The shared archive: `metadata`, JPEG, and packed floats.
+/// Writes the shared archive: `metadata`, JPEG and LZFSE-compressed floats.
 pub(super) fn write_archive(
     plan: &ViewPlan,
     out: &Path,

@@ -1,4 +1,4 @@
-//! The synthetic scene as NICE-SLAM renders Replica.
+//! Writes the synthetic scene in the Replica layout of NICE-SLAM.
 
 use super::files::{WriteError, create_folder, write_gray16, write_jpeg, write_text};
 use super::sequence::frames;
@@ -9,10 +9,9 @@ use glam::DVec4;
 use serde_json::json;
 use std::path::Path;
 
-/// Steps per metre.
+/// Depth codes per metre.
 const CODES_PER_METRE: f64 = 6553.5;
 
-/// Images, a matrix a line, and the camera beside.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

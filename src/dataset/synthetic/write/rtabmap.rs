@@ -1,4 +1,4 @@
-//! The synthetic scene as RTAB-Map exports it, images named by number.
+//! Writes the synthetic scene as an RTAB-Map export, with images named by number.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use super::sequence::frames;
@@ -8,10 +8,9 @@ use crate::dataset::synthetic::view::SyntheticView;
 use crate::math::camera::Intrinsics;
 use std::path::Path;
 
-/// Metres per step.
+/// Metres per depth code.
 const DEPTH_UNIT: f64 = 0.001;
 
-/// Images, a calibration an image, and poses with the images' numbers.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

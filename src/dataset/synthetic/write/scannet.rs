@@ -1,4 +1,5 @@
-//! The synthetic scene as ScanNet's exporter unpacks a scan: two cameras of two sizes.
+//! Writes the synthetic scene as ScanNet's exporter does: separate colour and depth cameras of different
+//! resolutions.
 
 use super::files::{WriteError, create_folder, write_gray16, write_jpeg, write_text};
 use super::sequence::frames;
@@ -10,14 +11,13 @@ use crate::math::camera::Intrinsics;
 use glam::{DMat4, DVec4};
 use std::path::Path;
 
-/// Metres per step.
+/// Metres per depth code.
 const DEPTH_UNIT: f64 = 0.001;
-/// Sides of depth over those of colour.
+/// Ratio of depth to colour resolution.
 const DEPTH_SIZE: f64 = 0.5;
-/// The depth camera looks this much wider than a resampled photograph.
+/// Ratio of the depth camera's focal length to that of a resampled photograph: a wider view.
 const WIDER: f64 = 0.95;
 
-/// Images, poses and both cameras.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

@@ -1,4 +1,4 @@
-//! The synthetic scene in the 7-Scenes layout: one folder per split beside the intrinsics.
+//! Writes the synthetic scene in the 7-Scenes layout: one folder per split and the intrinsics.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use crate::dataset::matrix;
@@ -7,10 +7,9 @@ use crate::dataset::synthetic::scene::quantise;
 use crate::dataset::synthetic::view::SyntheticView;
 use std::path::Path;
 
-/// Metres per step: the layout's millimetres.
+/// Metres per depth code: the layout's millimetres.
 const DEPTH_UNIT: f64 = 0.001;
 
-/// Colour, depth and pose of every frame.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

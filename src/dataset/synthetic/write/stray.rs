@@ -1,4 +1,4 @@
-//! The synthetic scene as Stray Scanner records it, its video unpacked.
+//! Writes the synthetic scene in the Stray Scanner layout, with the video extracted to images.
 
 use super::files::{WriteError, create_folder, write_gray8, write_gray16, write_rgba, write_text};
 use super::sequence::frames;
@@ -7,10 +7,9 @@ use crate::dataset::synthetic::plan::ViewPlan;
 use crate::dataset::synthetic::scene::quantise;
 use std::path::Path;
 
-/// Metres per step.
+/// Metres per depth code.
 const DEPTH_UNIT: f64 = 0.001;
 
-/// Images, depth, confidence, odometry and the camera.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,

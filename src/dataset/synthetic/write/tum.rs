@@ -1,4 +1,4 @@
-//! The synthetic scene as TUM RGB-D.
+//! Writes the synthetic scene in the TUM RGB-D layout.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
 use super::sequence::frames;
@@ -8,10 +8,9 @@ use crate::dataset::synthetic::view::SyntheticView;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Metres per step.
+/// Metres per depth code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 
-/// Lists, images and the trajectory, poses at the times of the frames.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,
@@ -38,7 +37,7 @@ pub(super) fn write(
     let camera = format!("{:e} {:e} {:e} {:e}\n", k.fx, k.fy, k.cx, k.cy);
     write_text(&out.join("camera-intrinsics.txt"), &camera)?;
     write_text(&out.join("groundtruth.txt"), &poses)?;
-    // Last: a recording that was interrupted lists no image that it lacks.
+    // Written last: after an interruption no list names missing images.
     write_text(&out.join("rgb.txt"), &lists[0])?;
     write_text(&out.join("depth.txt"), &lists[1])
 }

@@ -1,4 +1,4 @@
-//! What frames hold that are still to be looked at a second time.
+//! Validation of retained frames (`KEPT` sections).
 
 use super::super::error::Defect;
 use super::super::tag;
@@ -9,12 +9,12 @@ use crate::model::scene::kept::KeptFrame;
 use crate::model::scene::kept_motion::values;
 use crate::model::scene::state::SceneState;
 
-/// Names of a frame's numbers.
-const NAMES: [&str; 5] = ["frame", "pose", "deviation", "components shown", "components taught"];
-/// Whole numbers up to here are told apart.
+/// Names of a frame's numbers, for messages.
+const NAMES: [&str; 5] = ["frame", "pose", "deviation", "components shown", "components updated"];
+/// Largest whole number that f64 represents exactly.
 const MOST: f64 = (1u64 << 53) as f64;
 
-/// Frames' numbers, before anything is counted by them.
+/// Checks the numbers of all frames before any of them is used as a count.
 pub(in super::super) fn kept_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> {
     let numbers = |frame: &[f64; 5]| NAMES.into_iter().zip(*frame).collect::<Vec<_>>();
     for (at, frame) in frames.iter().enumerate() {
@@ -34,12 +34,12 @@ pub(in super::super) fn kept_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> 
     Ok(())
 }
 
-/// Poses that are logged, components that there are, and sums that points can have.
+/// Checks pose indices, component ids and sums of the frames.
 pub(in super::super) fn kept(state: &SceneState) -> Result<(), Defect> {
     let (n_poses, n) = (state.poses.len() as u64, state.visibility.len());
     for (at, KeptFrame { logged, shown, taught, .. }) in state.kept.iter().enumerate() {
         if *logged >= n_poses {
-            let expected = format!("one of {n_poses} corrected poses");
+            let expected = format!("an index below the {n_poses} corrected poses");
             return Err(value(tag::KEPT, at, NAMES[1], &expected, *logged as f64));
         }
         below(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;

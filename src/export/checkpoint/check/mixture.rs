@@ -1,4 +1,4 @@
-//! What mixtures hold.
+//! Validation of mixtures.
 
 use super::super::error::Defect;
 use super::super::tag;
@@ -9,7 +9,7 @@ use crate::model::paper::state::{InitialMeans, ModelState, Totals};
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
-/// Section and axis of every sum.
+/// Section and axis name of every sum, for messages.
 const SUMS: [([u8; 4], &str); N_SUMS] = [
     (tag::COUNTS, "N"),
     (tag::FIRST, "x"),
@@ -26,19 +26,18 @@ const SUMS: [([u8; 4], &str); N_SUMS] = [
     (tag::FIRST, "blue"),
 ];
 
-/// Positions of `xx yy zz` among the sums.
+/// Indices of `xx yy zz` among the sums.
 const DIAGONAL: [usize; 3] = [4, 7, 9];
-/// Positions of `xy xz yz`, each with the two of the diagonal that bound it.
+/// Indices of `xy xz yz`, each with the two diagonal terms that bound it.
 const MIXED: [(usize, usize, usize); 3] = [(5, 4, 7), (6, 4, 9), (8, 7, 9)];
 
-/// How far rounding may take `2|B_ij|` beyond `B_ii + B_jj`: the f32 sums of a tile are right to
-/// 1e-5, totals kept in f32 drift further, and a total in quanta is off by half a quantum per tile.
+/// Relative rounding tolerance for `2|B_ij| <= B_ii + B_jj`. The f32 sums of a tile are accurate to 1e-5, f32
+/// totals drift further, and fixed-point totals are off by half a quantum per tile.
 const SLACK: f64 = 1e-3;
 const SLACK_F32_TOTALS: f64 = 1e-1;
-// Two quanta a tile at worst (two halves, and twice a half): room for 8·10⁶ tiles.
+// At most two quanta per tile (two halves, and twice a half): enough for 8·10⁶ tiles.
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
-/// Weights, means and statistics.
 pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
     let is_wild = |(_, a): &(usize, &f64)| !(a.is_finite() && **a > 0.0);
     if let Some((k, &alpha)) = model.alpha_init.iter().enumerate().find(is_wild) {
@@ -83,17 +82,17 @@ fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
     Ok(())
 }
 
-/// Sums of one component: finite, no negative count, second moments of a positive semi-definite
-/// matrix as far as pairs of axes tell.
+/// Checks the sums of one component: finite, no negative count, and second moments that are positive
+/// semi-definite for every pair of axes.
 #[inline]
-#[expect(clippy::indexing_slicing, reason = "the tables hold places among the sums")]
+#[expect(clippy::indexing_slicing, reason = "the tables hold indices of the sums")]
 fn sums(k: usize, row: [f64; N_SUMS], slack: f64, slack_abs: f64) -> Result<(), Defect> {
-    // By pairs only: a test of eigenvalues would refuse what rounding leaves indefinite where
-    // points are few (`model.md`, Posterior).
+    // Only pairs: an eigenvalue test would refuse matrices that rounding leaves indefinite where points are
+    // few (`model.md`, Posterior).
     let bounded = |&(i, a, b): &(usize, usize, usize)| {
         2.0 * row[i].abs() <= (row[a] + row[b]) * (1.0 + slack) + slack_abs
     };
-    // One sum tells whether all are finite.
+    // The total is finite only if every sum is.
     let sound = row.iter().sum::<f64>().is_finite()
         && row[0] >= 0.0
         && DIAGONAL.iter().all(|&i| row[i] >= 0.0)
@@ -102,7 +101,7 @@ fn sums(k: usize, row: [f64; N_SUMS], slack: f64, slack_abs: f64) -> Result<(), 
 }
 
 #[cold]
-#[expect(clippy::indexing_slicing, reason = "places of the tables, or found among the sums")]
+#[expect(clippy::indexing_slicing, reason = "indices from the tables, or found among the sums")]
 fn first_unsound(
     k: usize,
     row: [f64; N_SUMS],

@@ -1,4 +1,4 @@
-//! Values no model has are refused: a checkpoint with a right checksum may still be wrong.
+//! Validation of values: a checkpoint with correct checksums may still hold an impossible model.
 
 mod kept;
 mod mixture;
@@ -14,7 +14,7 @@ use crate::math::normalization::Normalization;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Offset finite, scale positive.
+/// Checks for a finite offset and a positive scale.
 pub(super) fn normalization(normalization: &Normalization) -> Result<(), Defect> {
     let Normalization { offset, scale } = normalization;
     let sound =
@@ -27,7 +27,7 @@ pub(super) fn normalization(normalization: &Normalization) -> Result<(), Defect>
     Err(Defect::malformed(tag_text(tag::NORMALIZATION), expected, found))
 }
 
-/// Hyper-parameters are positive.
+/// Checks that all hyperparameters are positive.
 pub(super) fn prior(numbers: &[f64]) -> Result<(), Defect> {
     match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         None => Ok(()),
@@ -37,19 +37,19 @@ pub(super) fn prior(numbers: &[f64]) -> Result<(), Defect> {
     }
 }
 
-/// Frames gone through, at least as many as were learnt.
+/// Checks that at least as many frames were visited as trained on, and converts their numbers.
 pub(super) fn visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(tag_text(tag::CURSOR), expected, found))
     };
     if learnt > frames.len() as u64 {
-        return refuse(&format!("{} frames learnt at most", frames.len()), learnt.to_string());
+        return refuse(&format!("at most {} trained frames", frames.len()), learnt.to_string());
     }
     let ids: Option<Vec<u32>> = frames.iter().map(|&frame| u32::try_from(frame).ok()).collect();
     ids.map_or_else(|| refuse("frame numbers of 32 bits", "larger ones".to_owned()), Ok)
 }
 
-/// Numbers of components, each once.
+/// Checks that component ids are ascending, unique and below `components`.
 fn ascending(
     tag: [u8; 4],
     ids: impl Iterator<Item = u32> + Clone,
@@ -62,7 +62,7 @@ fn ascending(
     below(tag, ids, components)
 }
 
-/// Numbers of so many components.
+/// Checks that all component ids are below `components`.
 fn below(tag: [u8; 4], ids: impl Iterator<Item = u32>, components: usize) -> Result<(), Defect> {
     match ids.max().filter(|id| *id as usize >= components) {
         Some(id) => {

@@ -1,4 +1,4 @@
-//! What scenes hold.
+//! Validation of scenes.
 
 use super::super::error::{Defect, tag_text};
 use super::super::tag;
@@ -10,7 +10,7 @@ use crate::model::scene::sums::{MAX_TERM, N_SUMS};
 use crate::model::scene::waiting::{DepthScale, NumberDefect, PhotographView, WaitingPhotograph};
 use crate::model::splat::viewpoint::Viewpoint;
 
-/// Every sum by name.
+/// Name of every sum, for messages.
 #[rustfmt::skip]
 const NAMES: [&str; N_SUMS] = [
     "N", "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz",
@@ -22,7 +22,7 @@ const NAMES: [&str; N_SUMS] = [
     "blue view x", "blue view y", "blue view z",
 ];
 
-/// Origin, seeds and sums.
+/// Checks origin, seeds, exposures, poses, trajectory, photometric state and sums.
 pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
     if !state.origin.iter().all(|x| x.is_finite()) {
         let found = format!("{:?}", state.origin);
@@ -72,7 +72,6 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
     }
 }
 
-/// A place and a direction.
 fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
     if let Some(&found) = viewpoint.centre.iter().find(|x| !x.is_finite()) {
         return Err(value(tag, at, "centre", "a finite number", found));
@@ -84,14 +83,13 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
     Ok(())
 }
 
-/// Photographs that wait: cameras that can be, and what is kept of an image.
+/// Checks the cameras and image extents of buffered photographs.
 pub(in super::super) fn waiting<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
     no_defects(tag::PHOTO_WAITING, views.map(PhotographView::defect))
 }
 
-/// Scales of their depths that are some.
 pub(in super::super) fn scales<'a>(
     scales: impl Iterator<Item = &'a DepthScale>,
 ) -> Result<(), Defect> {
@@ -109,7 +107,7 @@ fn no_defects(
     }
 }
 
-/// Splats that a renderer can draw, precisions that are some, and photographs that can wait.
+/// Checks for drawable splats, positive precisions and consistent buffered photographs.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     waiting(state.waiting.iter().map(|waiting| &waiting.view))?;
     let mut all = state.waiting.iter().enumerate();
@@ -133,9 +131,9 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     {
         if !(splat.is_drawable() && appearance.is_valid()) {
             let found = f64::from(splat.opacity);
-            return Err(value(tag::PHOTO_SPLATS, at, "splat", "one that can be drawn", found));
+            return Err(value(tag::PHOTO_SPLATS, at, "splat", "a splat that can be drawn", found));
         }
-        // The diagonals of lower triangles.
+        // Diagonal entries of the packed lower triangles.
         let form = (0..N_FORM).filter_map(|i| form.get(i * (i + 3) / 2));
         let color = (0..N_COLOR).filter_map(|i| color.get(i * (i + 3) / 2));
         if let Some(found) = form.chain(color).copied().find(|x| !(*x > 0.0 && x.is_finite())) {
@@ -162,14 +160,16 @@ fn each<T>(rows: &[T], check: impl Fn(usize, &T) -> Result<(), Defect>) -> Resul
 
 fn narrow(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     if row[0] >= f64::from(WIDE_POINTS) {
-        let expected = format!("fewer than {WIDE_POINTS} points, since more are wide");
+        let expected =
+            format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
         return Err(value(tag::SUMS, k, NAMES[0], &expected, row[0]));
     }
     sums(tag::SUMS, k, row, MIXED)
 }
 
-/// Ids ascend, sums are whole quanta of many points, and the rows they stand for are empty.
-#[expect(clippy::indexing_slicing, reason = "ids are those of rows, and places those of sums")]
+/// Checks wide rows: ids ascend, sums are whole quanta of at least `WIDE_POINTS` points, and the narrow rows
+/// that they replace are zero.
+#[expect(clippy::indexing_slicing, reason = "ids index rows, positions index sums")]
 fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
     ascending(tag::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
     for row in wide {
@@ -194,10 +194,10 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
     Ok(())
 }
 
-/// Sums of one component: finite, of no negative count, of terms within their bounds, second moments
-/// of positive semi-definite matrices as far as pairs of axes tell.
+/// Checks the sums of one component: finite, no negative count, terms within their bounds, and second moments
+/// that are positive semi-definite for every pair of axes.
 #[inline]
-#[expect(clippy::indexing_slicing, reason = "the table holds places among the sums")]
+#[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
 pub(super) fn sums(
     tag: [u8; 4],
     k: usize,
@@ -217,7 +217,7 @@ pub(super) fn sums(
 }
 
 #[cold]
-#[expect(clippy::indexing_slicing, reason = "places of the table, or found among the sums")]
+#[expect(clippy::indexing_slicing, reason = "indices from the table, or found among the sums")]
 fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most: f64) -> Defect {
     let refuse = |i: usize, expected: &str| value(tag, k, NAMES[i], expected, row[i]);
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {
@@ -227,10 +227,10 @@ fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most
         return refuse(i, "0 or more");
     }
     if let Some(i) = row.iter().position(|v| v.abs() > most) {
-        return refuse(i, &format!("at most {MAX_TERM} a point, of {} points", row[0]));
+        return refuse(i, &format!("at most {MAX_TERM} per point, for {} points", row[0]));
     }
     match first_unbounded(row, slack) {
         Some((i, _)) => refuse(i, "at most the mean of the two axes' second moments"),
-        None => refuse(31, &format!("at most what `{}` leaves of N", NAMES[28])),
+        None => refuse(31, &format!("at most the remainder of N after `{}`", NAMES[28])),
     }
 }

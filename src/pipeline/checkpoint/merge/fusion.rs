@@ -1,4 +1,4 @@
-//! Scenes whose components were born from points, as one.
+//! Fusion of scenes with components born from points.
 
 use super::super::error::RunError;
 use super::super::saved::SavedRun;
@@ -6,8 +6,8 @@ use super::start::{compatible, same_start};
 use super::union::together;
 use crate::export::checkpoint::{Cursor, StoredModel};
 
-/// The run that went through the frames of all, which went on from `origin` if there is one. `None` of no
-/// runs.
+/// Fuses runs into one over the frames of all. `origin` is the run that all of them continued, if any. `None`
+/// for an empty list.
 pub(super) fn fuse(
     origin: Option<&SavedRun>,
     mut runs: Vec<SavedRun>,
@@ -19,13 +19,13 @@ pub(super) fn fuse(
         }
     }
     compatible(&runs)?;
-    // No two have a frame in common: whatever the order of the arguments was, this is one.
+    // Sorted by first frame, which is unique: the result does not depend on the order of the arguments.
     runs.sort_by_key(|run| run.content.cursor.visited.iter().min().copied());
     let Some(first) = runs.first() else { return Ok(None) };
     let models: Vec<&StoredModel> = runs.iter().map(|run| &run.content.model).collect();
     let of_origin = origin.map(|run| &run.content.model);
     let Some(model) = first.config.method.any().fuse(of_origin, &models) else {
-        let found = "components that are added without it";
+        let found = "components that are added instead of fused";
         return Err(not_from(first, origin.unwrap_or(first), found));
     };
     let mut runs = origin.cloned().into_iter().chain(runs);
@@ -35,7 +35,7 @@ pub(super) fn fuse(
     Ok(Some(all))
 }
 
-/// Takes from a run's frames those that `origin` went through before it.
+/// Removes the frames that `origin` had already visited from a run's cursor.
 fn leave_own_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunError> {
     use StoredModel::Scene;
     let (ours, before) = (&run.content.cursor, &origin.content.cursor);
@@ -46,7 +46,7 @@ fn leave_own_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunErro
     let (Some(frames), Some(points)) =
         (ours.frames.checked_sub(before.frames), ours.points.checked_sub(before.points))
     else {
-        return Err(not_from(run, origin, "fewer frames than that has"));
+        return Err(not_from(run, origin, "fewer frames than the start"));
     };
     if let (Scene(now), Scene(then)) = (&run.content.model, &origin.content.model) {
         if now.components.is_some() {

@@ -1,5 +1,5 @@
-//! Models that started alike and were trained on different frames, as one: those whose components are
-//! the same from the beginning are added, scenes whose components were born from points are fused.
+//! Merging of runs that started alike and were trained on different frames. Models with identical initial
+//! components are added; scenes with components born from points are fused.
 
 mod fusion;
 mod order;
@@ -18,14 +18,13 @@ use order::orderless;
 use start::compatible;
 use union::together;
 
-/// The run that went through the frames of all. Components that are the same from the beginning are
-/// added, exactly, so that any order and tree of merging gives the same model; scenes with seeds are
-/// fused, to the same model for any order of `runs`. The result goes on with the frames that none went
-/// through. `None` of no runs.
+/// Merges runs into one over the frames of all. Models with identical initial components are added exactly,
+/// so any order and tree of merges gives the same model. Scenes with seeds are fused, to the same model for
+/// any order of `runs`. The result can be resumed on the remaining frames. `None` for an empty list.
 ///
 /// # Errors
-/// [`RunError::Unlike`] if they did not begin alike, [`RunError::Overlap`] if a frame would count
-/// twice, [`RunError::Add`] and [`RunError::Ordered`] for models that depend on the order of frames.
+/// [`RunError::Unlike`] if they did not start alike, [`RunError::Overlap`] if a frame would count twice,
+/// [`RunError::Add`] and [`RunError::Ordered`] for models that depend on the order of frames.
 pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     if runs.first().is_some_and(|run| run.config.method.any().is_fused()) {
         return fuse(None, runs);
@@ -37,11 +36,11 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     runs.try_fold(first, add).map(Some)
 }
 
-/// Like [`merge`], of scenes with seeds that all went on from `origin`: what each learnt of the components
-/// that they had in common is added to these.
+/// Merges scenes with seeds that all continued `origin`: statistics of their common components are added to
+/// those of `origin`.
 ///
 /// # Errors
-/// As [`merge`], and [`RunError::Origin`] unless all went on from `origin`.
+/// As [`merge`], and [`RunError::Origin`] unless all continued `origin`.
 pub fn merge_onto(origin: &SavedRun, runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     fuse(Some(origin), runs)
 }

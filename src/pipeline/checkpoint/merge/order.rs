@@ -1,11 +1,11 @@
-//! Which models do not depend on the order of frames.
+//! Check that a model does not depend on the order of frames.
 
 use super::super::error::RunError;
 use super::super::saved::SavedRun;
 use crate::model::stored::StoredModel;
 
-/// Refuses scenes that depend on the order of frames. Mixtures do so only by what
-/// [`super::start::same_start`] and [`crate::model::paper::merging::add`] refuse.
+/// Refuses scenes that depend on the order of frames. For mixtures, [`super::start::same_start`] and
+/// [`crate::model::paper::merging::add`] detect the dependence.
 pub(super) fn orderless(run: &SavedRun) -> Result<(), RunError> {
     let components = match &run.content.model {
         StoredModel::Scene(state) => state.seeds.len(),

@@ -1,4 +1,4 @@
-//! Whether runs began alike.
+//! Checks that runs started alike.
 
 use super::super::error::RunError;
 use super::super::saved::SavedRun;
@@ -11,11 +11,10 @@ use std::collections::BTreeSet;
 
 const RESTART: &str = "train them with the same settings on the same dataset";
 const OTHER_ORIGIN: &str =
-    "positions of one are wrong in the other: train them on the same dataset with this version";
+    "positions are relative to different origins: train them on the same dataset with this version";
 const NO_REASSIGNMENT: &str =
-    "components that move part the models after the first frame: train them with --reassign off";
+    "reassignment made the models differ after the first frame: train them with --reassign off";
 
-/// What is not the same in two runs.
 struct Difference {
     what: String,
     found: String,
@@ -28,7 +27,7 @@ impl Difference {
     }
 }
 
-/// Refuses runs that did not begin alike, or that have a frame in common.
+/// Refuses runs that did not start alike or have a frame in common.
 pub(super) fn compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     for (i, run) in runs.iter().enumerate() {
         for other in runs.iter().take(i) {
@@ -39,7 +38,7 @@ pub(super) fn compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Refuses runs on other datasets, with other settings or from other initial models.
+/// Refuses runs with different datasets, settings or initial models.
 pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     let difference = of_origins(a, b)
         .or_else(|| of_datasets(a, b))
@@ -55,7 +54,7 @@ pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     }
 }
 
-/// What positions are relative to: before all poses, which differ by it.
+/// Compared first, because a different local origin also changes all poses.
 fn of_origins(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
     let (a, b) = (a.local_origin(), b.local_origin());
     (a != b).then(|| Difference {
@@ -69,7 +68,7 @@ fn of_datasets(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
     Some(Difference::new("dataset", format!("a difference in {difference}")))
 }
 
-/// Presets, and where settings place the models in the world.
+/// Compares presets and the settings that position models in the world.
 fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
     if a.preset() != b.preset() {
         let found = format!("{} and {}", a.preset(), b.preset());
@@ -80,7 +79,7 @@ fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
     Some(Difference::new(what, format!("{a} and {b}")))
 }
 
-/// The first setting that differs.
+/// Returns the first setting that differs.
 fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
     if a == b {
         return None;
@@ -93,7 +92,7 @@ fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
     Some(Difference::new(&format!("setting `{name}`"), found))
 }
 
-/// Initial mixtures; scenes begin with nothing.
+/// Compares initial mixtures; scenes start empty.
 fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
     use StoredModel::Mixture;
     let (
@@ -113,11 +112,11 @@ fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
         return Some(Difference::new("initial weights", "two sets"));
     }
     let moved = first_moved(&state.means, &other.means)?;
-    let found = format!("component {moved} elsewhere");
+    let found = format!("component {moved} at another position");
     Some(Difference { advice: NO_REASSIGNMENT, ..Difference::new("initial means", found) })
 }
 
-/// The first component whose initial mean differs.
+/// Index of the first component whose initial mean differs.
 fn first_moved(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     if a == b {
         return None;

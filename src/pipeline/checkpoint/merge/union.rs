@@ -1,4 +1,4 @@
-//! What is known of a run that is several.
+//! Metadata of a merged run.
 
 use super::super::error::RunError;
 use super::super::json::canonical;
@@ -7,7 +7,7 @@ use super::super::snapshot::now_unix_s;
 use crate::export::checkpoint::{Checkpoint, Cursor};
 use crate::pipeline::error::SessionError;
 
-/// The run through the frames of both, still with the model of `a`.
+/// Combines two runs into one over the frames of both, still with the model of `a`.
 pub(super) fn together(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     let config = a.config.whole();
     let (ours, theirs) = (a.content.cursor, b.content.cursor);
@@ -25,7 +25,7 @@ pub(super) fn together(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     let content = Checkpoint {
         config: canonical(&config).map_err(SessionError::from)?,
         meta: canonical(&meta).map_err(SessionError::from)?,
-        // The frames' reports name positions in different orders.
+        // Frame reports refer to positions in different plans.
         history: None,
         cursor,
         ..a.content

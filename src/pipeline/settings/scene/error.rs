@@ -1,33 +1,33 @@
-//! Why a scene cannot begin.
+//! Errors of starting a scene.
 
 use crate::dataset::calibrated_size::OtherShape;
 use crate::dataset::surface::sample::NoUsableDepth;
 use crate::train::setting::ConfigError;
 
-/// Why a scene cannot begin.
+/// Reason why a scene cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// A setting out of range.
+    /// A setting is out of range.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// No pixel of the sampled frames is a point.
+    /// No pixel of the sampled frames gives a point.
     #[error(transparent)]
     NoPoints(#[from] NoUsableDepth),
-    /// The calibration is of other photographs.
+    /// The calibration is for photographs of another shape.
     #[error("{0}")]
     Photographs(#[from] OtherShape),
-    /// The structural scale is below what the data can tell apart.
+    /// The structural scale is below the depth noise.
     #[error(
-        "structural scale: expected at least {least:.2e} world units, the distance that depth noise makes of one surface here, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
+        "structural scale: expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
     )]
     BelowNoise {
-        /// Least scale.
+        /// Minimum scale, in world units.
         least: f64,
-        /// Scale asked for.
+        /// Requested scale, in world units.
         found: f64,
-        /// Depth below which a twentieth of the points lie.
+        /// 5 % quantile of depth.
         near: f64,
-        /// Depth above which a twentieth of the points lie.
+        /// 95 % quantile of depth.
         far: f64,
     },
 }

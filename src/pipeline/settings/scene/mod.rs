@@ -1,4 +1,4 @@
-//! Settings of the scene preset: what a user may say, and what becomes of it on a dataset.
+//! Settings of the scene preset: the user's values, and their result on a dataset.
 
 pub mod error;
 pub mod run;

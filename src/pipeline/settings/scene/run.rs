@@ -1,4 +1,4 @@
-//! What a scene is trained with on one dataset.
+//! Settings of a scene on one dataset.
 
 use crate::dataset::surface::SurfaceSettings;
 use crate::math::normalization::Normalization;
@@ -9,26 +9,26 @@ use serde::{Deserialize, Serialize};
 /// Every setting of a scene on one dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneRun {
-    /// Seed of the order of frames.
+    /// Seed of every random stream.
     pub seed: u64,
-    /// The structural scale as it was asked for.
+    /// Requested structural scale.
     pub scale: StructuralScale,
-    /// Most components, as it was asked for.
+    /// Requested maximum number of components.
     pub budget: Option<Budget>,
-    /// Settings of the engine, the structural scale in world units among them.
+    /// Settings of the engine, including the structural scale in world units.
     #[serde(flatten)]
     pub engine: SceneConfig,
-    /// How frames are prepared.
+    /// Preparation of frames.
     pub surface: SurfaceSettings,
 }
 
 impl SceneRun {
-    /// How frames are prepared for the engine's settings: with their photographs if these are learnt.
+    /// Preparation for the engine's settings: includes photographs if they are trained on.
     pub fn prepared_surface(&self) -> SurfaceSettings {
         SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
     }
 
-    /// World to model coordinates: a shift alone.
+    /// World to model coordinates: a translation only.
     pub fn normalization(&self) -> Normalization {
         Normalization { offset: self.surface.origin.to_array(), scale: [1.0; 3] }
     }

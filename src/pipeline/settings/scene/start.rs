@@ -1,9 +1,8 @@
-//! From what a user asks for to settings that fit a dataset.
+//! Fitting of the scene settings to a dataset.
 //!
-//! Defaults come in three layers, each over the one before: those measured with the kind of sensor,
-//! those that components on a lattice need so that the order of frames cannot matter, and what the
-//! user asks for. Only then is the structural scale turned into world units, by a look at some
-//! frames as they will be prepared.
+//! Defaults come in three layers, where later ones take precedence: values measured with the kind of sensor,
+//! values that lattice components require for order invariance, and the user's settings. Then the structural
+//! scale is converted to world units, from sampled frames prepared as in training.
 
 use super::error::SceneError;
 use super::run::SceneRun;
@@ -21,15 +20,15 @@ use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
-/// Pixels of depth from which on a quarter of them is enough.
+/// Number of depth pixels from which a quarter of them suffices.
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
-    /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
-    /// start alike with the plan of all their frames in one order.
+    /// Fits the settings to the frames of a plan, some of which are sampled. To start alike, shards and runs
+    /// in other orders must pass the plan of all frames in one order.
     ///
     /// # Errors
-    /// [`SceneError`] for a setting out of range, and for depth that is none.
+    /// [`SceneError`] for a setting out of range, or unusable depth.
     pub fn new(
         dataset: &Dataset,
         plan: &Plan,
@@ -49,10 +48,10 @@ impl SceneRun {
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
-    /// What is not asked for, given the sensor and the birth rule that are; `h` is not known yet.
+    /// Returns the defaults for the requested sensor and birth rule; `h` is not known yet.
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
         let split = &dataset.splits[plan.split];
-        // About a wild pose all other frames would be far away.
+        // An outlier pose as origin would be far from all other frames.
         let wild = wild_poses(split);
         let is_sound = |i: &&usize| wild.iter().all(|wild| wild.index != **i);
         let first = plan.frames.iter().find(is_sound).or(plan.frames.first());
@@ -61,13 +60,12 @@ impl SceneRun {
             camera.intrinsics.width as usize * camera.intrinsics.height as usize
         });
         let origin = first.map_or(DVec3::ZERO, |camera| {
-            // Whole metres: the phase of a lattice must not depend on the unit of the world.
+            // Whole metres, so that the phase of a lattice does not depend on the unit of the world.
             (camera.pose.centre() / dataset.metre()).round() * dataset.metre()
         });
         let mut surface = SurfaceSettings::new(dataset, origin);
         surface.sensor = overrides.sensor.unwrap_or(surface.sensor);
-        // Computed depth has no pixels between two surfaces: at a crease, where no plane fits, it is
-        // right all the same.
+        // Computed depth has no mixed pixels. At a crease, where no plane fits, it is still correct.
         surface.flying_pixels = !matches!(surface.sensor, Sensor::Exact { .. });
         surface.sampling = sampling(surface.sensor, pixels);
         let mut engine = measured_with(surface.sensor);
@@ -88,8 +86,8 @@ impl SceneRun {
     }
 }
 
-/// Which pixels of frames of so many become points. Real cameras see everything many times over, with errors
-/// that neighbours share: a quarter of large frames serves as well (`scene.md`, Sampling).
+/// Chooses the pixels that become points. Real cameras observe every surface many times, with errors that
+/// neighbouring pixels share, so a quarter of a large frame suffices (`scene.md`, Sampling).
 fn sampling(sensor: Sensor, pixels: usize) -> PixelSampling {
     match sensor {
         Sensor::Kinect | Sensor::Lidar if pixels >= LARGE_FRAME => PixelSampling::Quarter,
@@ -97,21 +95,21 @@ fn sampling(sensor: Sensor, pixels: usize) -> PixelSampling {
     }
 }
 
-/// Refuses what plain splats are asked for and cannot have.
+/// Refuses options that plain splats do not support.
 fn nothing_native_of_plain(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     let asked = [(overrides.gradient, "gradient"), (overrides.crack_filling, "crack-filling")];
     let asked = asked.into_iter().find(|(asked, _)| *asked == Some(true));
     match (overrides.splats, asked) {
         (Some(SplatKind::Plain), Some((_, part))) => Err(ConfigError {
             setting: "splats",
-            expected: format!("native beside {part}, which plain splats cannot have"),
+            expected: format!("native with {part}, which plain splats do not support"),
             found: "plain".to_owned(),
         }),
         _ => Ok(()),
     }
 }
 
-/// Refuses to let photographs wait that nothing learns.
+/// Refuses a shuffle buffer without photometric training.
 fn no_photographs_wait_unlearnt(
     overrides: &SceneOverrides,
     engine: &SceneConfig,
@@ -120,13 +118,13 @@ fn no_photographs_wait_unlearnt(
         None => Ok(()),
         Some(n) => Err(ConfigError {
             setting: "shuffle_buffer",
-            expected: "0 where photographs are not learnt (--photometric off)".to_owned(),
+            expected: "0 without photometric training (--photometric off)".to_owned(),
             found: n.to_string(),
         }),
     }
 }
 
-/// Settings measured with each kind of sensor (`scene.md`, Settings by sensor), all but `h`.
+/// Settings measured with each kind of sensor (`scene.md`, Settings by sensor), except `h`.
 fn measured_with(sensor: Sensor) -> SceneConfig {
     match sensor {
         Sensor::Inverse8Ray => SceneConfig::fine(f64::NAN),
@@ -135,11 +133,11 @@ fn measured_with(sensor: Sensor) -> SceneConfig {
     }
 }
 
-/// The structural scale as a length; at least what noise allows.
+/// Converts the structural scale to world units; at least the limit from depth noise.
 fn in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, SceneError> {
     let scale = run.scale;
     let least = scale.least(sample.tolerance, run.engine.ray_search > 0.0);
-    // Of which one component would be the whole scene, whatever the data.
+    // Beyond this maximum, one component would cover the whole scene.
     let (asked, most) = match scale {
         StructuralScale::Pixels(n) => (n, sample.depths[1] / sample.footprint),
         StructuralScale::World(h) => (h, sample.depths[1]),

@@ -1,4 +1,4 @@
-//! The table of the scene preset's settings.
+//! Table of the scene preset's settings.
 
 use super::run::SceneRun;
 use crate::dataset::calibration::Calibration;
@@ -16,8 +16,8 @@ use std::ffi::OsStr;
 use std::path::Path;
 
 settings! {
-    /// Settings of a scene that a user may change, in a RON file, on the command line or in the
-    /// window; `None` keeps the preset's.
+    /// User settings of a scene, from a RON file, the command line or the window; `None` keeps the preset's
+    /// value.
     pub struct SceneOverrides of SceneRun, Preset::Scene,
         such as "(scale: \"2.5px\", births: seeds)";
 
@@ -27,8 +27,8 @@ settings! {
         default "0";
         at |run| run.seed;
     }
-    /// Largest distance of a point from the seed of its component: pixels such as 2.5px, at the
-    /// distance that 19 of 20 points are nearer than, or world units.
+    /// Maximum distance of a point from its component's seed, in world units or pixels (2.5px). Pixels are
+    /// measured at the 95 % quantile of distance.
     scale: StructuralScale {
         option "--scale" "H";
         label "Structural scale";
@@ -36,15 +36,15 @@ settings! {
         range "a positive length", |scale| scale.is_positive();
         at |run| run.scale;
     }
-    /// Where components are born.
+    /// Rule that creates components.
     births: BirthRule {
         option "--births" "RULE";
         label "Births";
         default "seeds";
         at |run| run.engine.births;
     }
-    /// Most components of a scene, or megabytes of them such as 20MB; the least useful are merged. Of a
-    /// lattice, most that are drawn and exported: it keeps up to eight times as many.
+    /// Maximum number of components, or megabytes such as 20MB; the least useful are merged. With a lattice
+    /// it limits drawn and exported ones; up to eight times as many are stored.
     budget: Budget {
         option "--budget" "N";
         label "Budget";
@@ -57,8 +57,8 @@ settings! {
             run.engine.max_components = budget.components();
         };
     }
-    /// Whether splats also learn from the photographs, one step a frame; takes 496 bytes a component
-    /// beyond those that a budget in megabytes counts.
+    /// Photometric training: one Gauss-Newton step per frame on its photograph. Needs 496 bytes per
+    /// component, which a budget in MB does not count.
     photometric: PhotometricMode {
         option "--photometric" "MODE";
         label "Photometric";
@@ -66,13 +66,12 @@ settings! {
         get |run| Some(PhotometricMode::of(run.engine.photometric));
         set |run, mode| run.engine.photometric = mode.rule();
     }
-    /// Photographs that wait before splats learn from them, at most: for every one that comes, one of
-    /// them is drawn at random, so that no view is learnt many times in a row; 0 learns each at once.
-    /// No more wait than 64 MB hold.
+    /// Shuffle buffer, in photographs (0 = off, at most 64 MB). Photographs are trained on in random order,
+    /// which decorrelates neighbouring views.
     shuffle_buffer: usize {
         option "--shuffle-buffer" "N";
         label "Shuffle buffer";
-        default by "60; none where photographs are not learnt";
+        default by "60; none without photometric training";
         range "0 to {MAX_WAITING} photographs", |n| *n <= MAX_WAITING;
         get |run| run.engine.photometric.map(|rule| rule.shuffle_buffer);
         set |run, n| {
@@ -81,8 +80,7 @@ settings! {
             }
         };
     }
-    /// What splats are: native ones are drawn best by this program; plain ones are what every viewer draws,
-    /// and files hold them as they were learnt.
+    /// Kind of splats: native renders best in this program; plain is exported without loss to any viewer.
     splats: SplatKind {
         option "--splats" "KIND";
         label "Splats";
@@ -94,81 +92,80 @@ settings! {
             }
         };
     }
-    /// How it is counted how often a component could have been seen: by projecting it into every
-    /// frame, or by the frames that brought it points.
+    /// Visibility count of a component: by projection into every frame, or by the frames that gave it points.
     visibility: VisibilityRule {
         option "--visibility" "RULE";
         was "looks";
         default by "projected; returned with lattices";
         at |run| run.engine.visibility;
     }
-    /// Arithmetic of the sums.
+    /// Arithmetic of the sufficient statistics.
     sums: SumForm {
         option "--precision" "PRECISION";
         default "mixed";
         at |run| run.engine.sums;
     }
-    /// What the depth is from: its noise and thresholds.
+    /// Depth sensor; determines the noise model and thresholds.
     sensor: Sensor {
         option "--sensor" "SENSOR";
         default by "the dataset's files";
         at |run| run.surface.sensor;
     }
-    /// Corrections of the cameras, a RON file.
+    /// Camera calibration, a RON file.
     calibration: Calibration {
         option "--calibration" "FILE.ron";
         default by "what is known of the layout";
         get |run| run.surface.calibration.clone();
         set |run, calibration| run.surface.calibration = Some(calibration);
     }
-    /// Which pixels become points: every one, every other row, or every other pixel of every other row;
-    /// each point stands for those left out beside it.
+    /// Pixels that become points: every one, every other row, or every other pixel of every other row.
+    /// Weights make up for those left out.
     sampling: PixelSampling {
         option "--sampling" "PIXELS";
         label "Sampling";
         default by "every; quarter for real cameras of 150,000 pixels or more";
         at |run| run.surface.sampling;
     }
-    /// Depth of the plane fitted around each pixel, instead of the depth as measured.
+    /// Use the depth of a plane fitted around each pixel instead of the measured depth.
     plane_fit: bool {
         part "plane-fit";
         label "Fit planes";
         default "true";
         at |run| run.surface.plane_fit;
     }
-    /// Dropping pixels that no plane explains.
+    /// Drop pixels between two surfaces, which no plane fits.
     flying_pixels: bool {
         part "flying-pixels";
         label "Drop flying pixels";
         default by "on; off for computed depth";
         at |run| run.surface.flying_pixels;
     }
-    /// Dropping surfaces seen nearly from their edge.
+    /// Drop surfaces seen at grazing angles.
     cosine: bool {
         part "cosine";
         label "Drop slanted surfaces";
         default "true";
         at |run| run.surface.cosine;
     }
-    /// Moving points along their rays towards their component's plane.
+    /// Move points along their rays towards their component's plane.
     refine: bool {
         part "refine";
         default by "on; off with lattices";
         at |run| run.engine.refine;
     }
-    /// Correcting each frame's pose to fit the scene.
+    /// Correct each frame's pose to fit the scene.
     align: bool {
         part "align";
         default by "on for real cameras; off with lattices";
         at |run| run.engine.align;
     }
-    /// Fitting each frame's exposure to the scene's.
+    /// Fit each frame's exposure to the scene.
     gain: bool {
         part "gain";
         default by "on for real cameras; off with lattices";
         at |run| run.engine.gain;
     }
-    /// Smaller components where views come near: as wide as ten pixels there, down to two thirds of the
+    /// Use smaller components where cameras come close: ten pixels wide, but at least two thirds of the
     /// structural scale.
     near_detail: bool {
         part "near-detail";
@@ -177,8 +174,8 @@ settings! {
         get |run| Some(run.engine.near.is_some());
         set |run, on| run.engine.near = on.then_some(NearSpacing::ROOM);
     }
-    /// Looking along its ray, as far as the sensor's noise, for the component of a point that none is near
-    /// enough for: noise makes no second layer of a surface.
+    /// Search along the ray, within the sensor noise, for a component if none is near the point. Avoids
+    /// duplicate layers of a surface.
     ray_search: bool {
         part "ray-search";
         label "Ray search";
@@ -186,8 +183,7 @@ settings! {
         get |run| Some(run.engine.ray_search > 0.0);
         set |run, on| run.engine.ray_search = if on { RAY_SEARCH } else { 0.0 };
     }
-    /// Filling cracks between splats when they are drawn: from a coverage below 1 on, a pixel counts
-    /// as covered in full.
+    /// Fill cracks between splats in rendering: above a threshold, a pixel's coverage counts as full.
     crack_filling: bool {
         part "crack-filling";
         was "closing";
@@ -199,7 +195,7 @@ settings! {
             }
         };
     }
-    /// Colour that varies over a splat.
+    /// Colour gradient across each splat.
     gradient: bool {
         part "gradient";
         default by "on; off with plain splats";
@@ -223,7 +219,8 @@ named_values!(by name PixelSampling {
 
 impl SettingValue for BirthRule {
     fn choices() -> Vec<Choice> {
-        const LATTICE: &str = "Cells of a lattice: the order of frames does not matter";
+        const LATTICE: &str = "Cells of a lattice; the result does not depend on the order of \
+                               frames";
         let at_seeds = "Where a point has no seed within the structural scale";
         vec![
             Choice { name: "seeds", label: "Seeds", help: at_seeds },
@@ -242,9 +239,8 @@ impl SettingValue for BirthRule {
 
 impl SettingValue for SplatKind {
     fn choices() -> Vec<Choice> {
-        let native =
-            "With flat tops and colour gradients, cracks between them filled: sharpest here";
-        let plain = "As every viewer draws them: files hold exactly what was learnt";
+        let native = "Flat tops, colour gradients and filled cracks: sharpest in this program";
+        let plain = "As every viewer draws them: export is lossless";
         vec![
             Choice { name: "native", label: "Native", help: native },
             Choice { name: "plain", label: "Plain", help: plain },
@@ -262,9 +258,9 @@ impl SettingValue for Sensor {
     fn choices() -> Vec<Choice> {
         let choice = |name, help| Choice { name, label: name, help };
         vec![
-            choice("inverse8-ray", "8-bit depth along the ray, as NeRF-synthetic scenes have it"),
+            choice("inverse8-ray", "8-bit depth along the ray, as in NeRF-synthetic scenes"),
             choice("kinect", "Structured light"),
-            choice("lidar", "Time of flight in phones and tablets"),
+            choice("lidar", "Time-of-flight sensor of phones and tablets"),
             choice("exact", "Computed depth without noise"),
         ]
     }

@@ -1,5 +1,5 @@
-//! From moments in the image to gradient and Gauss-Newton blocks of eight splats at a time
-//! (`photometric.md`, Lift), a splat in each lane.
+//! Converts image-plane moments to gradients and Gauss-Newton blocks of the parameters, eight splats at a
+//! time, one per lane (`photometric.md`, Lift).
 
 use super::lift::{BY_MEAN, BY_SHAPE, DIRECTION, MOVING, N_LINEAR, PLACES};
 use super::sums::{COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, N_IMAGE_SUMS, N_QUADRATIC, moment};
@@ -8,22 +8,22 @@ use crate::math::simd::Vector;
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use std::ops::Range;
 
-/// What a photograph says of the parameters of eight splats, one in each lane.
+/// Gradient and Gauss-Newton blocks from one photograph for eight splats, one per lane.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterSums<V> {
-    /// Gradient of `−½Σρr²` by the form's parameters.
+    /// Gradient of `−½Σρr²` by the ten form parameters.
     pub gradient: [V; N_FORM],
-    /// Gauss-Newton block of the form: the lower triangle, row by row.
+    /// Gauss-Newton block of the form parameters: lower triangle, row by row.
     pub curvature: [V; N_FORM_PRECISION],
-    /// The same gradient by the coefficients of red, green and blue.
+    /// Gradient of `−½Σρr²` by the coefficients of red, green and blue.
     pub color: [[V; N_COLOR]; 3],
-    /// Gauss-Newton block of a channel's coefficients, which all channels share: the lower triangle.
+    /// Gauss-Newton block of one channel's coefficients, common to all channels: lower triangle.
     pub color_curvature: [V; N_COLOR_PRECISION],
 }
 
-/// Place of each feature of `ln α` among the moments: powers of `p` and `q`.
+/// Powers of `p` and `q` of each feature of `ln α`.
 const FEATURES: [(usize, usize); N_QUADRATIC] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
-/// Place in the curvature's moments of the product of two features.
+/// Index of the curvature moment for the product of two features.
 const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
     let mut places = [[0; N_QUADRATIC]; N_QUADRATIC];
     let mut f = 0;
@@ -38,11 +38,11 @@ const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
     }
     places
 };
-/// The parameter that is the logarithm of the opacity.
+/// Index of the log-opacity among the form parameters.
 const OPACITY: usize = N_FORM - 1;
 
 impl<V: Vector> ParameterSums<V> {
-    /// By the linearisations of eight splats and their sums in the image.
+    /// Combines the linearisations of eight splats with their image sums.
     #[inline(always)]
     pub(super) fn new(linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) -> Self {
         let zero = V::splat(0.0);
@@ -60,7 +60,7 @@ impl<V: Vector> ParameterSums<V> {
         found
     }
 
-    /// Sets one row of the form's block and its gradient. Features are the coefficients on
+    /// Sets one row of the form block and its gradient. `of_row` holds the row's feature coefficients on
     /// `1, p, q, p², pq, q²`.
     #[inline(always)]
     fn add_form(
@@ -87,7 +87,7 @@ impl<V: Vector> ParameterSums<V> {
         }
     }
 
-    /// As the mean moves, colours that vary over the splat move along.
+    /// Adds the effect of the mean on colour: view-dependent and spatially varying colours change with it.
     #[inline(always)]
     fn add_moving_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
         let bend = sums[COLOR_CURVATURE];
@@ -104,7 +104,7 @@ impl<V: Vector> ParameterSums<V> {
         }
     }
 
-    /// The colour of a channel is `c + W·d + G·e(p, q)`: linear in its seven coefficients.
+    /// Sets the colour sums. A channel's colour `c + W·d + G·e(p, q)` is linear in its seven coefficients.
     #[inline(always)]
     fn add_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
         let one = V::splat(1.0);
@@ -153,7 +153,7 @@ fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRA
     features
 }
 
-/// The features that a parameter changes.
+/// Features affected by a parameter.
 const fn range(parameter: usize) -> Range<usize> {
     match parameter {
         OPACITY => 0..1,

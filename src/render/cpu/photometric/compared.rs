@@ -1,4 +1,4 @@
-//! A photograph that was compared with a picture, and what that says of each splat.
+//! Result of comparing a photograph with the rendered splats.
 
 use super::blocks::ParameterSums;
 use super::lift::SplatLanes;
@@ -10,38 +10,37 @@ use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// What a photograph says of the splats of a view.
+/// Sums over the pixels of a photograph, per splat of a view.
 pub struct Compared<'a> {
     pub(super) view: PreparedView<'a>,
     pub(super) sums: &'a [ImageSums],
     pub(super) order: SumOrder,
-    /// Sum of squared differences between photograph and picture, over the channels of covered pixels.
+    /// Sum of squared differences between photograph and rendering, over all channels of covered pixels.
     pub squared_error: f64,
-    /// Covered pixels that count.
+    /// Number of covered pixels, which `squared_error` sums over.
     pub pixels: f64,
 }
 
-/// Where the sums of a splat lie.
 #[derive(Clone, Copy)]
 pub(super) enum SumOrder {
-    /// At the place of its record.
+    /// Same index as the splat's record.
     ByRecord,
-    /// In the order of splats, of those alone that the view shows.
+    /// In splat order, only for the visible splats.
     BySplat,
 }
 
-/// A splat that pixels show.
+/// Splat that is visible in at least one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SeenSplat {
-    /// Its number among the splats.
+    /// Index among the splats of the view.
     pub id: u32,
     record: u32,
-    /// Where its sums lie.
+    /// Index of its sums.
     place: u32,
 }
 
 impl<'a> Compared<'a> {
-    /// What another device found: sums in the order of splats, as many as [`PreparedView::n_drawn`].
+    /// Wraps the result of another device: sums in splat order, [`PreparedView::n_drawn`] entries.
     pub fn by_splat(
         view: PreparedView<'a>,
         sums: &'a [ImageSums],
@@ -51,7 +50,7 @@ impl<'a> Compared<'a> {
         Self { view, sums, order: SumOrder::BySplat, squared_error, pixels }
     }
 
-    /// Splats whose blending weights add to more than `weight` over the pixels (px), by number.
+    /// Splats whose blending weights sum to more than `weight` over the pixels (px), in splat order.
     pub fn seen(&self, weight: f32) -> Vec<SeenSplat> {
         let lists = self.view.lists;
         let seen = |(rank, record): (u32, u32)| {
@@ -74,7 +73,7 @@ impl<'a> Compared<'a> {
         runs.flat_map_iter(|(rank, run)| (rank..).zip(run).filter_map(seen)).collect()
     }
 
-    /// The sums by parameters of up to eight splats, one in each lane and as they were drawn; lanes
+    /// Parameter sums of up to eight splats, one per lane. `splats` must be as they were when rendered; lanes
     /// without a splat are 0.
     #[inline(always)]
     pub fn lift<V: Vector>(&self, splats: &[(SeenSplat, Splat, Appearance)]) -> ParameterSums<V> {

@@ -1,4 +1,4 @@
-//! The seam between learning from photographs and whatever device compares them.
+//! Interface between photometric training and the device that compares photographs.
 
 use super::compared::Compared;
 use super::row::RowChoice;
@@ -7,17 +7,17 @@ use super::walk::PixelRule;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 
-/// Compares photographs with splats: the processor, or a device beside it.
+/// Compares photographs with rendered splats, on the CPU or another device.
 pub trait PhotometricComparer: Send + Sync {
-    /// What it runs on, for reports.
+    /// Device name for reports.
     fn name(&self) -> String;
 
-    /// Compares the chosen rows of a photograph with the picture of the view's splats. What is
-    /// mostly covered counts as covered where the coverage is not known.
+    /// Compares the chosen rows of a photograph with the rendering of the view's splats. If a pixel's target
+    /// coverage is unknown, a mostly covered pixel counts as fully covered.
     ///
     /// # Errors
-    /// [`ComparerError`] if the device is lost, has no memory for the view, or does not answer. Nothing
-    /// is known of the view then.
+    /// [`ComparerError`] if the device is lost, runs out of memory or does not respond. No result is
+    /// available then.
     fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
@@ -27,12 +27,12 @@ pub trait PhotometricComparer: Send + Sync {
     ) -> Result<Compared<'a>, ComparerError>;
 }
 
-/// A device could not compare a photograph.
+/// A photograph could not be compared on a device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: expected a photograph to be compared, which failed: {reason}")]
+#[error("{device}: comparing a photograph failed: {reason}")]
 pub struct ComparerError {
-    /// What it was to run on.
+    /// Device that should have compared it.
     pub device: String,
-    /// What went wrong, in the device's words.
+    /// Reason reported by the device or driver.
     pub reason: String,
 }

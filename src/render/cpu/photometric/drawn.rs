@@ -1,9 +1,9 @@
-//! The first walk over a tile: it draws, and keeps which pixels showed each splat.
+//! First walk over a tile: draws it and records which pixels show each splat.
 //!
-//! A third of the groups of pixels in a splat's rectangle lie outside its ellipse, and what a splat covers
-//! of a pixel costs an exponential. The second walk reads both, so that it sees the very same splats, and
-//! goes through the groups that show them alone. A pixel finishes after so many splats, whatever there are:
-//! that bounds what a tile keeps.
+//! A third of the pixel groups in a splat's rectangle lie outside its ellipse, and each alpha costs an
+//! exponential. The second walk reuses the recorded groups and alphas, so it visits only visible groups and
+//! uses exactly the same alphas. Memory per tile is bounded, because a pixel finishes after a limited number
+//! of splats.
 
 use super::super::record::{ConicRecord, Gradient, Records};
 use super::super::tile::{
@@ -13,33 +13,32 @@ use super::target::{TargetTile, rows_of};
 use crate::math::simd::{LANES, Vector};
 use crate::render::constants::TILE;
 
-/// A splat in eight pixels that show it.
+/// Alphas of a splat in one group of eight pixels.
 pub(super) struct Hit {
-    /// Alpha before the cap; 0 in a pixel that does not show it.
+    /// Alpha before the cap; 0 in a pixel where the splat is invisible.
     pub free: [f32; LANES],
-    /// The pixels' group.
     pub group: u32,
 }
 
-/// A splat that pixels of the tile show.
+/// Splat visible in the tile.
 pub(super) struct Shown {
-    /// Its place in the row's list.
+    /// Index in the row's list.
     pub place: usize,
-    /// Where its hits end, and those of the next one begin.
+    /// End of its hits, which is the start of the next splat's.
     pub end: usize,
 }
 
-/// A tile that was drawn; one after the other, in the same memory.
+/// Rendered tile. One instance is reused for all tiles of a row.
 pub(super) struct DrawnTile {
     left: usize,
     top: usize,
-    /// Negative once a pixel is finished, and where there is none.
+    /// Negative if the pixel is finished or outside the image.
     pub transmittance: Plane,
     pub color: [Plane; 3],
-    /// Wrongness of what is drawn, where depth is known.
+    /// Blended depth error (`wrongness`); only set if measured depths are known.
     pub wrong: Plane,
     open_rows: u32,
-    /// Splats that pixels show, nearest first.
+    /// Visible splats, nearest first.
     pub shown: Vec<Shown>,
     pub hits: Vec<Hit>,
 }
@@ -61,8 +60,8 @@ impl Default for DrawnTile {
 }
 
 impl DrawnTile {
-    /// Begins anew at pixel `(left, top)`, with `columns` pixels to the image's right edge and the rows of
-    /// `mask`.
+    /// Resets the tile at pixel `(left, top)`, with `columns` pixels to the image's right edge and the rows
+    /// of `mask`.
     pub(super) fn begin(&mut self, [left, top]: [usize; 2], columns: usize, mask: u32) {
         (self.left, self.top, self.open_rows) = (left, top, mask);
         self.shown.clear();
@@ -77,13 +76,13 @@ impl DrawnTile {
         }
     }
 
-    /// Pixel of the image at its upper left.
+    /// Upper left pixel in the image.
     pub(super) fn corner(&self) -> [usize; 2] {
         [self.left, self.top]
     }
 
-    /// Draws the listed splats, nearest first, and how wrong they are beside what was measured; the first
-    /// of all has the place `first` in the row's list.
+    /// Draws the listed splats, nearest first, and their depth errors relative to the target. `first` is the
+    /// batch's offset in the row's list.
     #[inline(always)]
     pub(super) fn draw<V: Vector>(
         &mut self,
@@ -129,7 +128,7 @@ impl DrawnTile {
         }
     }
 
-    /// Draws a splat in eight pixels; whether one of them was finished by it.
+    /// Draws a splat in eight pixels. Returns true if it finished a pixel.
     #[inline(always)]
     fn draw_group<V: Vector>(
         &mut self,
@@ -139,7 +138,7 @@ impl DrawnTile {
         offset: [V; 2],
         target: &TargetTile,
     ) -> bool {
-        let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
+        let group = group % (TILE * GROUPS); // no-op that removes the bounds checks
         let [p, q] = whitened(splat, offset);
         let exponent = V::splat(0.0) - (p * p + q * q);
         let passed = pass(&mut self.transmittance[group], splat, exponent);
@@ -159,7 +158,7 @@ impl DrawnTile {
     }
 }
 
-/// Offsets from a splat's centre in units of its own width.
+/// Offset from a splat's centre, whitened: `[p, q]`.
 #[inline(always)]
 pub(super) fn whitened<V: Vector>(splat: &ConicRecord, [x, y]: [V; 2]) -> [V; 2] {
     [V::splat(splat.p_x) * x + V::splat(splat.p_y) * y, V::splat(splat.q_y) * y]

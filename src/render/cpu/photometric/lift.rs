@@ -1,10 +1,10 @@
-//! How a splat's own parameters move what the image shows of it (`photometric.md`, Lift): the Jacobian of
-//! its projection, of eight splats at a time, one in each lane.
+//! Jacobian of a splat's image (centre, covariance, colour) by its parameters (`photometric.md`, Lift).
+//! Processes eight splats at a time, one per lane.
 //!
 //! A change of a parameter moves the centre by `du` and the covariance by `dΣ`. With the whitening
 //! `L`, `Σ⁻¹ = LᵀL` and `z = Lδ`: `d(−½|z|²) = zᵀ(L du) + ½ zᵀ(L dΣ Lᵀ)z`. Colour is linear in its own
-//! coefficients; as the mean moves it moves along. How a splat's plane, on which the colour gradient
-//! is read, turns with the splat is left out.
+//! coefficients and shifts with the mean. The colour gradient is evaluated on the splat's plane; the
+//! rotation of that plane with the splat is neglected.
 
 use super::super::record::Gradient;
 use super::super::view::CpuView;
@@ -16,24 +16,24 @@ use crate::render::constants::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 
-/// Where each group of a linearisation begins. By axis of the mean the coefficients of `d ln α` on
-/// `p, q, p², pq, q²`, whose `p` and `q` are those of records: `α = o·2^−(p²+q²)`.
+/// Offsets of the groups of a linearisation. This group: per world axis of the mean, the coefficients of
+/// `d ln α` on `p, q, p², pq, q²`. `p` and `q` are those of the records: `α = o·2^−(p²+q²)`.
 pub(super) const BY_MEAN: usize = 0;
-/// By logarithm of a scale, then by turn, the coefficients on `p², pq, q²`.
+/// Per log-scale, then per rotation axis: the coefficients on `p², pq, q²`.
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
-/// By channel the change of the colour at a pixel with each axis of the mean.
+/// Per channel: derivative of the colour at a pixel by each world axis of the mean.
 pub(super) const MOVING: usize = BY_SHAPE + 18;
-/// Unit direction from the camera, world axes, within the observed cone.
+/// Unit direction from the camera in world axes, limited to the observed cone.
 pub(super) const DIRECTION: usize = MOVING + 9;
 /// World vectors from the splat's centre to its plane, per unit of a record's `p` and `q`.
 pub(super) const PLACES: usize = DIRECTION + 3;
-/// Numbers of a linearisation.
+/// Length of a linearisation.
 pub(super) const N_LINEAR: usize = PLACES + 6;
 
-/// Of a record's unit: `p²` there is `½ log₂e` times the squared Mahalanobis distance.
+/// Converts the records' `p²` to squared Mahalanobis distance: `p²` is `½ log₂e` times the latter.
 const UNIT: f64 = 2.0 * LN_2;
 
-/// Eight splats as a view shows them; lanes without one hold any that is finite.
+/// Eight splats of a view. Unused lanes hold finite values.
 pub(super) struct SplatLanes {
     /// Centre in camera axes, world units.
     centre: [[f32; LANES]; 3],
@@ -41,17 +41,17 @@ pub(super) struct SplatLanes {
     rotation: [[f32; LANES]; 4],
     /// Standard deviations, world units.
     scale: [[f32; LANES]; 3],
-    /// Change of each channel over the image, per px.
+    /// Colour change per px of image offset, by channel.
     across: [[[f32; LANES]; 2]; 3],
-    /// Change of each channel with the direction.
+    /// Colour change with viewing direction, by channel.
     directional: [[[f32; LANES]; 3]; 3],
-    /// The directions it was observed from.
+    /// Mean of the observed directions, world axes.
     observed: [[f32; LANES]; 3],
     cone: [[f32; LANES]; 6],
 }
 
 impl SplatLanes {
-    /// Eight times one that any view shows.
+    /// Fills all lanes with a splat in front of the camera.
     pub(super) fn new() -> Self {
         let [zeros, ones] = [[0.0; LANES], [1.0; LANES]];
         Self {
@@ -65,7 +65,7 @@ impl SplatLanes {
         }
     }
 
-    /// Puts a splat that the view shows into a lane; `gradient` is that of its record.
+    /// Stores a visible splat in a lane; `gradient` belongs to its record.
     #[inline(always)]
     pub(super) fn set(
         &mut self,
@@ -74,7 +74,7 @@ impl SplatLanes {
         (splat, appearance): (&Splat, &Appearance),
         gradient: &Gradient,
     ) {
-        // The camera is subtracted in f64: far from the origin f32 would lose the difference.
+        // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let centre = (view.camera_from_world * (mean - view.centre)).as_vec3();
         let scale = view.look.scales(splat).as_vec3();
@@ -102,7 +102,7 @@ impl SplatLanes {
         }
     }
 
-    /// The linearisations, in the order of the constants above.
+    /// Linearisations, laid out by the constants above.
     #[inline(always)]
     pub(super) fn linearize<V: Vector>(&self, view: &CpuView) -> [V; N_LINEAR] {
         let mut linear = [V::splat(0.0); N_LINEAR];
@@ -119,7 +119,7 @@ impl SplatLanes {
         let [x, y, z] = load_rows(&self.centre);
         let per_z = V::splat(1.0) / z;
         let tangent = [x * per_z, y * per_z];
-        // Only the Jacobian's point is clamped, not the centre: see the projected renderer.
+        // Only the Jacobian's point is clamped, not the centre, as in the projected renderer.
         let (mut clamped, mut follows) = (tangent, V::splat(EVERY_BIT));
         for (k, clamped) in clamped.iter_mut().enumerate() {
             let [low, high] = [V::splat(camera.tangent_lo[k]), V::splat(camera.tangent_hi[k])];
@@ -159,8 +159,8 @@ impl SplatLanes {
         ]
     }
 
-    /// By channel how the colour at a pixel changes as the mean moves along the world's axes: what varies
-    /// over the splat moves along, and the direction it is seen from turns.
+    /// Per channel, derivative of the colour at a pixel by the mean along the world axes: spatial variation
+    /// shifts with the mean, and the viewing direction rotates.
     #[inline(always)]
     fn moving_color<V: Vector>(
         &self,
@@ -171,7 +171,7 @@ impl SplatLanes {
         let centre = load_rows::<V, 3>(&self.centre);
         let per_distance = V::splat(1.0) / dot(centre, centre).sqrt();
         let direction = scaled(turned(&camera.to_world, centre), per_distance);
-        // Beyond the observed cone colour follows its edge; how that turns is left out.
+        // Outside the observed cone, colour is that of its edge; the rotation of the edge point is neglected.
         let mean = load_rows::<V, 3>(&self.observed);
         let offset = [direction[0] - mean[0], direction[1] - mean[1], direction[2] - mean[2]];
         let [xx, xy, xz, yy, yz, zz] = load_rows::<V, 6>(&self.cone);
@@ -196,9 +196,9 @@ impl SplatLanes {
     }
 }
 
-/// What of a view moves splats, in f32.
+/// Camera parameters of the Jacobian, in f32.
 struct LiftCamera {
-    /// From the world's axes to the camera's and back, by rows.
+    /// Rotations from world to camera axes and back, by rows.
     from_world: [[f32; 3]; 3],
     to_world: [[f32; 3]; 3],
     focal: [f32; 2],
@@ -219,7 +219,7 @@ impl LiftCamera {
         }
     }
 
-    /// How a centre changes in the image as its mean moves along an axis of the world, px per world unit.
+    /// Derivative of the projected centre by the mean along a world axis, px per world unit.
     #[inline(always)]
     fn shift<V: Vector>(&self, axis: usize, tangent: [V; 2], per_z: V) -> [V; 2] {
         let ahead = V::splat(self.from_world[2][axis]);
@@ -232,36 +232,36 @@ impl LiftCamera {
     }
 }
 
-/// Eight splats in the image.
+/// Image geometry of eight splats.
 struct Shape<V> {
     depth: V,
     per_z: V,
-    /// Of the centre.
+    /// `x/z` and `y/z` of the centre.
     tangent: [V; 2],
-    /// By axis of the world how the centre changes in the image as the mean moves along it, px per world unit.
+    /// Per world axis, derivative of the projected centre by the mean, px per world unit.
     shifts: [[V; 2]; 3],
-    /// Mask: whether the Jacobian follows the centre, which it does near the image alone.
+    /// Mask: set where the Jacobian follows the centre, that is, within the clamping range.
     follows: V,
     /// Directions of the scales in camera axes.
     axes: [[V; 3]; 3],
     scale: [V; 3],
-    /// Rows of the projection's Jacobian, px per world unit: across in its own axis, and ahead.
+    /// Rows of the projection's Jacobian, px per world unit: the entry of the row's own axis, and of depth.
     rows: [[V; 2]; 2],
-    /// By row the standard deviations along each axis, px.
+    /// Per image axis, the standard deviations of the splat's axes, px.
     scaled: [[V; 3]; 2],
     whitening: Whitening<V>,
 }
 
 impl<V: Vector> Shape<V> {
-    /// How the covariance does, px² per world unit: xx, xy, yy.
+    /// Derivative of the image covariance by the mean along a world axis, px² per world unit: xx, xy, yy.
     #[inline(always)]
     fn change(&self, camera: &LiftCamera, axis: usize) -> [V; 3] {
         let zero = V::splat(0.0);
         let nearer = zero - V::splat(camera.from_world[2][axis]) * self.per_z;
         let mut moved = [[zero; 3]; 2];
         for (k, moved) in moved.iter_mut().enumerate() {
-            // Rows of the Jacobian are `(f/z)·(e − t·e_z)` with the tangent `t`, which is held beyond the
-            // image; nearer makes both larger.
+            // Rows of the Jacobian are `(f/z)·(e − t·e_z)`. The tangent `t` is clamped outside the image.
+            // Decreasing depth enlarges both entries.
             let turned = self.shifts[axis][k].and(self.follows) * self.per_z;
             let row = [self.rows[k][0] * nearer, self.rows[k][1] * nearer - turned];
             *moved = in_image(&self.axes, self.scale, k, row);
@@ -287,7 +287,7 @@ impl<V: Vector> Shape<V> {
             linear[BY_MEAN + 5 * axis + 2..][..3].copy_from_slice(&change);
             let wider = self.whitening.quadratic(self.product(axis, axis));
             linear[BY_SHAPE + 3 * axis..][..3].copy_from_slice(&wider);
-            // Turning about an axis mixes the two others, and their variances differ by that much.
+            // Rotation about an axis mixes the other two in proportion to the difference of their variances.
             let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
             let (s_i, s_j) = (self.scale[i], self.scale[j]);
             let factor = (s_i - s_j) * (s_i + s_j) / (s_i * s_j);
@@ -298,20 +298,20 @@ impl<V: Vector> Shape<V> {
         }
     }
 
-    /// Two axes in the image, multiplied: xx, xy, yy.
+    /// Symmetrised product of two splat axes in the image: xx, xy, yy.
     #[inline(always)]
     fn product(&self, i: usize, j: usize) -> [V; 3] {
         let ([w_x, w_y], two) = (self.scaled, V::splat(2.0));
         [two * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], two * w_y[i] * w_y[j]]
     }
 
-    /// World vectors from the splat's centre to its plane: the point of largest response on the ray through
-    /// an offset of the image (`rendering.md`, Rational conic).
+    /// World vectors from the splat's centre to the point of largest response on the ray through an
+    /// offset in the image (`rendering.md`, Rational conic), per unit of `p` and `q`.
     #[inline(always)]
     fn places(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
         let [x, y] = self.tangent;
         let zero = V::splat(0.0);
-        // Along each axis in standard deviations: the ray of the centre, and what a pixel beside adds.
+        // In standard deviations along each axis: the ray through the centre and its change per pixel.
         let (mut ray, mut steps) = ([zero; 3], [[zero; 3]; 2]);
         for i in 0..3 {
             let [right, down, ahead] = self.axes[i];
@@ -328,7 +328,7 @@ impl<V: Vector> Shape<V> {
             step[k] = step[k] + V::splat(1.0 / camera.focal[k]);
             worlds[k] = turned(&camera.to_world, scaled(step, self.depth));
         }
-        // Offsets in px of one unit of the records' `p` and `q`: the inverse of the whitening.
+        // Inverse of the whitening: offsets in px per unit of the records' `p` and `q`.
         let Whitening { p_x, p_y, q_y } = self.whitening;
         let root = V::splat(UNIT.sqrt() as f32);
         let (by_p, by_q) = (root / p_x, root / q_y);
@@ -340,7 +340,7 @@ impl<V: Vector> Shape<V> {
     }
 }
 
-/// Factor of the inverse covariance in the image, low-pass included: upper triangle, per px.
+/// Triangular factor of the inverse image covariance, low-pass included, per px.
 #[derive(Clone, Copy)]
 struct Whitening<V> {
     p_x: V,
@@ -353,7 +353,7 @@ impl<V: Vector> Whitening<V> {
     fn new([w_x, w_y]: &[[V; 3]; 2]) -> Self {
         let (one, low_pass) = (V::splat(1.0), V::splat(LOW_PASS_PX2 as f32));
         let (xx, yy, xy) = (dot(*w_x, *w_x), dot(*w_y, *w_y), dot(*w_x, *w_y));
-        // Lagrange's identity: the determinant as a sum of positive terms does not cancel.
+        // Lagrange's identity: as a sum of positive terms, the determinant does not cancel.
         let cross = [
             w_x[1] * w_y[2] - w_x[2] * w_y[1],
             w_x[2] * w_y[0] - w_x[0] * w_y[2],
@@ -365,7 +365,7 @@ impl<V: Vector> Whitening<V> {
         Self { p_x: yy * per_root, p_y: V::splat(0.0) - xy * per_root, q_y: one / yy.sqrt() }
     }
 
-    /// `½ zᵀ(L dΣ Lᵀ)z` of a change of the covariance, by `p²`, `pq` and `q²` of records.
+    /// Coefficients of `½ zᵀ(L dΣ Lᵀ)z` for a change of covariance, on the records' `p²`, `pq`, `q²`.
     #[inline(always)]
     fn quadratic(&self, [xx, xy, yy]: [V; 3]) -> [V; 3] {
         let Self { p_x, p_y, q_y } = *self;
@@ -375,7 +375,7 @@ impl<V: Vector> Whitening<V> {
     }
 }
 
-/// The axes of splats along an axis of the image, whose row of the Jacobian counts what lies across, and ahead.
+/// Splat axes projected by one row of the Jacobian, given as its entries for `across` and depth; px.
 #[inline(always)]
 fn in_image<V: Vector>(axes: &[[V; 3]; 3], scale: [V; 3], across: usize, row: [V; 2]) -> [V; 3] {
     let mut image = scale;

@@ -1,10 +1,10 @@
-//! What a photograph says of the splats that a view shows: gradient and Gauss-Newton blocks per splat
-//! (`photometric.md`, Image plane).
+//! Gradients and Gauss-Newton blocks of the visible splats from one photograph (`photometric.md`, Image
+//! plane).
 //!
-//! Two walks over every tile, both from front to back: the first draws, the second compares and adds.
-//! Sums are formed tile by tile and row by row, and rows are added in their order, so they have the
-//! same bits for any number of threads and any instruction set. Only the projected renderer is
-//! differentiated: it is what evaluation and other programs draw with.
+//! Each tile is walked twice from front to back: the first walk draws, the second compares and sums.
+//! Sums are formed per tile and row, and rows are added in order, so results are bit-identical for any
+//! number of threads and any instruction set. Only the projected renderer is differentiated, because
+//! evaluation and other programs use it.
 
 mod blocks;
 mod compared;
@@ -44,10 +44,10 @@ use rayon::prelude::*;
 use row::{WalkCanvas, WalkRow};
 use std::ops::Range;
 
-/// Least visible records per parallel task of adding rows up.
+/// Minimum number of visible records per parallel task of [`PhotometricWalk::add_rows`].
 const MIN_TASK: usize = 512;
 
-/// Compares photographs with splats on the processor; keeps its buffers between views.
+/// Compares photographs with splats on the CPU. Buffers are reused between views.
 #[derive(Default)]
 pub struct PhotometricWalk {
     canvases: Vec<WalkCanvas>,
@@ -71,7 +71,7 @@ impl PhotometricComparer for PhotometricWalk {
 }
 
 impl PhotometricWalk {
-    /// [`PhotometricComparer::compare`], which cannot fail here.
+    /// Infallible form of [`PhotometricComparer::compare`].
     pub fn walk<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
@@ -99,7 +99,7 @@ impl PhotometricWalk {
         let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), lists);
         let n_rows = if photograph.width > 0 { photograph.height.div_ceil(TILE) } else { 0 };
         self.canvases.resize_with(n_rows, WalkCanvas::default);
-        // Rows differ much in how many splats they hold.
+        // Rows differ widely in their number of splats.
         let tasks = self.canvases.iter_mut().enumerate().map(|(row, canvas)| {
             let list = lists.get(row);
             (list.len(), WalkRow { records, list, row, photograph, rule, rows, canvas })
@@ -107,13 +107,13 @@ impl PhotometricWalk {
         longest_first(tasks, |task| isa.run(task));
     }
 
-    /// Row after row: the order of additions is part of the result. Every task goes through all rows
-    /// and keeps its own records, so there are hardly more tasks than threads.
+    /// Adds the sums of all rows in row order, because the order of additions affects rounding. Every task
+    /// scans all rows for its own records, so the number of tasks is close to the number of threads.
     fn add_rows(&mut self, lists: &ViewLists) {
         let (canvases, rows_of) = (&self.canvases, &lists.rows);
         let runs: Vec<Range<u32>> = lists.runs().collect();
-        // What is visible lies together: tasks of as many records, visible or not, would leave most threads
-        // without work.
+        // Visible records are clustered. Tasks with equal numbers of records, visible or not, would leave
+        // most threads idle.
         let share = (lists.n_visible() / rayon::current_num_threads()).max(MIN_TASK);
         let mut n = 0;
         let tasks = runs.chunk_by(|run, _| {
@@ -134,7 +134,7 @@ impl PhotometricWalk {
             }
             let rows = canvases.iter().enumerate();
             for (&record, sums) in rows.flat_map(|(i, row)| rows_of.get(i).iter().zip(&row.sums)) {
-                // Records before the first wrap around and lie behind the last.
+                // Records before the task's first wrap around to an index past the end.
                 if let Some(total) = totals.get_mut(record.wrapping_sub(first) as usize) {
                     total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
                 }

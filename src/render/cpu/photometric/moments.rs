@@ -1,9 +1,9 @@
-//! From pixels that show a splat to its sums.
+//! Sums the contributions of pixel groups to one splat.
 //!
-//! A splat has few groups of pixels in a tile and many sums. So what each group says is worked out first, and
-//! then one kind of sum after the other goes through all groups: sums stay in registers, where sums of
-//! all kinds at once would go to memory and back with every group. Every sum adds its groups in their
-//! order and then its lanes in theirs, and has the same bits on every instruction set.
+//! A splat has few pixel groups in a tile but many sums. The terms of each group are computed first. Then
+//! one kind of sum at a time runs over all groups, which keeps its sums in registers instead of spilling
+//! all of them per group. Groups and then lanes are added in a fixed order, so the results are
+//! bit-identical on every instruction set.
 
 use super::sums::{
     COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, N_QUARTIC,
@@ -11,28 +11,26 @@ use super::sums::{
 };
 use crate::math::simd::{LANES, Vector};
 
-/// Moments of third and fourth order.
 const N_ABOVE: usize = N_QUARTIC - N_QUADRATIC;
 
-/// What eight pixels say of a splat.
+/// Contribution of eight pixels to the sums of a splat.
 #[derive(Clone, Copy)]
 pub(super) struct HitTerms<V> {
-    /// Offset from the splat's centre, `p` and `q`.
+    /// Whitened offset from the splat's centre, `[p, q]`.
     pub at: [V; 2],
-    /// Derivative by the logarithm of alpha.
+    /// Derivative of the objective by `ln α`.
     pub slope: V,
-    /// Its curvature.
+    /// Gauss-Newton curvature by `ln α`.
     pub bend: V,
-    /// Curvature by the colour.
+    /// Gauss-Newton curvature by the colour.
     pub color_bend: V,
-    /// Derivatives by the colour.
+    /// Derivatives by the colour channels.
     pub pulls: [V; 3],
-    /// Weight in the pixels.
+    /// Blending weight.
     pub weight: V,
 }
 
 impl<V: Vector> HitTerms<V> {
-    /// Of no pixels.
     #[inline(always)]
     pub(super) fn none() -> Self {
         let zero = V::splat(0.0);
@@ -46,14 +44,13 @@ impl<V: Vector> HitTerms<V> {
         }
     }
 
-    /// `1, p, q, p², pq, q²`.
     #[inline(always)]
     fn quadratic(&self) -> [V; N_QUADRATIC] {
         let [p, q] = self.at;
         [V::splat(1.0), p, q, p * p, p * q, q * q]
     }
 
-    /// Moments of third and fourth order, by falling powers of `p`.
+    /// Moments of third and fourth order, in decreasing powers of `p`.
     #[inline(always)]
     fn above(&self) -> [V; N_ABOVE] {
         let [_, p, q, pp, pq, qq] = self.quadratic();
@@ -61,7 +58,7 @@ impl<V: Vector> HitTerms<V> {
     }
 }
 
-/// Adds what some groups of pixels say of a splat to its sums.
+/// Adds the contributions of pixel groups to a splat's sums.
 #[inline(always)]
 pub(super) fn sum_hits<V: Vector>(hits: &[HitTerms<V>], sums: &mut ImageSums) {
     let zero = V::splat(0.0);
@@ -108,7 +105,7 @@ fn add<V: Vector, const N: usize>(sums: &mut [V; N], factor: V, moments: [V; N])
     }
 }
 
-/// Adds every lane to its sum.
+/// Adds the lanes of each vector to its sum.
 #[inline(always)]
 fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
     let (mut whole, mut eights) = (sums.chunks_exact_mut(LANES), lanes.chunks_exact(LANES));

@@ -1,4 +1,4 @@
-//! A prepared view as another device reads it: plain words without gaps, splats in their order.
+//! Prepared view in the memory layout of a GPU: packed words, splats in their original order.
 
 use super::super::buckets::Buckets;
 use super::super::prepare::CHUNK;
@@ -9,66 +9,65 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// What a walk needs of a splat.
+/// Input of the pixel walks for one splat.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::render) struct PackedSplat {
-    /// Projected centre, px.
     centre: [f32; 2],
-    /// Factor of the exponent: `p = p·(x, y)`, `q = q_y·y`, and the exponent of 2 is `−(p² + q²)`.
+    /// Coefficients of the exponent `−(p² + q²)` of 2: `p = p[0]·x + p[1]·y`, `q = q_y·y`.
     p: [f32; 2],
     q_y: f32,
-    /// Smallest exponent that is drawn.
+    /// Smallest exponent that passes the alpha cut.
     cut: f32,
     opacity: f32,
     color: [f32; 3],
-    /// Change of colour by channel, per px.
+    /// Colour change by channel, per px.
     across: [[f32; 2]; 3],
-    /// Change of depth per px, and depth at the centre, world units.
+    /// Depth change per px, and depth at the centre, world units.
     depth_across: [f32; 2],
     depth: f32,
     padding: u32,
 }
 
-/// Where the sums of a splat lie among those of all pairs of splat and tile: tile by tile, row by row.
+/// Location of a splat's sums among those of all splat-tile pairs, ordered by tile row and column.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::render) struct PackedPlace {
-    /// Pairs of the splats before.
+    /// Number of pairs of all preceding splats.
     first: u32,
-    /// Its first column of tiles; its first row, times 2¹⁶.
+    /// First tile column, plus first tile row times 2¹⁶.
     corner: u32,
-    /// Its columns of tiles; its rows, times 2¹⁶.
+    /// Number of tile columns, plus number of tile rows times 2¹⁶.
     size: u32,
 }
 
-/// A view in plain words. Keeps its buffers between views.
+/// Packed view. Buffers are reused between views.
 #[derive(Default)]
 pub(in crate::render) struct PackedView {
     runs: Vec<Run>,
-    /// By row of tiles: records by column.
+    /// Per row of tiles: records by tile column.
     rows: Vec<Buckets>,
-    /// Visible splats, in their order.
+    /// Visible splats in their original order.
     pub(in crate::render) splats: Vec<PackedSplat>,
-    /// Where their sums lie.
+    /// Location of each splat's sums.
     pub(in crate::render) places: Vec<PackedPlace>,
-    /// First entry of each tile, and at the end their number.
+    /// Start of each tile's entries, followed by the total number of entries.
     pub(in crate::render) starts: Vec<u32>,
-    /// Tile after tile its splats, by their number among the visible ones, nearest first.
+    /// Indices into `splats`, tile by tile, nearest first.
     pub(in crate::render) entries: Vec<u32>,
 }
 
-/// Splats whose records lie side by side.
+/// Splats with consecutive records.
 struct Run {
     records: Range<usize>,
-    /// Visible splats before.
+    /// Number of visible splats in preceding runs.
     rank: usize,
-    /// Pairs of splat and tile before.
+    /// Number of splat-tile pairs in preceding runs.
     first: usize,
 }
 
 impl PackedView {
-    /// Becomes a view of so many columns and rows of tiles.
+    /// Packs a view of `columns` × `rows` tiles.
     pub(in crate::render) fn fill(
         &mut self,
         view: &PreparedView<'_>,
@@ -77,7 +76,7 @@ impl PackedView {
         let records = &view.lists.records.records;
         self.find_runs(view);
         self.rows.resize_with(rows, Buckets::default);
-        // One row a task: rows differ much in how many splats they hold.
+        // One row per task, because rows differ widely in their number of splats.
         self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(row, lists)| {
             let listed = view.lists.rows.get(row).iter().copied();
             lists.fill(columns, listed, |i| records[i as usize].rect.tile_columns());
@@ -97,7 +96,7 @@ impl PackedView {
         });
         self.runs.clear();
         self.runs.extend(runs);
-        // Pairs of the run itself first, then of those before.
+        // `first` temporarily holds the run's own pair count; the loop below turns it into a prefix sum.
         self.runs.par_iter_mut().for_each(|run| {
             run.first = records[run.records.clone()].iter().map(n_tiles).sum();
         });

@@ -1,4 +1,4 @@
-//! One row of tiles: drawn, then compared with the photograph.
+//! Renders one row of tiles and compares it with the photograph.
 
 use super::super::raster::{BATCH, Batch};
 use super::super::record::Records;
@@ -11,8 +11,8 @@ use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::{Kernel, Vector};
 use crate::render::constants::TILE;
 
-/// Which rows of pixels are compared: every `every`-th, 1, 2, 4, 8 or 16 of them, from `first` on. Rows
-/// and not tiles: of a splat that only some tiles may teach, they pull the whole.
+/// Pixel rows to compare: every `every`-th row (1, 2, 4, 8 or 16), starting at `first`. Rows rather than
+/// tiles, because a splat that is compared in only some of its tiles would be fitted to those alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowChoice {
     every: u32,
@@ -20,41 +20,42 @@ pub struct RowChoice {
 }
 
 impl RowChoice {
-    /// At most so many: a tile has a row then.
+    /// Maximum of `every`: one row per tile remains.
     pub const MOST: u32 = TILE as u32;
     /// Every row.
     pub const ALL: Self = Self { every: 1, first: 0 };
 
-    /// Every `every`-th row, of which the power of two below counts, 16 at most; the `turn`-th choice.
+    /// Chooses every `every`-th row, rounded down to a power of two of at most 16. `turn` cycles through
+    /// the possible first rows.
     pub fn new(every: u32, turn: u64) -> Self {
         let every = 1 << every.clamp(1, Self::MOST).ilog2();
         Self { every, first: (turn % u64::from(every)) as u32 }
     }
 
-    /// Every how many rows one is compared.
+    /// Distance between compared rows.
     pub fn every(self) -> u32 {
         self.every
     }
 
-    /// The first row that is compared.
+    /// Index of the first compared row.
     pub fn first(self) -> u32 {
         self.first
     }
 
-    /// Rows of a tile, a bit each.
+    /// One bit per compared row of a tile.
     fn mask(self) -> u32 {
         (self.first..Self::MOST).step_by(self.every as usize).fold(0, |mask, row| mask | 1 << row)
     }
 }
 
-/// What a row of tiles gives, and its buffers.
+/// Results and buffers of one row of tiles.
 #[derive(Default)]
 pub(super) struct WalkCanvas {
-    /// Sums of each of the row's records, in the order of its list.
+    /// Sums of the row's records, in list order.
     pub sums: Vec<ImageSums>,
     /// Sum of squared differences over the channels of covered pixels.
     pub squared_error: f64,
-    /// Covered pixels that count.
+    /// Number of covered pixels.
     pub pixels: f64,
     batches: Vec<Batch>,
     target: TargetTile,
@@ -88,7 +89,7 @@ impl Kernel for WalkRow<'_> {
             batch.fill(records, list, width.div_ceil(TILE));
         }
         for (index, left) in (0..width).step_by(TILE).enumerate() {
-            // Most tiles of an object before nothing show nothing.
+            // If the image shows an object against an empty background, most tiles are empty.
             if canvas.batches.iter().all(|batch| batch.by_tile.get(index).is_empty()) {
                 continue;
             }
@@ -108,7 +109,7 @@ impl Kernel for WalkRow<'_> {
 }
 
 impl WalkCanvas {
-    /// Forgets the last view.
+    /// Resets the results.
     fn begin(&mut self, n_records: usize) {
         self.sums.clear();
         self.sums.resize(n_records, [0.0; N_IMAGE_SUMS]);

@@ -1,4 +1,4 @@
-//! What was measured of a tile's pixels, eight at a time, and how wrong a splat's place is beside it.
+//! Measured pixels of a tile, eight at a time, and the depth error of splats relative to them.
 
 use super::super::record::ConicRecord;
 use super::super::tile::{GROUPS, Plane};
@@ -7,14 +7,14 @@ use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::{LANES, Vector};
 use crate::render::constants::TILE;
 
-/// A tile of a photograph; one after the other, in the same memory. Rows that are not chosen hold what
-/// other tiles left.
+/// Tile of a photograph. One instance is reused for all tiles of a row, so rows that are not chosen hold
+/// stale values.
 pub(super) struct TargetTile {
     pub color: [Plane; 3],
     pub coverage: Plane,
     pub depth: Plane,
     pub per_tolerance: Plane,
-    /// Whether depth is to be compared, and known of any pixel.
+    /// True if depth is compared and known in at least one pixel.
     pub has_depth: bool,
 }
 
@@ -32,7 +32,7 @@ impl Default for TargetTile {
 }
 
 impl TargetTile {
-    /// Becomes the chosen rows of the tile at pixel `(left, top)`; nothing beyond the image.
+    /// Loads the chosen rows of the tile at pixel `(left, top)`. Pixels outside the image have coverage 0.
     pub(super) fn fill(
         &mut self,
         photograph: &Image<MeasuredPixel>,
@@ -59,8 +59,8 @@ impl TargetTile {
         }
     }
 
-    /// How wrong a splat's place is in eight pixels, offsets from its centre in px: 0 where it lies at the
-    /// measured depth or none is known, ½ at the tolerance, 1 far from it (`photometric.md`, Depth).
+    /// Depth error of a splat in eight pixels, at offsets from its centre in px: 0 at the measured depth or
+    /// if depth is unknown, ½ at the tolerance, close to 1 far from it (`photometric.md`, Depth).
     #[inline(always)]
     pub(super) fn wrongness<V: Vector>(
         &self,
@@ -76,7 +76,7 @@ impl TargetTile {
     }
 }
 
-/// Rows with a bit in `mask`, ascending.
+/// Indices of the bits set in `mask`, ascending.
 #[inline(always)]
 pub(super) fn rows_of(mut mask: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {

@@ -1,4 +1,4 @@
-//! What a view shows of splats, ready to be compared with its photograph by any device.
+//! Splats of a view, prepared for comparison with its photograph on any device.
 
 use super::super::lists::ViewLists;
 use super::super::view::CpuView;
@@ -7,7 +7,7 @@ use crate::model::splat::appearance::SplatView;
 use crate::render::constants::EVALUATION_NEAR;
 use crate::render::options::{RenderMethod, RenderOptions};
 
-/// Buffers of prepared views, kept between them.
+/// Reusable buffers for prepared views.
 pub struct ViewBuffers {
     lists: ViewLists,
     /// Near plane, world units.
@@ -20,7 +20,7 @@ impl Default for ViewBuffers {
     }
 }
 
-/// Splats of a view, projected, sorted by depth and listed by row of tiles.
+/// Splats of a view: projected, listed by row of tiles and sorted by depth.
 #[derive(Clone)]
 pub struct PreparedView<'a> {
     pub(super) view: CpuView,
@@ -28,8 +28,8 @@ pub struct PreparedView<'a> {
 }
 
 impl ViewBuffers {
-    /// Prepares the splats that a photograph `height` pixels high shows, as the projected renderer
-    /// draws them: it is what evaluation and other programs draw with.
+    /// Prepares the splats visible in a photograph of `height` pixels, with the projected renderer that
+    /// evaluation and other programs use.
     pub fn prepare(
         &mut self,
         splats: SplatView<'_>,
@@ -47,7 +47,7 @@ impl ViewBuffers {
 }
 
 impl PreparedView<'_> {
-    /// Splats that some pixel may show.
+    /// Number of splats that may be visible in some pixel.
     pub fn n_drawn(&self) -> usize {
         self.lists.n_visible()
     }

@@ -1,14 +1,14 @@
-//! The second walk over a tile: from the difference of photograph and picture to sums per splat.
+//! Second walk over a tile: converts the difference between photograph and rendering to sums per splat.
 //!
-//! It goes from front to back through what the first one kept: what lies behind a splat is the finished
-//! pixel less what was walked over. A walk from back to front, as others do it, has to divide the
-//! transmittance back.
+//! It processes the recorded splats from front to back. The colour behind a splat is the finished pixel minus
+//! everything up to that splat. The usual walk from back to front must recover each transmittance by a
+//! division.
 //!
-//! Coverage is learnt beside colour: crack filling hides gaps from the colours, and without it splats
-//! shrink until they show at other distances (`photometric.md`, Coverage).
+//! Coverage is fitted as well as colour. Crack filling hides gaps from the colours, so without a coverage
+//! term splats shrink until gaps appear at other viewing distances (`photometric.md`, Coverage).
 //!
-//! Crack filling is part of the derivative (`photometric.md`, Crack filling): a pixel's colour is `C·f(A)`
-//! with `f = min(1/F, 1/A)`, so where it is filled, every splat also shares in what fills it.
+//! Crack filling is part of the derivative (`photometric.md`, Crack filling). A pixel's colour is `C·f(A)`
+//! with `f = min(1/F, 1/A)`, so each splat of a filled pixel also changes the factor.
 
 use super::super::raster::{BATCH, Batch};
 use super::super::record::{ConicRecord, Gradient};
@@ -20,50 +20,50 @@ use super::target::{TargetTile, rows_of};
 use crate::math::simd::{EVERY_BIT, LANES, Vector};
 use crate::render::constants::{ALPHA_CAP, TILE};
 
-/// Least weight that a pixel's share is divided by.
+/// Lower bound of the weight that a pixel's curvature share is divided by.
 pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;
 
-/// Coverage from which on a pixel's difference is counted as noise.
+/// Coverage from which a pixel's difference counts as noise and contributes to the error.
 pub(in crate::render) const SEEN: f32 = 0.5;
 
-/// How pixels count.
+/// Weighting of pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelRule {
-    /// Coverage from which on a pixel is filled.
+    /// Coverage at which a pixel counts as fully covered.
     pub full_coverage: f32,
     /// Scale of the Cauchy weight `1/(1 + |r|²/τ²)` of a residual `r`, colour units.
     pub tau: f32,
-    /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
+    /// Squared weight of a coverage error of 1 relative to a colour error of 1.
     pub coverage: f32,
-    /// The same of a pixel whose splats all lie far from the depth that was measured of it.
+    /// Squared weight of a pixel whose splats all lie far from its measured depth.
     pub depth: f32,
 }
 
-/// A tile between the walks; one after the other, in the same memory. Pixels beyond the image show no splat,
-/// so that it does not matter what is kept of them as long as it is finite.
+/// Pixel state of the second walk. One instance is reused for all tiles. Pixels outside the image show no
+/// splat; their values are irrelevant as long as they are finite.
 pub(super) struct SecondWalk {
     left: usize,
     top: usize,
     transmittance: Plane,
-    /// Finished colour that lies behind what was walked over.
+    /// Finished colour behind the splats processed so far.
     behind: [Plane; 3],
-    /// Factor of crack filling, `f`.
+    /// Crack filling factor `f`.
     fill: Plane,
-    /// Weighted residual, `ρ·r`.
+    /// Weighted residual `ρ·r`.
     residual: [Plane; 3],
-    /// Weight of a pixel's curvature but for the splat's own weight: `ρ·A^¾`.
+    /// Curvature weight of the pixel, without the splat's own weight: `ρ·A^¾`.
     share: Plane,
-    /// What is left to the background at the end, where it is known what should be; else 0.
+    /// Final transmittance where the target coverage is known, else 0.
     end: Plane,
-    /// Weighted coverage that lacks.
+    /// Weighted missing coverage.
     lacking: Plane,
-    /// Wrongness that lies behind what was walked over, and the weighted one of all.
+    /// Depth error behind the splats processed so far, and the weighted total depth error.
     wrong: Plane,
     wronged: Plane,
-    /// See [`PixelRule`].
+    /// Weights, see [`PixelRule`].
     coverage: f32,
     depth: f32,
-    /// Squared differences of covered pixels that count, and how many these are.
+    /// Sum of squared differences over covered pixels, and their number.
     error: (f64, f64),
 }
 
@@ -90,7 +90,7 @@ impl Default for SecondWalk {
 }
 
 impl SecondWalk {
-    /// Begins anew with a tile that was drawn in the rows of `mask`, against what was measured of it.
+    /// Initialises the walk from a drawn tile and its target, in the rows of `mask`.
     #[inline(always)]
     pub(super) fn begin<V: Vector>(
         &mut self,
@@ -108,7 +108,7 @@ impl SecondWalk {
         }
     }
 
-    /// Sets what the splats of eight pixels need of them.
+    /// Computes the pixel state of eight pixels.
     #[inline(always)]
     fn compare<V: Vector>(
         &mut self,
@@ -123,7 +123,7 @@ impl SecondWalk {
         let covered = one - end;
         let full = V::splat(rule.full_coverage);
         let fill = (one / full).min(one / covered);
-        // The derivative of `1/A` where the pixel is filled, times what is left to the background.
+        // Derivative of `1/A` in a filled pixel, times the final transmittance.
         let filled = end / (covered * covered);
         let filled = V::select(covered.mask_at_most(full), zero, filled);
         let mut residual = [zero; 3];
@@ -139,7 +139,7 @@ impl SecondWalk {
         for (plane, residual) in self.residual.iter_mut().zip(residual) {
             (rho * residual).store(&mut plane[group]);
         }
-        // What is mostly covered lies inside a surface, as far as nobody knows better.
+        // Without a known coverage, a mostly covered pixel is assumed to lie inside a surface.
         let coverage = V::load(&target.coverage[group]);
         let (is_number, is_seen) =
             (coverage.mask_at_most(coverage), V::splat(SEEN).mask_at_most(covered));
@@ -158,7 +158,7 @@ impl SecondWalk {
         self.transmittance[group] = [1.0; LANES];
     }
 
-    /// Where nothing is drawn yet the difference says nothing of noise.
+    /// Accumulates the error. Pixels with little coverage are skipped: they carry no information about noise.
     #[inline(always)]
     fn count_error(&mut self, squared: [f32; LANES], covered: [f32; LANES]) {
         for (squared, _) in squared.into_iter().zip(covered).filter(|(_, covered)| *covered >= SEEN)
@@ -168,13 +168,13 @@ impl SecondWalk {
         }
     }
 
-    /// Sum of the squared differences of photograph and picture over channels and counted pixels, and
-    /// the number of these.
+    /// Sum of squared differences between photograph and rendering over the channels of counted pixels, and
+    /// the number of these pixels.
     pub(super) fn error(&self) -> (f64, f64) {
         self.error
     }
 
-    /// Adds the sums of the tile's splats, nearest first, to theirs in the row's list.
+    /// Adds the contributions of the tile's splats, nearest first, to the sums of the row's list.
     #[inline(always)]
     pub(super) fn walk<V: Vector>(
         &mut self,
@@ -198,7 +198,7 @@ impl SecondWalk {
         }
     }
 
-    /// What eight pixels say of a splat that they show.
+    /// Terms of a splat in eight pixels.
     #[inline(always)]
     fn terms<V: Vector>(
         &mut self,
@@ -207,14 +207,14 @@ impl SecondWalk {
         gradient: Option<&Gradient>,
         target: &TargetTile,
     ) -> HitTerms<V> {
-        let group = hit.group as usize % (TILE * GROUPS); // as it is: the compiler then checks no bounds
+        let group = hit.group as usize % (TILE * GROUPS); // no-op that removes the bounds checks
         let x = self.left as f32 + 0.5 - splat.u;
         let x = V::load(&LANE_COLUMNS[group % GROUPS]) + V::splat(x);
         let offset = [x, V::splat((self.top + group / GROUPS) as f32 + 0.5 - splat.v)];
         let [p, q] = whitened(splat, offset);
         let free = V::load(&hit.free);
         let alpha = capped(free);
-        // Under the cap neither position nor shape nor opacity changes alpha.
+        // While capped, alpha does not depend on position, shape or opacity.
         let moving = alpha.and(free.mask_at_most(V::splat(ALPHA_CAP as f32)));
         let front = V::load(&self.transmittance[group]);
         let weight = alpha * front;
@@ -229,14 +229,14 @@ impl SecondWalk {
             let color = color_at(splat, gradient, k, offset);
             let behind = V::load(&self.behind[k][group]) - filled * color;
             behind.store(&mut self.behind[k][group]);
-            // What one more unit of alpha would change of the pixel.
+            // Derivative of the pixel's colour by alpha.
             let change = ahead * color - behind * per_open;
             let residual = V::load(&self.residual[k][group]);
             along = along + change * residual;
             squared = squared + change * change;
             *pull = residual * filled;
         }
-        // Coverage is one more channel, in which every splat is 1 and what lies behind ends with 1.
+        // Coverage is an extra channel in which every splat is 1 and the background is 0.
         let closing = V::load(&self.end[group]) * per_open;
         along = along + closing * V::load(&self.lacking[group]);
         squared = squared + V::splat(self.coverage) * closing * closing;
@@ -246,7 +246,7 @@ impl SecondWalk {
             along = along - wronging * V::load(&self.wronged[group]);
             squared = squared + V::splat(self.depth) * wronging * wronging;
         }
-        // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
+        // `(A/w)^¾`: all splats of a pixel move at once, so exact blocks would overshoot.
         let root = weight.max(V::splat(MIN_WEIGHT)).sqrt();
         let share = V::load(&self.share[group]) / (root * root.sqrt());
         HitTerms {
@@ -258,9 +258,8 @@ impl SecondWalk {
             weight,
         }
     }
-    /// What one more unit of alpha would change of the wrongness of eight pixels. It is one more channel,
-    /// which should show nothing. Where splats lie is for the points to say: only how much of them shows is
-    /// asked.
+    /// Derivative of the depth error of eight pixels by alpha. The error is an extra channel with target 0.
+    /// It only adjusts how visible splats are; their positions are determined by the measured points.
     #[inline(always)]
     fn wronging<V: Vector>(
         &mut self,

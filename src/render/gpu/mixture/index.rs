@@ -1,4 +1,4 @@
-//! Means sorted into the cells of their grid, on the device.
+//! Sorts component means into grid cells on the GPU.
 
 use super::layout::Index;
 use super::memory::{Load, Memory, Part};
@@ -7,10 +7,10 @@ use crate::model::paper::mixture_device::GridShape;
 use crate::render::gpu::constants::{STRIP_CELLS, module};
 use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
 
-/// The kernels of a counting sort, in their order, and what each binds.
+/// Kernels of a counting sort in execution order, with their bindings.
 pub(super) struct IndexKernels([(ComputeKernel, &'static [(u32, Part)]); 5]);
 
-/// The same with their buffers.
+/// The kernels of [`IndexKernels`] with bound buffers.
 pub(super) struct BoundIndex([Bound; 5]);
 
 const RENEW: [(u32, Part); 3] = [(0, Part::Index), (1, Part::Moved), (2, Part::Components)];
@@ -39,7 +39,7 @@ impl IndexKernels {
         ])
     }
 
-    /// Every kernel with the buffers that it works on.
+    /// Binds the buffers of every kernel.
     pub(super) fn bind(&self, device: &wgpu::Device, memory: &Memory) -> BoundIndex {
         BoundIndex(self.0.each_ref().map(|(kernel, parts)| {
             let resource = |&(at, part)| (at, memory.buffer(part).as_entire_binding());
@@ -49,7 +49,7 @@ impl IndexKernels {
 }
 
 impl BoundIndex {
-    /// Records that what has moved of the means is taken over, and all are sorted anew.
+    /// Records the commands that apply the moved means and sort all means.
     pub(super) fn record(
         &self,
         queue: &wgpu::Queue,

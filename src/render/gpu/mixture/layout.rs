@@ -1,4 +1,4 @@
-//! What the CPU and `mixture/pass.wgsl` share byte for byte.
+//! Memory layouts shared with `mixture/pass.wgsl` and `mixture/index.wgsl`.
 
 use crate::model::paper::mixture_device::{GridShape, MAX_DEVICE_CANDIDATES, PassRule};
 use bytemuck::{Pod, Zeroable};
@@ -13,7 +13,7 @@ pub(super) struct Index {
     n_means: u32,
     n_moved: u32,
     n_starts: u32,
-    /// Uniforms are as long as their alignment asks for.
+    /// Padding to the size required for uniforms.
     rest: [u32; 2],
 }
 

@@ -8,16 +8,15 @@ use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, WAY_IN, WAY_OUT};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
-/// Bytes of a point: six coordinates.
+/// Bytes per point: six coordinates.
 const POINT_BYTES: u64 = 24;
-/// Bytes of a mean in its cell, and of its colour and weight.
+/// Bytes per mean: position and component, or colour and weight.
 const MEAN_BYTES: u64 = 16;
-/// Bytes of a record.
 pub(super) const RECORD_BYTES: u64 = RECORD_WORDS as u64 * WORD;
-/// Words before the open tiles: numbers of records and of open tiles.
+/// Words before the list of open tiles: the numbers of records and of open tiles.
 pub(super) const HEAD_WORDS: u64 = 2;
 
-/// What a buffer holds.
+/// Contents of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Frame,
@@ -34,15 +33,15 @@ pub(super) enum Part {
     Components,
     Places,
     Strips,
-    /// Points and tiles on their way.
+    /// Staging buffer for points and tiles.
     Upload,
-    /// Means that have moved, on their way.
+    /// Staging buffer for moved means.
     MeanUpload,
-    /// What comes back.
+    /// Staging buffer for results.
     Readback,
 }
 
-/// Every part with what it holds, for messages, and its use, in their order.
+/// All parts in order, with label (also used in messages) and usage.
 const PARTS: [(Part, &str, Usage); 17] = [
     (Part::Frame, "settings of a pass", Usage::UNIFORM.union(Usage::COPY_DST)),
     (Part::Points, "points of a frame", IN),
@@ -52,32 +51,31 @@ const PARTS: [(Part, &str, Usage); 17] = [
     (Part::Appearance, "colours of components", Usage::STORAGE),
     (Part::Distances, "scores of points", OUT),
     (Part::Records, "sums of tiles", OUT),
-    (Part::Outcome, "tiles left out", OUT.union(Usage::COPY_DST)),
+    (Part::Outcome, "open tiles", OUT.union(Usage::COPY_DST)),
     (Part::Index, "settings of an index", Usage::UNIFORM.union(Usage::COPY_DST)),
-    (Part::Moved, "means that have moved", IN),
+    (Part::Moved, "moved means", IN),
     (Part::Components, "components", Usage::STORAGE),
-    (Part::Places, "places of components", Usage::STORAGE),
-    (Part::Strips, "strips of cells", Usage::STORAGE),
-    (Part::Upload, "points on their way", WAY_IN),
-    (Part::MeanUpload, "means on their way", WAY_IN),
-    (Part::Readback, "sums on their way", WAY_OUT),
+    (Part::Places, "positions in cells", Usage::STORAGE),
+    (Part::Strips, "sums of cells", Usage::STORAGE),
+    (Part::Upload, "uploaded points", WAY_IN),
+    (Part::MeanUpload, "uploaded means", WAY_IN),
+    (Part::Readback, "sums read back", WAY_OUT),
 ];
 
-/// How much a pass holds.
+/// Sizes of a pass.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Load {
     pub(super) points: u64,
     pub(super) tiles: u64,
     pub(super) means: u64,
-    /// Of those, to go up with the next pass.
+    /// Means to upload with the next pass.
     pub(super) moved: u64,
     pub(super) cells: u64,
-    /// Records that there is room for.
+    /// Capacity for records.
     pub(super) records: u64,
 }
 
 impl Load {
-    /// Bytes of a part.
     pub(super) fn bytes(&self, part: Part) -> u64 {
         let Self { points, tiles, means, moved, cells, records } = *self;
         let mean = size_of::<Mean>() as u64;
@@ -106,17 +104,16 @@ impl Load {
     }
 }
 
-/// Parts that go up with a frame, in the order in which they lie in [`Part::Upload`].
+/// Parts uploaded with a frame, in the order of [`Part::Upload`].
 pub(super) const OF_FRAME: [Part; 2] = [Part::Points, Part::Tiles];
-/// Parts that go up when means have moved, in the order in which they lie in [`Part::MeanUpload`].
+/// Parts uploaded after means have moved, in the order of [`Part::MeanUpload`].
 pub(super) const OF_MEANS: [Part; 1] = [Part::Moved];
-/// Parts that an index is made of, and made with.
+/// Index of the means, and intermediate buffers of its construction.
 pub(super) const OF_INDEX: [Part; 6] =
     [Part::Starts, Part::Means, Part::Appearance, Part::Components, Part::Places, Part::Strips];
-/// Parts that come back, in the order in which they lie in [`Part::Readback`].
+/// Parts read back, in the order of [`Part::Readback`].
 pub(super) const READ: [Part; 3] = [Part::Outcome, Part::Distances, Part::Records];
 
-/// The buffers.
 #[derive(Debug)]
 pub(super) struct Memory {
     buffers: GrowingBuffers,
@@ -132,7 +129,7 @@ impl Memory {
         self.buffers.get(part as usize)
     }
 
-    /// Makes room in some parts, whose contents may be lost; whether any is another buffer now.
+    /// Ensures the size of some parts, whose contents may be lost. Returns true if any buffer was replaced.
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].

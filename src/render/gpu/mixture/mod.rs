@@ -1,10 +1,9 @@
 //! Passes of the published algorithm over frames, on a GPU (`train.md`, On a device).
 //!
-//! A frame goes up once, in mapped memory that all threads fill; of the means what has moved, and the
-//! device sorts them into cells by itself. One kernel searches, scores and sums, a workgroup a tile, and
-//! one readback brings what the learner needs:
-//! scores, sums of tiles, and the tiles that are left to the processor. Room for sums is a guess by the
-//! last pass; where it does not suffice the pass is run again.
+//! A frame is uploaded once, through mapped memory filled by all threads. Only moved means are uploaded, and
+//! the GPU sorts all means into cells. One kernel searches, scores and sums, with one workgroup per tile.
+//! One readback returns the scores, the sums of tiles, and the tiles left to the CPU. The capacity for sums
+//! is estimated from the last pass; if it is too small, the pass is repeated.
 
 mod index;
 mod layout;
@@ -28,12 +27,12 @@ use layout::{Frame, Mean};
 use memory::{HEAD_WORDS, Load, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, READ, RECORD_BYTES};
 use rayon::prelude::*;
 
-/// Records that there is room for at least.
+/// Minimum capacity for records.
 const MIN_RECORDS: u64 = 4096;
-/// Means that a task packs.
+/// Means packed per task.
 const PACKED: usize = 1 << 14;
 
-/// Computes passes on a device of its own.
+/// Runs passes on its own device.
 pub struct GpuMixture {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -42,25 +41,25 @@ pub struct GpuMixture {
     kernel: ComputeKernel,
     index: IndexKernels,
     memory: Memory,
-    /// Kernels of the pass and of the index with the buffers of now.
+    /// Kernels bound to the current buffers; `None` if a buffer was replaced.
     bound: Option<(Bound, BoundIndex)>,
     load: Load,
-    /// Records to make room for in the next pass that sums.
+    /// Capacity for records in the next pass with sums.
     room: u64,
     cells: GridShape,
     packed: Vec<Mean>,
-    /// What lies in mapped memory and is to go up with the next pass.
+    /// Uploads written to mapped memory, to be submitted with the next pass.
     due: Vec<Upload>,
-    /// What came back last, mapped while it is read.
+    /// Mapped result of the last pass.
     answer: Option<wgpu::BufferView>,
 }
 
-/// Parts that go up together.
+/// Parts that are uploaded together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Upload {
-    /// The mapped memory they lie in.
+    /// Staging buffer.
     from: Part,
-    /// In the order in which they lie there.
+    /// Parts in the order of the staging buffer.
     parts: &'static [Part],
 }
 
@@ -68,7 +67,7 @@ const FRAME_UPLOAD: Upload = Upload { from: Part::Upload, parts: &OF_FRAME };
 const MEAN_UPLOAD: Upload = Upload { from: Part::MeanUpload, parts: &OF_MEANS };
 
 impl GpuMixture {
-    /// On a device whose faults are watched.
+    /// Creates the kernels on a device that reports to `faults`.
     pub fn new(
         device: wgpu::Device,
         queue: wgpu::Queue,
@@ -96,7 +95,7 @@ impl GpuMixture {
 
     fn upload_means(&mut self, means: &MeanCells<'_>) -> Result<(), GpuError> {
         let &MeanCells { shape, space, color, weight, moved } = means;
-        // What was to go up and did not is known to nobody any more.
+        // If the previous upload was never submitted, the GPU lacks its changes: upload all means.
         let moved = moved.filter(|_| !self.due.contains(&MEAN_UPLOAD));
         self.cells = shape;
         self.load.means = space.len() as u64;
@@ -122,7 +121,7 @@ impl GpuMixture {
     fn upload_points(&mut self, points: &PointColumns<'_>) -> Result<(), GpuError> {
         let PointColumns { columns, tiles } = *points;
         if tiles.windows(2).any(|tile| tile[1] - tile[0] > MAX_TILE_POINTS as u32) {
-            let reason = format!("expected tiles of {MAX_TILE_POINTS} points at most, found more");
+            let reason = format!("expected at most {MAX_TILE_POINTS} points per tile, found more");
             return Err(GpuError::NoPass { reason });
         }
         self.load.points = columns[0].len() as u64;
@@ -133,7 +132,7 @@ impl GpuMixture {
         self.write(FRAME_UPLOAD, columns.into_iter().chain([bytemuck::cast_slice(tiles)]))
     }
 
-    /// Writes what goes up with the next pass, piece by piece in the order of the parts.
+    /// Writes data to mapped memory for the next pass, in the order of the parts.
     fn write<'a>(
         &mut self,
         upload: Upload,
@@ -149,8 +148,8 @@ impl GpuMixture {
         Ok(())
     }
 
-    /// Runs a pass with room for as many records as the load says; how many there are, and how many open
-    /// tiles.
+    /// Runs a pass with capacity for `load.records` records. Returns the numbers of records and of open
+    /// tiles; records beyond the capacity are counted but not stored.
     fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], GpuError> {
         self.make_room(&[Part::Records, Part::Readback])?;
         let Self { device, queue, memory, load, .. } = self;
@@ -175,7 +174,7 @@ impl GpuMixture {
         Ok(head.map(u64::from))
     }
 
-    /// Makes room in some parts, whose contents may be lost.
+    /// Ensures the size of some parts, whose contents may be lost.
     fn make_room(&mut self, parts: &[Part]) -> Result<(), GpuError> {
         let is_other = self.memory.make_room(&self.device, &self.load, parts);
         if !matches!(is_other, Ok(false)) {
@@ -224,14 +223,15 @@ impl GpuMixture {
         }
     }
 
-    /// Runs a pass, again if there was too little room for its records; how many there are, and how many
-    /// open tiles.
+    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of records
+    /// and of open tiles.
     fn run_with_room(&mut self, rule: &PassRule, with_sums: bool) -> Result<[usize; 2], GpuError> {
         loop {
             self.forget_answer();
             self.load.records = if with_sums { self.room } else { 0 };
             let [records, open] = self.run(rule, with_sums)?;
-            // A frame is much like the next one; room that is not needed comes back all the same.
+            // Successive frames are similar, so the estimate decays slowly: unused capacity is read back as
+            // well.
             let kept = if with_sums { self.room - self.room / 8 } else { self.room };
             self.room = kept.max(records + records / 4).max(MIN_RECORDS);
             if records <= self.load.records {
@@ -240,7 +240,7 @@ impl GpuMixture {
         }
     }
 
-    /// Lets go of what came back last.
+    /// Releases the mapped result.
     fn forget_answer(&mut self) {
         forget(&mut self.answer, self.memory.buffer(Part::Readback));
     }

@@ -1,4 +1,4 @@
-//! WGSL of the pass; [`crate::render::gpu::constants`] come in front.
+//! WGSL modules of the pass, to be prefixed by [`crate::render::gpu::constants`].
 
 /// `mixture/pass.wgsl`: search, E-step and sums of every tile.
 pub const PASS: &str = concat!(

@@ -1,4 +1,4 @@
-//! The kernels of the comparison, and one comparison as commands.
+//! Kernels of the comparison and the recording of its commands.
 
 use super::memory::{Load, Memory, Part, UPLOADED};
 use super::shader;
@@ -6,17 +6,17 @@ use super::upload::offset;
 use crate::render::gpu::constants::{N_QUARTERS, module};
 use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
 
-/// Pipelines; walks by how many pixels of a tile are chosen.
+/// Pipelines. Walks are specialised by the number of chosen pixels per tile.
 #[derive(Debug)]
 pub(super) struct Kernels {
     draw: wgpu::ShaderModule,
     walk: wgpu::ShaderModule,
     add: ComputeKernel,
-    /// Built when first walked with.
+    /// Created on first use.
     walks: Vec<(u64, [ComputeKernel; 2])>,
 }
 
-/// Everything bound for one comparison.
+/// Bound kernels of one comparison.
 pub(super) struct Commands {
     draw: Bound,
     walk: Bound,
@@ -36,7 +36,7 @@ impl Kernels {
         }
     }
 
-    /// Binds a comparison on a grid of so many columns and rows of tiles, at least one of each.
+    /// Binds a comparison to a grid of tile columns and rows, at least one of each.
     pub(super) fn bind(
         &mut self,
         device: &wgpu::Device,
@@ -79,8 +79,8 @@ impl Kernels {
 }
 
 impl Commands {
-    /// Records the comparison of what lies in [`Part::Upload`]; the differences of tiles and the sums of
-    /// splats follow each other in [`Part::Readback`] then.
+    /// Records the comparison of the data in [`Part::Upload`]. [`Part::Readback`] then holds the errors of
+    /// the tiles, followed by the sums of the splats.
     pub(super) fn record(&self, encoder: &mut wgpu::CommandEncoder, memory: &Memory) {
         let Self { load, .. } = self;
         let copy = |encoder: &mut wgpu::CommandEncoder, from, at, to, by, bytes| {

@@ -1,4 +1,4 @@
-//! What the CPU and `photometric/*.wgsl` share byte for byte.
+//! Memory layouts shared with `photometric/*.wgsl`.
 
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
@@ -6,15 +6,15 @@ use crate::render::TILE;
 use crate::render::cpu::photometric::{ImageSums, PackedPlace, PackedSplat, PixelRule, RowChoice};
 use bytemuck::{Pod, Zeroable};
 
-/// Bytes of a splat.
+/// Bytes per splat.
 pub(super) const SPLAT_BYTES: usize = size_of::<PackedSplat>();
-/// Bytes of a place.
+/// Bytes per location of sums.
 pub(super) const PLACE_BYTES: usize = size_of::<PackedPlace>();
-/// Bytes of a splat's sums.
+/// Bytes per splat's sums.
 pub(super) const SUM_BYTES: usize = size_of::<ImageSums>();
-/// Bytes of a pixel of the photograph.
+/// Bytes per pixel of the photograph.
 pub(super) const MEASURED_BYTES: usize = size_of::<MeasuredPixel>();
-/// Bytes of a pixel between the walks.
+/// Bytes per pixel between the walks.
 pub(super) const PIXEL_BYTES: usize = 64;
 
 /// `Frame` of `pixel.wgsl`.

@@ -1,4 +1,4 @@
-//! Buffers of the comparison, which grow with what is compared.
+//! Buffers of the comparison, which grow on demand.
 
 use super::layout::{Frame, MEASURED_BYTES, PIXEL_BYTES, PLACE_BYTES, SPLAT_BYTES, SUM_BYTES};
 use crate::render::gpu::constants::N_QUARTERS;
@@ -8,7 +8,7 @@ use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
 
-/// What a buffer holds.
+/// Contents of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Frame,
@@ -17,54 +17,53 @@ pub(super) enum Part {
     Starts,
     Entries,
     Photograph,
-    /// By chosen pixel, between the walks.
+    /// Per chosen pixel, between the walks.
     Pixels,
-    /// By tile: squared difference and pixels.
+    /// Per tile: squared error and number of pixels.
     Errors,
-    /// By pair of splat and tile.
+    /// Per splat-tile pair: whether a pixel shows the splat.
     Shown,
-    /// By pair of splat and tile.
+    /// Per splat-tile pair.
     PartialSums,
-    /// By splat.
+    /// Per splat.
     Totals,
-    /// What goes to the GPU, on its way.
+    /// Staging buffer for uploads.
     Upload,
-    /// What comes back.
+    /// Staging buffer for results.
     Readback,
 }
 
-/// Every part with its name and use, in their order.
+/// All parts in order, with label and usage.
 const PARTS: [(Part, &str, Usage); 13] = [
     (Part::Frame, "comparison", Usage::UNIFORM.union(Usage::COPY_DST)),
     (Part::Splats, "compared splats", IN),
-    (Part::Places, "places of sums", IN),
+    (Part::Places, "locations of sums", IN),
     (Part::Starts, "first splats of tiles", IN),
     (Part::Entries, "splats of tiles", IN),
     (Part::Photograph, "photograph", IN),
     (Part::Pixels, "compared pixels", Usage::STORAGE),
-    (Part::Errors, "differences of tiles", OUT),
-    (Part::Shown, "splats that tiles show", IN),
+    (Part::Errors, "errors of tiles", OUT),
+    (Part::Shown, "visible splats of tiles", IN),
     (Part::PartialSums, "sums by tile", Usage::STORAGE),
     (Part::Totals, "sums by splat", OUT),
-    (Part::Upload, "comparison on its way", WAY_IN),
-    (Part::Readback, "sums on their way", WAY_OUT),
+    (Part::Upload, "upload of comparison", WAY_IN),
+    (Part::Readback, "readback of sums", WAY_OUT),
 ];
 
-/// How much a comparison holds.
+/// Sizes of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
     pub(super) splats: u64,
     pub(super) tiles: u64,
-    /// Pairs of splat and tile.
+    /// Number of splat-tile pairs.
     pub(super) entries: u64,
-    /// Of the photograph, in its chosen rows.
+    /// Number of pixels in the chosen rows of the photograph.
     pub(super) pixels: u64,
-    /// Chosen pixels of a tile.
+    /// Number of chosen pixels per tile.
     pub(super) lanes: u64,
 }
 
 impl Load {
-    /// Bytes of a part.
     pub(super) fn bytes(&self, part: Part) -> u64 {
         let Self { splats, tiles, entries, pixels, lanes } = *self;
         match part {
@@ -84,11 +83,11 @@ impl Load {
     }
 }
 
-/// Parts that are uploaded, in the order in which they lie in [`Part::Upload`].
+/// Parts to upload, in the order of [`Part::Upload`].
 pub(super) const UPLOADED: [Part; 6] =
     [Part::Frame, Part::Splats, Part::Places, Part::Starts, Part::Entries, Part::Photograph];
 
-/// The buffers, each as large as anything asked of it so far.
+/// All buffers, each as large as the largest size requested so far.
 #[derive(Debug)]
 pub(super) struct Memory {
     buffers: GrowingBuffers,
@@ -104,7 +103,7 @@ impl Memory {
         self.buffers.get(part as usize)
     }
 
-    /// Makes room.
+    /// Ensures the sizes of all buffers.
     ///
     /// # Errors
     /// [`GpuError::ComparisonTooLarge`], [`GpuError::NoMemoryToCompare`].

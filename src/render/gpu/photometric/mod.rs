@@ -1,15 +1,16 @@
-//! Photographs compared with splats on a GPU (`photometric.md`, On a GPU).
+//! Comparison of photographs with splats on a GPU (`photometric.md`, On a GPU).
 //!
 //! Splats are projected, sorted and listed by tile on the CPU, by the same code as for the CPU's own
-//! walk; what costs, the walks over pixels, is done here:
+//! walk. The expensive part, the walks over pixels, runs here:
 //!
-//! 1. Draw: one workgroup a tile, one lane a pixel; at its end the pixel is compared.
-//! 2. Walk: one workgroup a tile, one lane a splat, past which the pixels go; sums of each splat in
-//!    each tile.
-//! 3. Add: sums of each splat, tile by tile.
+//! 1. Draw: one workgroup per tile, one lane per pixel. Also compares each finished pixel.
+//! 2. Walk: one workgroup per tile, one lane per splat, with the pixels passing from lane to lane. Computes
+//! the
+//!    sums of each splat in each tile.
+//! 3. Add: sums of each splat over its tiles.
 //!
-//! Everything is added in an order that does not depend on timing. The device belongs to whoever learns:
-//! the window draws on another, and neither waits for the other.
+//! The order of all additions is independent of timing. Training owns the device and the window draws on
+//! another, so neither blocks the other.
 
 mod kernels;
 mod layout;
@@ -32,7 +33,7 @@ use memory::{Memory, Part};
 use std::time::Instant;
 use upload::{Comparison, tile_grid};
 
-/// Compares photographs on a device of its own.
+/// Compares photographs on its own device.
 pub struct GpuComparer {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -41,12 +42,12 @@ pub struct GpuComparer {
     kernels: Kernels,
     memory: Memory,
     packed: PackedView,
-    /// What came back last, mapped while it is read.
+    /// Mapped result of the last comparison.
     answer: Option<wgpu::BufferView>,
 }
 
 impl GpuComparer {
-    /// On a device whose faults are watched.
+    /// Creates the kernels on a device that reports to `faults`.
     pub fn new(
         device: wgpu::Device,
         queue: wgpu::Queue,
@@ -65,7 +66,7 @@ impl GpuComparer {
         }
     }
 
-    /// Compares; what comes back stays mapped. Squared difference and pixels.
+    /// Runs a comparison and keeps its result mapped. Returns squared error and number of pixels.
     fn run(&mut self, comparison: Comparison<'_>) -> Result<(f64, f64), GpuError> {
         let Self { device, queue, kernels, memory, .. } = self;
         let started = Instant::now();
@@ -93,8 +94,8 @@ impl GpuComparer {
         Ok(found)
     }
 
-    /// Waits for a submission; then so many bytes of the answer are mapped, and the memory of the next
-    /// upload is.
+    /// Waits for a submission, maps `bytes` bytes of the result, and maps the staging buffer for the next
+    /// upload.
     fn wait(
         &self,
         submission: wgpu::SubmissionIndex,
@@ -106,7 +107,7 @@ impl GpuComparer {
             .map_err(failed)
     }
 
-    /// Lets go of what came back last.
+    /// Releases the mapped result.
     fn forget_answer(&mut self) {
         forget(&mut self.answer, self.memory.buffer(Part::Readback));
     }
@@ -132,7 +133,7 @@ impl PhotometricComparer for GpuComparer {
         let mut packed = std::mem::take(&mut self.packed);
         packed.fill(view, tile_grid(photograph));
         let comparison = Comparison { packed: &packed, photograph, rule, rows };
-        // Buffers of nothing cannot be bound.
+        // Empty buffers cannot be bound.
         let is_empty = packed.entries.is_empty();
         let found = if is_empty { Ok((0.0, 0.0)) } else { self.run(comparison) };
         self.packed = packed;
@@ -141,10 +142,10 @@ impl PhotometricComparer for GpuComparer {
             reason: error.to_string(),
         })?;
         let Some(answer) = self.answer.as_deref() else {
-            // Nothing is in view, so nothing was asked.
+            // No splat is visible, so no work was submitted.
             return Ok(Compared::by_splat(view.clone(), &[], squared_error, pixels));
         };
-        // Differences of tiles come first.
+        // The errors of the tiles precede the sums.
         let sums = &answer[answer.len() - view.n_drawn() * SUM_BYTES..];
         let sums: &[f32] = bytemuck::cast_slice(sums);
         let (sums, _) = sums.as_chunks();

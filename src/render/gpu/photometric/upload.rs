@@ -1,4 +1,4 @@
-//! What a comparison reads, written straight into mapped memory.
+//! Writes the inputs of a comparison directly to mapped memory.
 
 use super::layout::{Frame, MEASURED_BYTES};
 use super::memory::{Load, Part, UPLOADED};
@@ -10,7 +10,7 @@ use crate::render::gpu::parallel_copy::copy_all;
 use bytemuck::cast_slice;
 use wgpu::WriteOnly;
 
-/// A view and its photograph.
+/// View and photograph to compare.
 #[derive(Clone, Copy)]
 pub(super) struct Comparison<'a> {
     pub(super) packed: &'a PackedView,
@@ -19,13 +19,12 @@ pub(super) struct Comparison<'a> {
     pub(super) rows: RowChoice,
 }
 
-/// Columns and rows of tiles of a photograph.
+/// Number of tile columns and rows of a photograph.
 pub(super) fn tile_grid(photograph: &Image<MeasuredPixel>) -> (usize, usize) {
     (photograph.width.div_ceil(TILE), photograph.height.div_ceil(TILE))
 }
 
 impl Comparison<'_> {
-    /// How much it holds.
     pub(super) fn load(&self) -> Load {
         let Self { packed, photograph, rows, .. } = *self;
         let (columns, tile_rows) = tile_grid(photograph);
@@ -49,7 +48,7 @@ impl Comparison<'_> {
         let frame = Frame::new(photograph, packed.splats.len(), rule, rows);
         let (mut rest, mut copies) = (memory, Vec::new());
         for part in UPLOADED {
-            // The buffer holds the parts by their sizes.
+            // The buffer has exactly the sizes of its parts.
             let to = rest.split_off(..load.bytes(part) as usize).unwrap_or_default();
             match part {
                 Part::Frame => copies.push((to, bytemuck::bytes_of(&frame))),
@@ -63,7 +62,7 @@ impl Comparison<'_> {
         copy_all(copies.into_iter());
     }
 
-    /// The chosen rows and where they go, those of the whole photograph in one.
+    /// Chosen pixel rows with their destinations; a single piece if all rows are chosen.
     fn photograph_lines<'m>(
         &self,
         to: WriteOnly<'m, [u8]>,
@@ -81,7 +80,7 @@ impl Comparison<'_> {
     }
 }
 
-/// Bytes of the part of a buffer of [`Part::Upload`] before another.
+/// Byte offset of a part in [`Part::Upload`].
 pub(super) fn offset(part: Part, load: &Load) -> u64 {
     UPLOADED.iter().take_while(|&&before| before != part).map(|&part| load.bytes(part)).sum()
 }

@@ -1,9 +1,9 @@
-//! What the CPU and `points/settings.wgsl` share byte for byte.
+//! Memory layouts shared with `points/settings.wgsl`.
 
 use crate::model::scene::points_device::{Seeds, SlotSums};
 use bytemuck::{Pod, Zeroable};
 
-/// By how much wider than the structural scale a search is, as distances are rounded.
+/// Factor by which the search radius exceeds the structural scale, to allow for rounding of distances.
 const MARGIN: f32 = 1.0 + 1e-5;
 
 /// `Settings` of `settings.wgsl`.
@@ -22,12 +22,12 @@ pub(super) struct Settings {
     first_seed: u32,
     n_seeds: u32,
     bucket_mask: u32,
-    /// Uniforms are as long as their alignment asks for.
+    /// Padding to the size required for uniforms.
     rest: [u32; 2],
 }
 
 impl Settings {
-    /// Of searches.
+    /// Settings of a search.
     pub(super) fn search(seeds: &Seeds<'_>) -> Self {
         Self {
             minus_zero: -0.0,
@@ -40,7 +40,7 @@ impl Settings {
         }
     }
 
-    /// The same of a frame of so many points, where the seeds from `first_seed` on are filed in so many
+    /// Adds the sizes of a frame: `n_points` points, new seeds from `first_seed` on, and the number of hash
     /// buckets, a power of two.
     pub(super) fn of_frame(self, n_points: u64, first_seed: u64, buckets: u64) -> Self {
         let [n_points, first_seed, bucket_mask] =
@@ -48,7 +48,7 @@ impl Settings {
         Self { n_points, first_seed, bucket_mask, ..self }
     }
 
-    /// Of sums over so many points.
+    /// Settings of sums over points.
     pub(super) fn sums(asked: &SlotSums<'_>) -> Self {
         Self {
             gain: asked.gain,

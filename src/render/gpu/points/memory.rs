@@ -8,10 +8,10 @@ use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, WAY_IN, WAY_OUT};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
-/// Bytes of a seed: its position and its chain, or nothing.
+/// Bytes per seed: position and chain link, or position and padding.
 pub(super) const SEED_BYTES: u64 = 16;
 
-/// What a buffer holds.
+/// Contents of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Settings,
@@ -22,17 +22,17 @@ pub(super) enum Part {
     Fits,
     References,
     Sums,
-    /// Points on their way.
+    /// Staging buffer for points.
     PointUpload,
-    /// New seeds on their way.
+    /// Staging buffer for new seeds.
     SeedUpload,
-    /// Slots of points, and their seeds, on their way.
+    /// Staging buffer for the slots of points and the slots' seeds.
     FitUpload,
-    /// What comes back.
+    /// Staging buffer for results.
     Readback,
 }
 
-/// Every part with what it holds, for messages, and its use, in their order.
+/// All parts in order, with label (also used in messages) and usage.
 const PARTS: [(Part, &str, Usage); 12] = [
     (Part::Settings, "settings of points", Usage::UNIFORM.union(Usage::COPY_DST)),
     (Part::Points, "points of a frame", IN),
@@ -42,26 +42,25 @@ const PARTS: [(Part, &str, Usage); 12] = [
     (Part::Fits, "components of points", IN),
     (Part::References, "seeds of sums", IN),
     (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST)),
-    (Part::PointUpload, "points on their way", WAY_IN),
-    (Part::SeedUpload, "seeds on their way", WAY_IN),
-    (Part::FitUpload, "components on their way", WAY_IN),
-    (Part::Readback, "sums on their way", WAY_OUT),
+    (Part::PointUpload, "uploaded points", WAY_IN),
+    (Part::SeedUpload, "uploaded seeds", WAY_IN),
+    (Part::FitUpload, "uploaded components", WAY_IN),
+    (Part::Readback, "sums read back", WAY_OUT),
 ];
 
-/// How much a frame holds.
+/// Sizes of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Load {
     pub(super) points: u64,
     pub(super) seeds: u64,
-    /// Of those, the first that the device does not have yet.
+    /// Index of the first seed that is not on the GPU yet.
     pub(super) first_new: u64,
     pub(super) buckets: u64,
-    /// Components with points.
+    /// Number of components with points.
     pub(super) slots: u64,
 }
 
 impl Load {
-    /// Bytes of a part.
     pub(super) fn bytes(&self, part: Part) -> u64 {
         let Self { points, seeds, first_new, buckets, slots } = *self;
         match part {
@@ -80,7 +79,6 @@ impl Load {
     }
 }
 
-/// The buffers.
 #[derive(Debug)]
 pub(super) struct Memory {
     buffers: GrowingBuffers,
@@ -96,7 +94,7 @@ impl Memory {
         self.buffers.get(part as usize)
     }
 
-    /// Makes room in some parts; whether any has lost its contents by that.
+    /// Ensures the size of some parts. Returns true if any lost its contents.
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].

@@ -1,8 +1,8 @@
-//! Seeds and sums of a scene's points, on a GPU (`scene.md`, On a device).
+//! Seeds and sums of a scene's points on a GPU (`scene.md`, On a device).
 //!
-//! Points go up once a frame, in mapped memory that all threads fill, and serve the search and the sums.
-//! Seeds stay on the device, where new ones are filed behind the others; all are filed anew when their buckets
-//! become too few. Of the sums nothing stays: those of a frame come back for the components that it touched.
+//! Points are uploaded once per frame, through mapped memory filled by all threads, for both search and sums.
+//! Seeds remain on the GPU, and new ones are appended to a hash grid. The grid is rebuilt when the number of
+//! buckets grows. Sums are not retained: each frame returns them for the components it touched.
 
 mod layout;
 mod memory;
@@ -21,10 +21,10 @@ use crate::model::scene::sums::N_SUMS;
 use layout::Settings;
 use memory::{Load, Memory, Part, SEED_BYTES};
 
-/// Buckets of seeds that there are at least.
+/// Minimum number of hash buckets.
 const MIN_BUCKETS: u64 = 1 << 12;
 
-/// Fits points on a device of its own.
+/// Searches seeds and sums points on its own device.
 pub struct GpuPoints {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -36,14 +36,14 @@ pub struct GpuPoints {
     memory: Memory,
     load: Load,
     search: Settings,
-    /// What lies in mapped memory and is to go up with the next commands.
+    /// Uploads written to mapped memory, to be submitted with the next commands.
     due: Vec<Part>,
-    /// What came back last, mapped while it is read.
+    /// Mapped result of the last commands.
     answer: Option<wgpu::BufferView>,
 }
 
 impl GpuPoints {
-    /// On a device whose faults are watched.
+    /// Creates the kernels on a device that reports to `faults`.
     pub fn new(
         device: wgpu::Device,
         queue: wgpu::Queue,
@@ -72,7 +72,7 @@ impl GpuPoints {
     fn upload_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), GpuError> {
         let Self { load, memory, device, .. } = self;
         load.seeds = seeds.positions.len() as u64;
-        // Twice as many as seeds at least keep chains short.
+        // At least twice as many buckets as seeds, to keep chains short.
         let buckets = (2 * load.seeds).next_power_of_two().max(MIN_BUCKETS);
         let is_refiled = seeds.are_new || buckets != load.buckets || load.first_new > load.seeds;
         load.buckets = buckets;
@@ -96,7 +96,7 @@ impl GpuPoints {
         self.write(Part::PointUpload, &[bytemuck::cast_slice(points)])
     }
 
-    /// Writes what goes up with the next commands, piece by piece.
+    /// Writes data to mapped memory for the next commands.
     fn write(&mut self, upload: Part, pieces: &[&[u8]]) -> Result<(), GpuError> {
         self.memory.make_room(&self.device, &self.load, &[upload])?;
         let buffer = self.memory.buffer(upload);
@@ -107,7 +107,7 @@ impl GpuPoints {
         Ok(())
     }
 
-    /// Finds the nearest seeds, which are the answer then.
+    /// Finds the nearest seed of every point and maps the result.
     fn run_search(&mut self) -> Result<(), GpuError> {
         let Self { load, .. } = *self;
         let settings = self.search.of_frame(load.points, load.first_new, load.buckets);
@@ -135,11 +135,11 @@ impl GpuPoints {
         Ok(())
     }
 
-    /// Sums points, whose sums are the answer then.
+    /// Sums the points of every slot and maps the result.
     fn run_sums(&mut self, asked: &SlotSums<'_>) -> Result<(), GpuError> {
         if asked.points.len() as u64 != self.load.points {
             let (expected, found) = (self.load.points, asked.points.len());
-            let reason = format!("expected slots of {expected} points, found {found}");
+            let reason = format!("expected slots for {expected} points, found {found}");
             return Err(GpuError::NoPass { reason });
         }
         self.load.slots = asked.seeds.len() as u64;
@@ -163,7 +163,7 @@ impl GpuPoints {
         })
     }
 
-    /// Sends up what is due, runs commands, and maps the part that is their answer.
+    /// Submits pending uploads and the given commands, then maps the `answer` part.
     fn run(
         &mut self,
         settings: Settings,
@@ -187,7 +187,7 @@ impl GpuPoints {
         Ok(())
     }
 
-    /// Copies what was uploaded to where it is read.
+    /// Records the copy from a staging buffer to its destinations.
     fn send_up(&self, encoder: &mut wgpu::CommandEncoder, upload: Part) {
         let Self { memory, load, .. } = self;
         let mut copy = |from_byte, part, to_byte, bytes| {
@@ -212,7 +212,7 @@ impl GpuPoints {
         kernel.bind(&self.device, &parts.iter().map(resource).collect::<Vec<_>>())
     }
 
-    /// Lets go of what came back last.
+    /// Releases the mapped result.
     fn forget_answer(&mut self) {
         forget(&mut self.answer, self.memory.buffer(Part::Readback));
     }
@@ -245,7 +245,7 @@ impl PointsDevice for GpuPoints {
 
     fn nearest(&mut self) -> Result<&[u32], DeviceError> {
         self.forget_answer();
-        // Of nothing, nothing is asked.
+        // Without points there is nothing to submit.
         if self.load.points > 0 {
             self.run_search().map_err(|error| self.refused(&error))?;
         }

@@ -1,6 +1,6 @@
-//! WGSL of each module; [`crate::render::gpu::constants`] come in front.
+//! WGSL modules, to be prefixed by [`crate::render::gpu::constants`].
 
-/// `points/file.wgsl`: files seeds by cell.
+/// `points/file.wgsl`: inserts seeds into the hash grid.
 pub const FILE: &str = concat!(
     include_str!("../../../../shaders/points/settings.wgsl"),
     include_str!("../../../../shaders/points/cells.wgsl"),

@@ -1,4 +1,4 @@
-//! What the tile path keeps on the GPU between its stages.
+//! Buffers of the tile path, used between its stages.
 
 use super::constants::TILE_PIXELS;
 use crate::render::gpu::allocation::Allocation;
@@ -10,31 +10,31 @@ use crate::render::gpu::layout::GpuAppearance;
 
 const WORD: u64 = size_of::<u32>() as u64;
 const PAIR: u64 = 2 * WORD;
-/// Sizes of the structs of `packed.wgsl` and `footprint.wgsl`.
+/// Struct sizes in `packed.wgsl` and `footprint.wgsl`.
 const RECORD_BYTES: u64 = 64;
 const GRADIENT_BYTES: u64 = 48;
 const FOOTPRINT_BYTES: u64 = 16;
-/// Of one appearance; a binding holds one at least.
+/// Bytes per appearance; a binding must hold at least one.
 const APPEARANCE_BYTES: u64 = size_of::<GpuAppearance>() as u64;
 const MIB: u64 = 1 << 20;
 
-/// Bytes of the buffer of counts.
+/// Bytes of the counter buffer.
 pub(super) const COUNTS_BYTES: u64 = slot::N_SLOTS as u64 * WORD;
 
-/// Buffers with one entry per splat: keys and order of the sort, records, tiles.
+/// Buffers with one entry per splat: sort keys and order, records, tiles.
 #[derive(Debug)]
 pub(super) struct SplatBuffers {
     pub(super) keys: wgpu::Buffer,
     /// Pairs of key and splat.
     pub(super) order: [wgpu::Buffer; 2],
     pub(super) records: wgpu::Buffer,
-    /// The tiles of those that reach few, a word each.
+    /// Packed tile list of splats that touch at most 2×2 tiles, one word each.
     pub(super) fews: wgpu::Buffer,
     pub(super) footprints: wgpu::Buffer,
     pub(super) blocks: wgpu::Buffer,
-    /// By splat where the scene has appearance, else a single one that nobody reads.
+    /// One per splat if the scene has appearance, otherwise a single unused one.
     pub(super) gradients: wgpu::Buffer,
-    /// In place of the scene's where it has none.
+    /// Placeholder for the appearance buffer of a scene without appearance.
     pub(super) no_appearance: wgpu::Buffer,
     pub(super) capacity: usize,
     pub(super) has_appearance: bool,
@@ -42,15 +42,15 @@ pub(super) struct SplatBuffers {
 }
 
 impl SplatBuffers {
-    /// Room for `capacity` splats.
+    /// Allocates buffers for `capacity` splats.
     pub(super) fn new(
         device: &wgpu::Device,
         capacity: usize,
         has_appearance: bool,
     ) -> Result<Self, GpuError> {
-        // A binding cannot be empty, and the first frame may have no splat.
+        // A binding cannot be empty, and the first frame may have no splats.
         let n = capacity.max(1) as u64;
-        // A binding cannot be empty, so plain scenes bind one that nobody reads.
+        // A binding cannot be empty, so scenes without appearance bind an unused entry.
         let n_gradients = if has_appearance { n } else { 1 };
         let n_bytes = n * (2 * WORD + 2 * PAIR + RECORD_BYTES + FOOTPRINT_BYTES)
             + n_gradients * GRADIENT_BYTES;
@@ -84,13 +84,13 @@ impl SplatBuffers {
         })
     }
 
-    /// A backend's late answer to the allocation.
+    /// Reports a late allocation error.
     pub(super) fn check(&mut self) -> Result<(), GpuError> {
         self.allocation.check()
     }
 }
 
-/// Entries, pairs of tile and splat.
+/// Entries: pairs of tile and splat.
 #[derive(Debug)]
 pub(super) struct EntryBuffers {
     pub(super) pairs: [wgpu::Buffer; 2],
@@ -99,7 +99,7 @@ pub(super) struct EntryBuffers {
 }
 
 impl EntryBuffers {
-    /// Room for `capacity` entries; `n_splats` is for the message if there is none.
+    /// Allocates buffers for `capacity` entries. `n_splats` only appears in the error.
     pub(super) fn new(
         device: &wgpu::Device,
         capacity: u64,
@@ -113,23 +113,23 @@ impl EntryBuffers {
         Ok(Self { pairs, capacity, allocation })
     }
 
-    /// A backend's late answer to the allocation.
+    /// Reports a late allocation error.
     pub(super) fn check(&mut self) -> Result<(), GpuError> {
         self.allocation.check()
     }
 }
 
-/// Entries that the adapter's buffers hold.
+/// Maximum number of entries in one of the adapter's buffers.
 pub(super) fn max_entries(limits: &wgpu::Limits) -> u64 {
     max_buffer_bytes(limits) / PAIR
 }
 
-/// Columns and rows of tiles of an image.
+/// Number of tile columns and rows of an image.
 pub(super) fn tile_grid((width, height): (u32, u32)) -> (u32, u32) {
     (width.div_ceil(TILE_PIXELS), height.div_ceil(TILE_PIXELS))
 }
 
-/// First entry of each tile, and the one after its last.
+/// Creates the buffer of entry ranges per tile: first entry, and one past the last.
 pub(super) fn ends_of_tiles(device: &wgpu::Device, (columns, rows): (u32, u32)) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("ends of tiles"),

@@ -1,22 +1,22 @@
-//! How many entries to have room for. Only the GPU knows how many an image needs, and says so a few
-//! frames later; until then the farthest splats of an image that needs more are left out.
+//! Capacity for entries. Only the GPU knows how many entries an image needs, and reports it a few
+//! frames later. Until then the farthest splats of an image that needs more are left out.
 
 use super::buffers::COUNTS_BYTES;
 use crate::render::gpu::constants::slot;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::ring::ReadbackRing;
 
-/// First guess, entries a splat.
+/// Initial estimate of entries per splat.
 const PER_SPLAT: u64 = 4;
 const MIN_ENTRIES: u64 = 1 << 16;
 
-/// Listens for what images need.
+/// Tracks the entries that images need.
 #[derive(Debug)]
 pub(super) struct EntryDemand {
     ring: ReadbackRing,
-    /// Most entries that an image needed since the last [`Self::capacity`].
+    /// Maximum number of entries needed since the last [`Self::capacity`].
     needed: u64,
-    /// A capacity that the driver had no memory for.
+    /// Smallest capacity for which allocation failed.
     refused: u64,
     shortage: Option<GpuError>,
 }
@@ -27,12 +27,12 @@ impl EntryDemand {
         Self { ring, needed: 0, refused: u64::MAX, shortage: None }
     }
 
-    /// Room to have for the next image. `most` is what the adapter's buffers hold.
+    /// Capacity for the next image. `now` is the current one and `most` the adapter's limit.
     pub(super) fn capacity(&mut self, now: u64, n_splats: usize, most: u64) -> u64 {
         let needed = std::mem::take(&mut self.needed);
         let wanted = capacity_for(needed, now, n_splats, most);
         if needed > 0 {
-            // One less than what was refused is the most that may still be had.
+            // Any capacity below the one that failed may still be available.
             let is_short = needed > most.min(self.refused - 1);
             self.shortage =
                 is_short.then_some(GpuError::TooManyEntries { needed, capacity: wanted.max(now) });
@@ -40,18 +40,18 @@ impl EntryDemand {
         if wanted < self.refused { wanted } else { now }
     }
 
-    /// There is no memory for a capacity; it is not asked for again.
+    /// Records that a capacity could not be allocated, so that it is not requested again.
     pub(super) fn refuse(&mut self, capacity: u64, error: GpuError) {
         self.refused = capacity;
         self.shortage = Some(error);
     }
 
-    /// Why the farthest splats are left out, if they are and will be.
+    /// Shortage that leaves out the farthest splats, if it is permanent.
     pub(super) fn shortage(&self) -> Option<&GpuError> {
         self.shortage.as_ref()
     }
 
-    /// After the image, in the same encoder: sends its counts on their way to the CPU.
+    /// Sends the counters of the image to the CPU. Must follow the image in the same encoder.
     pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
         let needed = &mut self.needed;
         let free = self.ring.turn(|_, bytes| {
@@ -64,11 +64,11 @@ impl EntryDemand {
     }
 }
 
-/// Half as many again as were needed, never fewer than before.
+/// Capacity of 1.5 times what was needed, never below the current one.
 fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
     let guess = MIN_ENTRIES.max(PER_SPLAT * n_splats as u64);
-    // Half more than needed: coming closer raises the need frame by frame, and each growth rebuilds
-    // the plan.
+    // Extra capacity, because approaching the scene raises the demand frame by frame, and each growth
+    // rebuilds the plan.
     let grown = if needed > now { needed + needed / 2 } else { 0 };
     guess.max(grown).max(now).min(most)
 }

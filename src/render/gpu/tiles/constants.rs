@@ -1,4 +1,4 @@
-//! Sizes of the tile path. What its shaders share stands in [`crate::render::gpu::constants`].
+//! Sizes of the tile path. Constants shared with shaders are in [`crate::render::gpu::constants`].
 
-/// Pixels a side of a tile.
+/// Side length of a tile in pixels.
 pub(super) const TILE_PIXELS: u32 = crate::render::TILE as u32;

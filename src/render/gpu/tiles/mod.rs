@@ -1,13 +1,13 @@
-//! Splats to pixels by compute: sorted by depth, sorted into tiles, blended by one workgroup a tile
-//! (`rendering.md`, Tiles by compute). The path for chips with much compute and few raster units.
+//! Draws splats by compute shaders: sorted by depth, then by tile, and blended by one workgroup per tile
+//! (`rendering.md`, Tiles by compute). Suits chips with much compute and few raster units.
 //!
-//! 1. Preprocess: a record, a key of depth and the tiles it reaches for each splat.
-//! 2. Sort: by depth, what is not drawn falls out; then, in order of depth, an entry for each tile of
-//!    each splat; then by tile, which keeps the order of depth.
-//! 3. Draw: one workgroup a tile blends its entries front to back until its pixels are full.
+//! 1. Preprocess: computes a record, a depth key and the covered tiles of each splat.
+//! 2. Sort: sorts by depth and drops invisible splats. Then writes, in depth order, one entry per tile of
+//!    each splat, and sorts the entries by tile, which preserves the depth order.
+//! 3. Draw: one workgroup per tile blends its entries front to back until its pixels are full.
 //!
-//! Nothing here waits for the GPU, and no count comes back within a frame: kernels run on grids that
-//! are large enough for any count and end early.
+//! No stage waits for the GPU, and no counter is read back within a frame: kernels run on grids
+//! large enough for any count and exit early.
 
 mod buffers;
 mod capacity;

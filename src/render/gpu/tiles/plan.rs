@@ -1,8 +1,8 @@
-//! The kernels of the tile path and what each is bound to.
+//! Kernels of the tile path and their bindings.
 //!
-//! Bind groups are made once for the buffers of a frame and reused while those stay: a frame then
-//! only records passes. Buffers of a sort alternate, so which of two holds the result follows from
-//! the number of passes and is bound here.
+//! Bind groups are created once and reused while the buffers stay the same, so a frame only records
+//! passes. The buffers of a sort alternate. Which of the two holds the result depends only on the number
+//! of passes, so it is bound here.
 
 use super::buffers::{EntryBuffers, SplatBuffers, ends_of_tiles, tile_grid};
 use super::shader;
@@ -13,11 +13,11 @@ use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
 use crate::render::gpu::timer::GpuStage;
 
-/// Workgroups of the pass over all entries that finds where tiles begin.
+/// Workgroups of the pass over all entries that finds the range of each tile.
 const RANGE_GROUPS: u32 = 1024;
-/// Of what lies between the nearest and the farthest splat. Keys are the bits of positive floats, 2²³ to a
-/// doubling: none is lost where the farthest is up to four times as far, the lowest one up to 16 times,
-/// two up to 256. A pass less, for splats nearer to each other than f32 can place them.
+/// Bits of the depth range between the nearest and the farthest splat. Keys are the bits of positive floats,
+/// with 2²³ values per doubling. No bit is lost up to a depth ratio of 4, one bit up to 16, and two up to
+/// 256. 24 bits save one sort pass; splats closer than the lost bits are closer than f32 can place them.
 const DEPTH_BITS: u32 = 24;
 
 #[derive(Debug)]
@@ -54,7 +54,7 @@ impl Kernels {
     }
 }
 
-/// What comes from outside; a plan is good as long as it is the same.
+/// External resources. A plan is valid while they stay the same.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Inputs {
     view: wgpu::Buffer,
@@ -75,13 +75,13 @@ impl Inputs {
         }
     }
 
-    /// Which of two kernels draws these splats: without or with appearance.
+    /// Kernel variant: 0 without and 1 with appearance.
     fn variant(&self) -> usize {
         usize::from(self.appearance.is_some())
     }
 }
 
-/// Everything bound, to be recorded every frame.
+/// Bound kernels, to be recorded every frame.
 #[derive(Debug)]
 pub(super) struct TilePlan {
     inputs: Inputs,
@@ -96,17 +96,17 @@ pub(super) struct TilePlan {
     ends_of_tiles: wgpu::Buffer,
 }
 
-/// Memory of the tile path that its kernels share.
+/// Buffers shared by the kernels of the tile path.
 #[derive(Clone, Copy)]
 pub(super) struct TileMemory<'a> {
-    /// Numbers of splats and entries, by [`slot`].
+    /// Counters of splats and entries, indexed by [`slot`].
     pub(super) counts: &'a wgpu::Buffer,
     pub(super) splats: &'a SplatBuffers,
     pub(super) entries: &'a EntryBuffers,
 }
 
 impl TileMemory<'_> {
-    /// Splats by depth; those that no pixel sees fall out.
+    /// Sorts splats by depth and drops invisible ones.
     fn sort_by_depth(
         &self,
         device: &wgpu::Device,
@@ -124,7 +124,7 @@ impl TileMemory<'_> {
         sort.plan(device, queue, buffers, DEPTH_BITS, keys)
     }
 
-    /// Entries by tile. The sort is stable, so each tile's entries keep the order of depth.
+    /// Sorts entries by tile. The sort is stable, so each tile's entries keep the depth order.
     fn sort_by_tile(
         &self,
         device: &wgpu::Device,
@@ -139,7 +139,7 @@ impl TileMemory<'_> {
     }
 }
 
-/// Binds whole buffers by their numbers in the shader.
+/// Binds whole buffers by binding number.
 fn bind(device: &wgpu::Device, kernel: &ComputeKernel, buffers: &[(u32, &wgpu::Buffer)]) -> Bound {
     let resources: Vec<_> =
         buffers.iter().map(|(binding, buffer)| (*binding, buffer.as_entire_binding())).collect();
@@ -167,8 +167,8 @@ impl Kernels {
         bind(device, &self.preprocess[inputs.variant()], &buffers)
     }
 
-    /// Counting, offsets and writing of the entries, in this order; `order` holds the splats by
-    /// depth.
+    /// Binds the kernels that count, offset and write the entries, in this order; `order` holds the splats
+    /// sorted by depth.
     fn bind_bin(
         &self,
         device: &wgpu::Device,
@@ -242,7 +242,7 @@ impl TilePlan {
         }
     }
 
-    /// Before the first stage of an image: what it finds of tiles is of those only that have entries.
+    /// Clears the entry ranges before an image, because only tiles with entries are written.
     pub(super) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.clear_buffer(&self.ends_of_tiles, 0, None);
     }
@@ -251,7 +251,7 @@ impl TilePlan {
         &self.inputs
     }
 
-    /// Records one stage of an image of `n_splats` splats and `tiles` columns and rows of tiles.
+    /// Records one stage of an image of `n_splats` splats; `tiles` is the number of tile columns and rows.
     pub(super) fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -268,7 +268,7 @@ impl TilePlan {
                 self.offsets.dispatch(pass, Grid::row(1));
                 self.emit.dispatch(pass, by_splat);
                 self.by_tile.record(pass);
-                // A fixed number of groups: how many entries there are is known on the GPU only.
+                // A fixed number of groups, because only the GPU knows the number of entries.
                 self.ranges.dispatch(pass, Grid::row(RANGE_GROUPS));
             }
             GpuStage::Draw => {
@@ -278,7 +278,7 @@ impl TilePlan {
     }
 }
 
-/// Bits that the numbers below `n` have.
+/// Number of bits needed for the values `0..n`.
 fn bits_of(n: u32) -> u32 {
     u32::BITS - n.saturating_sub(1).leading_zeros()
 }

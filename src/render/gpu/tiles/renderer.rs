@@ -1,4 +1,4 @@
-//! The tile path as the renderer sees it: one image into one encoder.
+//! Public interface of the tile path: records one image into one encoder.
 
 use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, tile_grid};
 use super::capacity::EntryDemand;
@@ -9,19 +9,19 @@ use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
 use crate::render::gpu::timer::{GpuStage, StageTimer};
 
-/// What one image is drawn from and into.
+/// Inputs and output of one image.
 #[derive(Clone, Copy)]
 pub(in crate::render::gpu) struct TileFrame<'a> {
-    /// Camera and options, without a cap of the extent.
+    /// Camera and options; the extent cap must be infinite.
     pub(in crate::render::gpu) view: &'a wgpu::Buffer,
     pub(in crate::render::gpu) scene: &'a GpuScene,
-    /// Target of the image, at least one pixel a side.
+    /// Output image, at least one pixel per side.
     pub(in crate::render::gpu) image: &'a SplatTarget,
-    /// A timer and its slot.
+    /// Timer and its slot.
     pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
 }
 
-/// Pipelines and memory of the tile path.
+/// Pipelines and buffers of the tile path.
 #[derive(Debug)]
 pub(in crate::render::gpu) struct TilePath {
     kernels: Kernels,
@@ -51,7 +51,7 @@ impl TilePath {
         })
     }
 
-    /// Records an image. Needs no order.
+    /// Records an image. Needs no draw order.
     pub(in crate::render::gpu) fn record(
         &mut self,
         device: &wgpu::Device,
@@ -62,9 +62,9 @@ impl TilePath {
         let TileFrame { view, scene, image, timer } = frame;
         self.make_room(device, scene)?;
         let inputs = Inputs::new(view, scene, image);
-        // The window was resized or the scene grew: what was bound is gone.
+        // After a resize or growth the bound resources no longer exist.
         if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
-            // A plan binds buffers by identity: any that changed makes it stale.
+            // A plan binds specific buffers: any replacement makes it stale.
             self.plan = None;
         }
         let Self { kernels, counts, splats, entries, .. } = self;
@@ -76,8 +76,8 @@ impl TilePath {
         let mut first = [0; slot::N_SLOTS];
         first[slot::N_SPLATS as usize] = scene.n_splats() as u32;
         first[slot::NEAREST as usize] = u32::MAX;
-        // Set from here: kernels change these counts, and only the number of splats is known
-        // beforehand.
+        // Written by the CPU, because kernels modify these counters and only the number of splats is known
+        // in advance.
         queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&first));
         plan.clear(encoder);
         for stage in [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw] {
@@ -91,7 +91,7 @@ impl TilePath {
         Ok(())
     }
 
-    /// Why the farthest splats are left out of images, if they are and will be.
+    /// Shortage that leaves out the farthest splats, if it is permanent.
     pub(in crate::render::gpu) fn shortage(&self) -> Option<&GpuError> {
         self.demand.shortage()
     }
@@ -117,7 +117,7 @@ impl TilePath {
                 self.plan = None;
                 Ok(())
             }
-            // The room of before still draws most of the image; only the very first failure is
+            // The previous capacity still draws most of the image, so only the very first failure is
             // fatal.
             Err(error) if self.entries.capacity > 1 => {
                 tracing::warn!("{error}");

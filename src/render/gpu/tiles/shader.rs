@@ -1,11 +1,11 @@
-//! WGSL of each module; [`crate::render::gpu::constants`] come in front.
+//! WGSL modules, to be prefixed by [`crate::render::gpu::constants`].
 
-/// `tiles/sort.wgsl`: the stable radix sort, used by depth and by tile.
+/// `tiles/sort.wgsl`: stable radix sort, used by depth and by tile.
 pub const SORT: &str = concat!(
     include_str!("../../../../shaders/tiles/stages.wgsl"),
     include_str!("../../../../shaders/tiles/sort.wgsl")
 );
-/// `tiles/preprocess.wgsl`: splats to records, depth keys and footprints in tiles.
+/// `tiles/preprocess.wgsl`: converts splats to records, depth keys and tile footprints.
 pub const PREPROCESS: &str = concat!(
     include_str!("../../../../shaders/common.wgsl"),
     include_str!("../../../../shaders/paint.wgsl"),
@@ -15,15 +15,15 @@ pub const PREPROCESS: &str = concat!(
     include_str!("../../../../shaders/tiles/footprint.wgsl"),
     include_str!("../../../../shaders/tiles/preprocess.wgsl")
 );
-/// `tiles/bin.wgsl`: an entry for each tile that a splat reaches, then where each tile's entries
-/// begin.
+/// `tiles/bin.wgsl`: writes an entry for each tile that a splat reaches, and later finds each tile's
+/// range of entries.
 pub const BIN: &str = concat!(
     include_str!("../../../../shaders/common.wgsl"),
     include_str!("../../../../shaders/tiles/stages.wgsl"),
     include_str!("../../../../shaders/tiles/footprint.wgsl"),
     include_str!("../../../../shaders/tiles/bin.wgsl")
 );
-/// `tiles/raster.wgsl`: one workgroup a tile blends its entries.
+/// `tiles/raster.wgsl`: blends the entries of a tile, one workgroup per tile.
 pub const RASTER: &str = concat!(
     include_str!("../../../../shaders/common.wgsl"),
     include_str!("../../../../shaders/paint.wgsl"),

@@ -1,18 +1,18 @@
-//! Stable radix sort of pairs of a u32 key and a u32 value on the GPU; `sort.wgsl` says how.
+//! Stable radix sort of pairs of u32 key and u32 value on the GPU; `sort.wgsl` describes the algorithm.
 //!
-//! Per digit three kernels: count the digits of each strip of keys, sum the counts into places,
-//! scatter. Strips are a fixed number, so grids need no count from the GPU. No subgroups: they are
-//! optional, and sorting is a small part of a frame. The published crate took 70 to 87 ms on
-//! llvmpipe (`rendering.md`, Tried and dropped).
+//! Each digit takes three kernels: count the digits of each strip of keys, turn the counts into offsets,
+//! scatter. The number of strips is fixed, so grids do not depend on a count from the GPU. Subgroups are
+//! optional in wgpu and not used; sorting is a small part of a frame. The published crate took 70 to 87 ms
+//! on llvmpipe (`rendering.md`, Tried and dropped).
 
 use super::shader;
 use crate::render::gpu::constants::{N_STRIPS, module};
 use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid, storage};
 
-/// Most bits of one digit: a lane of a workgroup for each value.
+/// Maximum bits per digit: one lane of a workgroup per value.
 const DIGIT_BITS: u32 = 8;
 
-/// The pipelines, and the counts of digits that every sort needs for a moment.
+/// Pipelines and temporary digit counts, shared by all sorts.
 #[derive(Debug)]
 pub struct RadixSort {
     histogram: ComputeKernel,
@@ -22,39 +22,39 @@ pub struct RadixSort {
     totals: wgpu::Buffer,
 }
 
-/// What the keys are before the first pass. Slots are of the buffer of counts.
+/// Input of the first pass. Slots refer to the counter buffer.
 #[derive(Clone, Copy, Debug)]
 pub enum Keys<'a> {
-    /// Keys by themselves, whose values are their places. Keys of all ones are dropped; the others are
-    /// counted from the least of them, and where that does not fit the bits of the sort, lose as many
-    /// of their low ones as it takes.
+    /// Keys without values; the value of each key is its index. Keys of all ones are dropped. The smallest
+    /// remaining key is subtracted from the others. If the range exceeds the bits of the sort, low bits are
+    /// dropped.
     Indexed {
-        /// u32 each.
+        /// Keys, u32 each.
         keys: &'a wgpu::Buffer,
         /// Slot of the number of keys.
         source: u32,
-        /// Slot that gets the number of keys not dropped.
+        /// Slot that receives the number of retained keys.
         sink: u32,
-        /// Slots of the least and the largest key not dropped.
+        /// Slots of the smallest and largest retained key.
         range: [u32; 2],
     },
-    /// The first of the two places holds pairs.
+    /// Pairs in the first of the two buffers.
     Valued {
         /// Slot of the number of pairs.
         source: u32,
     },
 }
 
-/// Two places for pairs, between which the passes go back and forth.
+/// Two buffers of pairs, between which the passes alternate.
 #[derive(Clone, Copy, Debug)]
 pub struct SortBuffers<'a> {
     /// Pairs before and after a pass, u32 key and u32 value each.
     pub pairs: [&'a wgpu::Buffer; 2],
-    /// Numbers of keys, u32 each.
+    /// Counters, u32 each.
     pub counts: &'a wgpu::Buffer,
 }
 
-/// A sort of certain buffers, to be recorded every frame.
+/// Sort of specific buffers, to be recorded every frame.
 #[derive(Debug)]
 pub struct SortPlan {
     passes: Vec<[(Bound, Grid); 3]>,
@@ -75,7 +75,7 @@ struct Digit {
 }
 
 impl RadixSort {
-    /// Builds the pipelines.
+    /// Creates the pipelines.
     pub fn new(device: &wgpu::Device) -> Self {
         let module = module(device, "radix sort", shader::SORT);
         let word = size_of::<u32>() as u64;
@@ -88,7 +88,7 @@ impl RadixSort {
         }
     }
 
-    /// A sort by the lowest `bits` bits of the keys (at most 32); more than 0 for indexed keys.
+    /// Plans a sort by the lowest `bits` bits of the keys: at most 32, and at least 1 for indexed keys.
     pub fn plan(
         &self,
         device: &wgpu::Device,
@@ -144,23 +144,23 @@ impl RadixSort {
 }
 
 impl SortPlan {
-    /// Records every pass.
+    /// Records all passes.
     pub fn record(&self, pass: &mut wgpu::ComputePass<'_>) {
         for (kernel, grid) in self.passes.iter().flatten() {
             kernel.dispatch(pass, *grid);
         }
     }
 
-    /// Which of the two places holds the sorted pairs afterwards.
+    /// Index of the buffer that holds the sorted pairs.
     pub fn result(&self) -> usize {
         self.passes.len() % 2
     }
 }
 
-/// The fewest passes, their digits as narrow as that allows.
+/// Splits `bits` into the minimum number of passes with digits of nearly equal width.
 fn digits(bits: u32, keys: Keys<'_>) -> Vec<Digit> {
     let n_passes = bits.div_ceil(DIGIT_BITS);
-    // Even digits rather than 8 and a rest: fewer values a digit are less to count.
+    // Equal widths instead of 8 and a remainder: digits with fewer values are faster to count.
     let width = bits.div_ceil(n_passes.max(1));
     (0..n_passes)
         .map(|i| {
@@ -191,7 +191,7 @@ mod tests {
                 assert_eq!(pair[0].shift + pair[0].n_values.trailing_zeros(), pair[1].shift);
             }
         }
-        // The tiles of 1280×720.
+        // Number of tiles of 1280×720.
         let tiles = digits(12, Keys::Valued { source: 0 });
         assert_eq!(tiles.iter().map(|d| d.n_values).collect::<Vec<_>>(), [64, 64]);
     }

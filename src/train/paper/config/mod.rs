@@ -1,4 +1,4 @@
-//! Every setting that shapes a training run, checked before any work.
+//! Settings of the `paper` preset, validated before training.
 
 mod precision;
 mod settings;
@@ -16,8 +16,8 @@ use crate::train::setting::table::{SettingLayer, settings};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS, Preset};
 use serde::{Deserialize, Serialize};
 
-/// A checked configuration. Built by [`PaperConfig::paper`] and [`PaperConfig::with`], or read from
-/// a file; settings that an older file lacks are the paper's.
+/// A validated configuration of the `paper` preset. Created by [`PaperConfig::paper`] and
+/// [`PaperConfig::with`] or read from a file; missing settings of older files get the paper's values.
 ///
 /// ```
 /// use vbgs_studio::train::paper::config::{PaperOverrides, PaperConfig};
@@ -32,42 +32,42 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self", default = "PaperConfig::paper")]
 pub struct PaperConfig {
-    /// Seed of every random stream.
+    /// Seed of all random streams.
     pub seed: u64,
     /// Number of components, the paper's N.
     pub components: usize,
-    /// Candidate components per point.
+    /// Number of candidate components per point.
     pub candidates: Candidates,
-    /// Points that pass through the engine at once.
+    /// Number of points processed at once.
     pub batch: Batch,
-    /// Whether responsibilities are materialised.
+    /// Form in which responsibilities are summed.
     pub statistics: StatisticsForm,
-    /// How candidates are found.
+    /// Index for the candidate search.
     pub index: IndexKind,
-    /// Initial means.
+    /// Source of the initial means.
     pub init: Init,
     /// Reassignment policy.
     pub reassign: ReassignPolicy,
     /// Share of the unused components that may move per frame.
     pub reassign_fraction: f64,
-    /// Least number of badly explained points the sampler chooses among.
+    /// Minimum number of badly explained points to sample from.
     pub low_elbo_floor: usize,
-    /// Arithmetic of the hot loops, by name.
+    /// Named arithmetic of the hot loops.
     pub precision: Precision,
-    /// Arithmetic of the hot loops, operation by operation.
+    /// Arithmetic of the hot loops by operation.
     pub operations: Operations,
-    /// How the posterior becomes splats.
+    /// Conversion of posteriors to splats.
     pub conversion: Conversion,
 }
 
 settings! {
-    /// Settings of a model of the paper preset that a user may change, in a RON file or on the
-    /// command line; `None` keeps the preset's. Files may name it as version 0.1.0 did.
+    /// User-settable options of the `paper` preset, from a RON file or the command line; `None` selects the
+    /// preset's value. The serialized name is that of version 0.1.0.
     #[serde(rename = "Overrides")]
     pub struct PaperOverrides of PaperConfig, Preset::Paper,
         such as "(components: 50000, candidates: 4)";
 
-    /// Seed of every random stream.
+    /// Seed of all random streams.
     seed: u64 {
         option "--seed" "N";
         default "0";
@@ -89,7 +89,7 @@ settings! {
         range "1 to {MAX_CANDIDATES}, or dense", |candidates| candidates.is_legal();
         at |run| run.candidates;
     }
-    /// Points that pass through the engine at once, or `frame`.
+    /// Points processed at once, or `frame`.
     batch: Batch {
         option "--batch" "POINTS";
         label "Batch";
@@ -97,27 +97,26 @@ settings! {
         range "1 point or more, or frame", |batch| *batch != Batch::Points(0);
         at |run| run.batch;
     }
-    /// Whether responsibilities are summed at once or written out first.
+    /// Sum responsibilities directly or store them first.
     statistics: StatisticsForm {
         option "--statistics" "FORM";
         default "fused";
         at |run| run.statistics;
     }
-    /// How candidates are found.
+    /// Index for the candidate search.
     index: IndexKind {
         option "--index" "INDEX";
         default "grid";
         at |run| run.index;
     }
-    /// Where initial means come from.
+    /// Source of the initial means.
     init: Init {
         option "--init" "INIT";
         label "Initial means";
         default "random";
         at |run| run.init;
     }
-    /// When unused components move onto badly explained points: forwarded after the fit, the others
-    /// before it.
+    /// When unused components move to badly explained points: `forwarded` after the fit, the others before.
     reassign: ReassignPolicy {
         option "--reassign" "POLICY";
         label "Reassignment";
@@ -132,11 +131,10 @@ settings! {
         range "0 to 1", |share| (0.0..=1.0).contains(share);
         at |run| run.reassign_fraction;
     }
-    /// Arithmetic operation by operation, as `precision-search` writes it; none beside a precision
-    /// by name.
+    /// Arithmetic by operation, as written by `precision-search`; excludes a named precision.
     operations: Operations {
         file;
-        default by "the precision";
+        default by "those of the precision";
         below precision;
         get |run| Some(run.operations);
         set |run, operations| (run.precision, run.operations) = (Precision::Custom, operations);
@@ -152,7 +150,7 @@ settings! {
             run.operations = precision.operations().unwrap_or(run.operations);
         };
     }
-    /// How covariances become splats.
+    /// Conversion of covariances to splats.
     covariance_form: CovarianceForm {
         option "--conversion" "FORM";
         default "right";
@@ -166,13 +164,13 @@ settings! {
     /// Factor on the splats' standard deviations.
     scale_factor: f64 {
         option "--scale-factor" "X";
-        default by "the conversion: 1, or 1.41 of legacy-cov";
+        default by "1, or 1.41 with legacy-cov";
         range "more than 0, at most 100", |factor| *factor > 0.0 && *factor <= 100.0;
         at |run| run.conversion.scale_factor;
     }
 }
 
-/// Largest floor of the points with a low ELBO; 1024 is the published one.
+/// Maximum of `low_elbo_floor`; 1024 is the published value.
 const MAX_LOW_ELBO_FLOOR: usize = 1 << 16;
 
 fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T, ConfigError> {
@@ -180,13 +178,12 @@ fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T
 }
 
 impl PaperOverrides {
-    /// Refuses a precision by name beside operations that are not its own: which of them was meant
-    /// cannot be told.
+    /// Rejects a named precision combined with different operations.
     fn check_precision(&self) -> Result<(), ConfigError> {
         match (self.precision, self.operations) {
             (Some(Precision::Custom), None) => refuse(
                 "--precision",
-                "f64, mixed or f32, or `operations` in --config".into(),
+                "f64, mixed or f32, or `operations` in a settings file".into(),
                 "custom alone".into(),
             ),
             (Some(precision), Some(operations))
@@ -194,7 +191,7 @@ impl PaperOverrides {
             {
                 refuse(
                     "operations",
-                    format!("none beside `precision: {precision:?}`, which sets them all"),
+                    format!("none with `precision: {precision:?}`, which sets all operations"),
                     "both".into(),
                 )
             }
@@ -223,7 +220,7 @@ impl PaperConfig {
         }
     }
 
-    /// This configuration with `overrides` applied, or the first setting that is out of range.
+    /// Applies `overrides`; returns an error for the first setting out of range.
     pub fn with(mut self, overrides: &PaperOverrides) -> Result<Self, ConfigError> {
         overrides.check_precision()?;
         overrides.apply(&mut self);
@@ -232,7 +229,7 @@ impl PaperConfig {
 
     fn check(self) -> Result<Self, ConfigError> {
         PaperOverrides::check(&self)?;
-        // Of a checkpoint: no option sets it, and rooms are reserved by it.
+        // Only a checkpoint can set this value, and buffers are sized by it.
         if !(1..=MAX_LOW_ELBO_FLOOR).contains(&self.low_elbo_floor) {
             return refuse(
                 "low_elbo_floor",
@@ -243,21 +240,21 @@ impl PaperConfig {
         if self.index == IndexKind::KdTree && self.operations.distance == Width::F32 {
             return refuse(
                 "index",
-                "grid, or precision f64: the tree measures distances in f64".into(),
+                "grid, or precision f64: kd-tree computes distances in f64".into(),
                 "kd-tree with distances in f32".into(),
             );
         }
         if self.candidates == Candidates::Dense && self.index == IndexKind::KdTree {
             return refuse(
                 "index",
-                "grid with candidates dense, which searches nothing".into(),
+                "grid with candidates dense, which uses no index".into(),
                 "kd-tree".into(),
             );
         }
         Ok(self)
     }
 
-    /// The hyper-parameters this configuration implies.
+    /// Returns the hyperparameters implied by this configuration.
     pub fn hyper(&self) -> Hyper {
         Hyper::paper(self.components, self.components as f64)
     }

@@ -1,4 +1,4 @@
-//! In which arithmetic each operation of the hot loop runs.
+//! Arithmetic of each operation in the hot loops.
 
 pub use crate::model::paper::totals::UpdateWidth;
 use crate::train::setting::value::{SettingValue, ValueError, named_values};
@@ -11,25 +11,25 @@ use strum::EnumString;
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Precision {
-    /// f64 throughout, points and means included: the oracle.
+    /// f64 throughout, including points and means: the reference.
     F64,
     /// f32 in hot loops about a local centre, 64-bit fixed-point totals.
     Mixed,
-    /// f32 throughout, totals included. These depend on the order of frames and drift.
+    /// f32 throughout, including totals, which depend on the order of frames and drift.
     F32,
-    /// Operation by operation, as [`Operations`] says.
+    /// Chosen by operation, see [`Operations`].
     #[strum(disabled)]
     Custom,
 }
 
 named_values!(by name Precision {
-    "f64" "Double" "Double precision throughout, which the others are measured by";
+    "f64" "Double" "Double precision throughout, the reference";
     "mixed" "Mixed" "Single precision in the loops, exact totals";
     "f32" "Single" "Single precision throughout: totals depend on the order of frames and drift";
 });
 
 impl Precision {
-    /// What the name stands for; `None` for [`Self::Custom`].
+    /// Returns the operations of a named precision; `None` for [`Self::Custom`].
     pub fn operations(self) -> Option<Operations> {
         match self {
             Self::F64 => Some(Operations::F64),
@@ -40,7 +40,7 @@ impl Precision {
     }
 }
 
-/// Arithmetic of one operation on f32 points and means.
+/// Width of one operation on f32 points and means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Width {
@@ -50,11 +50,11 @@ pub enum Width {
     F64,
 }
 
-/// Arithmetic operation by operation.
+/// Arithmetic by operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Operations {
-    /// Squared distances by which candidates are ranked.
+    /// Squared distances that rank candidates.
     pub distance: Width,
     /// Scores `q` of the candidates.
     pub log_score: Width,
@@ -74,7 +74,7 @@ impl Operations {
     /// All in f32.
     pub const F32: Self = Self::all(Width::F32, UpdateWidth::F32);
 
-    /// The same width for the loops, and one for the totals.
+    /// One width for the loops and one for the totals.
     pub const fn all(width: Width, update: UpdateWidth) -> Self {
         Self { distance: width, log_score: width, normaliser: width, moments: width, update }
     }
@@ -82,6 +82,6 @@ impl Operations {
 
 impl SettingValue for Operations {
     fn parse(_: &OsStr) -> Result<Self, ValueError> {
-        Err(ValueError::Text("expected `operations` in a file of --config".to_owned()))
+        Err(ValueError::Text("expected `operations` in the file given by --config".to_owned()))
     }
 }

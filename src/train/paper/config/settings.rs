@@ -1,4 +1,4 @@
-//! The choices a configuration is made of, as files and the command line spell them.
+//! Enumerated settings of the `paper` preset, with their spelling in files and on the command line.
 
 use crate::model::splat::splats::CovarianceForm;
 use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use strum::{EnumString, VariantNames};
 
-/// Most candidates per point; beyond this the dense E-step is meant.
+/// Maximum number of candidates per point; larger numbers should use the dense E-step.
 pub const MAX_CANDIDATES: usize = 1024;
 
-/// A number or one word, as a setting that allows both is written.
+/// Serialized form of a setting that is a number or a word.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum NumberOrWord {
@@ -17,23 +17,23 @@ enum NumberOrWord {
     Word(String),
 }
 
-/// Which components a point is compared with; a number or `dense` in files and on the command line.
+/// Components that each point is compared with: a number, or `dense`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "NumberOrWord", try_from = "NumberOrWord")]
 pub enum Candidates {
-    /// All of them.
+    /// All components.
     Dense,
-    /// The C components whose initial spatial means are nearest.
+    /// The components whose initial spatial means are nearest, in number.
     Nearest(usize),
 }
 
-/// Points that pass through the engine at once; a number or `frame`.
+/// Number of points processed at once: a number, or `frame`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "NumberOrWord", try_from = "NumberOrWord")]
 pub enum Batch {
-    /// All of a frame.
+    /// The whole frame.
     Frame,
-    /// So many, rounded up to whole tiles of at most 64.
+    /// This many points, rounded up to whole tiles of at most 64.
     Points(usize),
 }
 
@@ -76,7 +76,7 @@ macro_rules! number_or_word {
 }
 
 impl Candidates {
-    /// Whether there are as many as a point may have.
+    /// True if the number is within the permitted range.
     pub fn is_legal(&self) -> bool {
         match self {
             Self::Dense => true,
@@ -88,7 +88,7 @@ impl Candidates {
 number_or_word!(Candidates, Nearest, Dense, "dense");
 number_or_word!(Batch, Points, Frame, "frame");
 
-/// Where the initial means come from (`train.md`, Initial means).
+/// Source of the initial means (`train.md`, Initial means).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
@@ -99,44 +99,43 @@ pub enum Init {
     Data,
 }
 
-/// When and by which scores unused components move (`train.md`, Reassignment).
+/// Time and scores by which unused components move (`train.md`, Reassignment).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum ReassignPolicy {
     /// Never.
     Off,
-    /// Before the fit, from a dense pass over every point.
+    /// Before the fit, by scores against all components.
     Dense,
-    /// Before the fit, from a truncated pass, among the lowest scores.
+    /// Before the fit, by truncated scores, among the worst-explained points.
     Truncated,
-    /// As truncated, in buffers of fixed capacity that are reserved before the first frame: the
-    /// paper's default.
+    /// Like `Truncated`, in buffers of fixed capacity allocated before the first frame; the paper's
+    /// default.
     Padded,
-    /// After the fit, from the scores of the fit itself; takes effect with the next frame.
+    /// After the fit, by the scores of the fit; affects the next frame.
     Forwarded,
 }
 
-/// What happens between the responsibilities and their weighted sums.
+/// Memory layout between responsibilities and their weighted sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum StatisticsForm {
-    /// A tile's responsibilities are summed at once and never leave the processor's caches.
+    /// A tile's responsibilities are summed directly and stay in the CPU caches.
     Fused,
-    /// Candidates, scores and responsibilities of a whole batch are written out before they are
-    /// summed.
+    /// Candidates, scores and responsibilities of a whole batch are stored before they are summed.
     Unfused,
 }
 
-/// How the nearest components are found.
+/// Index for the candidate search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum IndexKind {
     /// A uniform grid searched tile by tile.
     Grid,
-    /// `kiddo`'s KD-tree, built again every frame and asked point by point: the plain path.
+    /// `kiddo`'s KD-tree, rebuilt every frame and queried point by point; the reference.
     KdTree,
 }
 
@@ -144,7 +143,7 @@ named_values!(by text Candidates, Batch);
 named_values!(by name StatisticsForm, IndexKind);
 
 named_values!(by name Init {
-    "random" "Random" "Spread over the scene's range, whatever the data";
+    "random" "Random" "Uniform over the scene's range, independent of the data";
     "data" "First frame" "Points of the first frame";
 });
 
@@ -152,11 +151,11 @@ named_values!(by name ReassignPolicy {
     "off" "Off" "Unused components stay where they are";
     "dense" "Dense" "Before the fit, by a pass over all points and components: slow";
     "truncated" "Truncated" "Before the fit, by a pass over each point's candidates";
-    "padded" "Padded" "As truncated, in room that is reserved before the first frame: the paper's";
-    "forwarded" "Forwarded" "After the fit, by the fit's own scores; takes effect with the next frame";
+    "padded" "Padded" "As truncated, in memory reserved before the first frame; the paper's default";
+    "forwarded" "Forwarded" "After the fit, by its scores; takes effect with the next frame";
 });
 
-/// The command line names whole conversions, files their decomposition.
+/// The command line names whole conversions, files only their decomposition.
 impl SettingValue for CovarianceForm {
     fn choices() -> Vec<Choice> {
         let (right, legacy) = (

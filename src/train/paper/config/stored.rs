@@ -1,10 +1,10 @@
-//! A configuration in files: what is read goes through the same checks as what is typed.
+//! Serialization of a configuration. Files are validated like command-line options.
 
 use super::PaperConfig;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-// `remote = "Self"` on the type makes these calls the derived functions.
+// With `remote = "Self"` on the type, these calls resolve to the derived inherent functions.
 impl Serialize for PaperConfig {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         PaperConfig::serialize(self, serializer)

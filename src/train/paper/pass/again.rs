@@ -1,5 +1,5 @@
-//! Some tiles of a frame by themselves: those that a device left open, and those that are run again
-//! because a mean has moved within reach of their points (`train.md`, Reassignment).
+//! Runs selected tiles of a frame: those that a device left open, and those run again because a mean
+//! has moved within reach of their points (`train.md`, Reassignment).
 
 use super::reached::Again;
 use super::tasks::{Columns, for_each_part};
@@ -9,13 +9,12 @@ use crate::train::paper::fused::{FusedInputs, FusedTiles};
 use rayon::prelude::*;
 use std::sync::PoisonError;
 
-/// Tiles that a task looks at.
+/// Number of tiles tested per parallel task.
 const PART: usize = 64;
 
 impl Pass {
-    /// Runs those tiles of the last pass again that one of `places` is within reach of, where means have
-    /// left or come to since; how many. What no moved mean is within reach of is what a pass over all
-    /// tiles would find.
+    /// Runs those tiles of the last pass again that are within reach of `places`, which means have left or
+    /// moved to since. Returns their number. The result equals a full pass.
     pub(in crate::train::paper) fn run_reached(
         &mut self,
         inputs: &FusedInputs<'_>,
@@ -45,7 +44,7 @@ impl Pass {
     ) {
         let Again { is_again, tiles, places: grid } = again;
         is_again.clear();
-        // What no grid holds is near everything.
+        // If no grid can hold the places, all tiles count as reached.
         is_again.resize(inputs.points.n_tiles(), grid.rebuild(places).is_err());
         let parts = is_again.par_chunks_mut(PART).enumerate();
         parts.for_each(|(part, is_again)| {
@@ -60,8 +59,7 @@ impl Pass {
             .extend((0..).zip(&*is_again).filter(|(_, is_again)| **is_again).map(|(tile, _)| tile));
     }
 
-    /// Runs some tiles, in ascending order, each once; `q` is that of all points, and so are `owners`
-    /// where anyone asks for them.
+    /// Runs the given tiles, ascending and unique. `q` and, if requested, `owners` cover all points.
     pub(in crate::train::paper) fn run_some(
         &self,
         inputs: &FusedInputs<'_>,

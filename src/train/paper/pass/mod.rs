@@ -1,12 +1,11 @@
-//! One parallel pass over a frame's points: search, E-step and per-tile sums.
+//! Parallel pass over a frame's points: search, E-step and per-tile sums.
 //!
-//! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
-//! fixed-point totals they end in, do not depend on the number of threads. Three ways lead through
-//! a pass: fused (f32, all stages of a tile at once), plain (any precision, tile by tile) and
-//! materialised (stage by stage over a batch, as the reference does it; slower, kept to measure by
-//! how much).
+//! Work is split by tiles, and a tile's sums depend only on its points, so records and fixed-point
+//! totals do not depend on the number of threads. There are three implementations: fused (f32, all
+//! stages of a tile at once), plain (any precision, tile by tile) and materialised (stage by stage over
+//! a batch like the reference; slower, for comparison).
 //!
-//! Buffers belong to threads, not to tasks: a warm pass allocates nothing.
+//! Buffers belong to threads, not to tasks, so a warm pass allocates nothing.
 
 mod again;
 mod answer;
@@ -31,66 +30,66 @@ use std::ops::Range;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tasks::{Columns, batch_end, for_each_task, for_each_tile};
 
-/// What a pass is for.
+/// Requested results of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// Per-point ELBO only: the pre-pass of reassignment.
+    /// ELBO per point only, for reassignment.
     Elbo,
     /// ELBO and sums.
     ElboAndSums,
 }
 
-/// The fixed inputs of a pass.
+/// Inputs of a pass.
 pub struct PassInputs<'a, R: PaperScalar> {
-    /// Initial model that points are scored against.
+    /// Initial model that scores the points.
     pub model: &'a InitialModel<R>,
     /// Index over its spatial means.
     pub index: &'a Index,
-    /// Constants of the score.
+    /// Constants of the log-score.
     pub scoring: &'a Scoring,
-    /// Components each point is compared with.
+    /// Components that each point is compared with.
     pub candidates: Candidates,
-    /// Settings that say which path is taken.
+    /// Settings that select the implementation.
     pub config: &'a PaperConfig,
-    /// The totals the sums are for.
+    /// Totals that the sums will be added to.
     pub statistics: &'a Statistics,
 }
 
 /// Buffers of a pass, reused from frame to frame.
 #[derive(Default)]
 pub struct Pass {
-    /// One per thread: what a task leaves there never changes what the next one finds.
+    /// Scratch memory by thread; results never depend on earlier tasks.
     workers: Vec<RwLock<Worker>>,
     /// Tiles that were run again.
     again: Again,
-    /// Candidates and responsibilities of a batch, where they are materialised.
+    /// Candidates and responsibilities of a batch, if materialised.
     ids: Vec<u32>,
     responsibilities: Vec<f64>,
 }
 
-/// Memory of one thread.
+/// Scratch memory of one thread.
 #[derive(Default)]
 struct Worker {
     fused: FusedMemory,
     plain: PlainMemory,
     ids: Vec<u32>,
     scores: Vec<f64>,
-    /// Sums by shard of the totals, in one of the two widths.
+    /// Records by shard of the totals, in f32 or f64.
     narrow: Vec<Vec<TileRecord<f32>>>,
     wide: Vec<Vec<TileRecord<f64>>>,
-    /// By shard how many of `narrow` were there when tiles were run again; empty if none was.
+    /// Number of records in `narrow` by shard before tiles were run again; empty if none were.
     first_run: Vec<usize>,
     reach: ReachMemory,
     clock: StageClock,
 }
 
 impl Worker {
-    /// Records of a shard, narrow and wide.
+    /// Number of f32 and f64 records of a shard.
     fn records_of(&self, shard: usize) -> [usize; 2] {
         [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
     }
 
-    /// Leaves room for as many as `seen` and a quarter more; what grows, grows well beyond.
+    /// Clears a shard's records and ensures capacity for `seen` plus a quarter. Growth leaves a large margin.
     fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
         if self.narrow.len() <= shard {
             self.narrow.resize_with(shard + 1, Vec::new);
@@ -103,7 +102,7 @@ impl Worker {
         narrow.clear();
         narrow.reserve(room(narrow.capacity(), seen[0]));
         wide.clear();
-        // Most runs never sum in f64: no memory for it then.
+        // Most runs never sum in f64, so no memory is reserved for it.
         wide.reserve(if seen[1] == 0 { 0 } else { room(wide.capacity(), seen[1]) });
     }
 }
@@ -113,10 +112,11 @@ fn add(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
 }
 
 impl Pass {
-    /// Runs over all points. `q` receives the effective distance of every point (see
-    /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
-    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points
-    /// left out.
+    /// Runs over all points.
+    ///
+    /// `q` receives each point's effective distance (see [`Scoring::elbo`]), or NaN for points that are left
+    /// out because their score is NaN. `owners`, if given, receives the component of largest
+    /// responsibility, or `u32::MAX` for points left out.
     pub fn run<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<R>,
@@ -125,7 +125,7 @@ impl Pass {
         q: &mut Vec<f64>,
         mut owners: Option<&mut Vec<u32>>,
     ) {
-        // Here, and not by whichever task comes first.
+        // Sorted here, on all threads, and not by the first task that needs it.
         inputs.index.sorted(inputs.model);
         q.resize(points.len(), 0.0);
         if let Some(owners) = &mut owners {
@@ -188,7 +188,7 @@ impl Pass {
         });
     }
 
-    /// Tile by tile, every stage for one tile.
+    /// Runs all stages tile by tile.
     fn run_plain<R: PaperScalar>(
         &self,
         inputs: PlainInputs<R>,
@@ -201,7 +201,7 @@ impl Pass {
             let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
             for_each_tile(inputs.points, tiles, 0, columns, |tile, columns| {
                 let range = inputs.points.tile(tile);
-                // Stages are long on this path, so the clock may be read for every tile.
+                // Stages are slow in this implementation, so every tile can be timed.
                 clock.begin_tile(true);
                 inputs.find(plain, range.clone(), ids);
                 clock.lap(Lap::Candidates);
@@ -218,7 +218,7 @@ impl Pass {
         });
     }
 
-    /// Stage by stage, every stage for the whole batch.
+    /// Runs each stage over the whole batch.
     fn run_materialised<R: PaperScalar>(
         &mut self,
         inputs: PlainInputs<R>,
@@ -227,7 +227,7 @@ impl Pass {
         columns: Columns,
     ) {
         let per_point = inputs.per_point();
-        // Taken out of `self`, whose workers the stages borrow beside them.
+        // Taken out of `self`, whose workers are borrowed by the stages.
         let mut ids = std::mem::take(&mut self.ids);
         let mut responsibilities = std::mem::take(&mut self.responsibilities);
         ids.resize(columns.q.len() * per_point, 0);
@@ -265,7 +265,7 @@ impl Pass {
         (self.ids, self.responsibilities) = (ids, responsibilities);
     }
 
-    /// Per point its candidates and their responsibilities.
+    /// Computes candidates and responsibilities of each point.
     pub fn responsibilities<R: PaperScalar>(
         inputs: &PassInputs<R>,
         points: &Points<R>,
@@ -290,8 +290,8 @@ impl Pass {
         found
     }
 
-    /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
-    /// takes which tiles changes from frame to frame.
+    /// Clears the records. Every thread reserves space for all records of the last pass and more, because the
+    /// assignment of tiles to threads changes from frame to frame.
     pub(super) fn begin(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         for shard in 0..statistics.shards() {
@@ -300,8 +300,8 @@ impl Pass {
         }
     }
 
-    /// Clears the records for those that a device finds. Each worker takes an equal part of these, so
-    /// room for all would be fresh memory that nobody uses.
+    /// Clears the records for a device's results. Workers receive equal parts of these, so reserving
+    /// space for all would waste memory.
     pub(super) fn begin_answer(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         (0..statistics.shards()).for_each(|shard| self.clear_records(shard, [0; 2]));
@@ -309,7 +309,7 @@ impl Pass {
 
     fn make_workers(&mut self, statistics: &Statistics) {
         self.again.clear();
-        // Never fewer than before: a smaller pool for a while must not throw memory away.
+        // Never fewer than before: a temporarily smaller pool must not free memory.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
             let fused = FusedMemory::new(statistics.len());
@@ -326,8 +326,8 @@ impl Pass {
     }
 
     fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
-        // Every thread takes the memory of its own number, so the lock never waits: it is how safe
-        // code says that threads do not share it.
+        // Each thread uses the memory of its own index, so the lock is never contended; it only proves
+        // exclusive access in safe code.
         let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
         self.workers[thread].write().unwrap_or_else(PoisonError::into_inner)
     }
@@ -338,7 +338,7 @@ impl Pass {
 
     /// Adds the sums of the last pass to the totals.
     pub fn commit(&self, statistics: &mut Statistics, moments: Width) {
-        // Threads in any order: integers do not mind, and f32 totals sort what they are given.
+        // Any order of threads works: integer sums do not depend on it, and f32 totals sort their input.
         match moments {
             Width::F32 => statistics.add_frame(|shard, add| {
                 self.read_workers().for_each(|w| {
@@ -352,8 +352,8 @@ impl Pass {
         }
     }
 
-    /// Time that threads together spent in search, E-step and sums of the last pass, where they
-    /// looked at the clock; only the proportion means something.
+    /// Returns sampled thread time in search, E-step and sums of the last pass, and resets it. Only
+    /// proportions are meaningful.
     pub fn take_stage_nanos(&mut self) -> [u64; 3] {
         let mut sum = [0; 3];
         for worker in &mut self.workers {
@@ -365,7 +365,7 @@ impl Pass {
     }
 }
 
-/// What the fused kernels read, if they do what is asked for.
+/// Returns the inputs of the fused kernels, if they support the configuration.
 pub(super) fn fused_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
@@ -383,14 +383,14 @@ pub(super) fn fused_inputs<'a, R: PaperScalar>(
     })
 }
 
-/// Candidates per point if the fused kernels do what is asked for.
+/// Returns the number of candidates per point, if the fused kernels support the configuration.
 pub(super) fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
     let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
     let is_fused = inputs.config.statistics == StatisticsForm::Fused;
     match inputs.candidates {
         Candidates::Nearest(n) if is_narrow && is_fused && inputs.index.tree().is_none() => {
-            // Fewer components than candidates is legal: all of them are candidates then.
+            // There may be fewer components than candidates: all are candidates then.
             Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
         }
         _ => None,

@@ -1,4 +1,4 @@
-//! Which tiles of a frame a moved mean reaches, and which records count when those were run again
+//! Finds tiles within reach of a moved mean, and selects the valid records after these were run again
 //! (`train.md`, Reassignment).
 
 use crate::math::simd::Isa;
@@ -6,18 +6,18 @@ use crate::model::conjugate::statistics::TileRecord;
 use crate::train::candidates::{AnyWithin, Columns, MeanGrid};
 use crate::train::paper::fused::FusedInputs;
 
-/// Tiles that were run again, and how they are found.
+/// Tiles that were run again.
 #[derive(Default)]
 pub(super) struct Again {
-    /// By tile whether it was run again; empty if none was.
+    /// True for each tile that was run again; empty if none were.
     pub is_again: Vec<bool>,
-    /// The tiles, ascending.
+    /// These tiles, ascending.
     pub tiles: Vec<u32>,
-    /// Places that means left or came to.
+    /// Places that means left or moved to.
     pub places: MeanGrid,
 }
 
-/// Memory of a thread that looks for the tiles.
+/// Scratch memory of a thread for finding these tiles.
 #[derive(Default)]
 pub(super) struct ReachMemory {
     near: Columns,
@@ -26,13 +26,13 @@ pub(super) struct ReachMemory {
 }
 
 impl Again {
-    /// Forgets which tiles were run again.
+    /// Marks no tile as run again.
     pub fn clear(&mut self) {
         self.is_again.clear();
     }
 
-    /// The records that count of those in `records`, in slices: of tiles that were run again those behind
-    /// the first `n_first`, which were there before.
+    /// Selects the valid records, in slices. Of the first `n_first` records, made before tiles were run
+    /// again, those of such tiles are outdated.
     pub fn counted<'a>(
         &'a self,
         records: &'a [TileRecord<f32>],
@@ -46,8 +46,8 @@ impl Again {
 }
 
 impl ReachMemory {
-    /// Whether any of `places` is within reach of a point of a tile: near enough to receive something
-    /// of it, or to have received something.
+    /// True if a place is within reach of a point of the tile: near enough for its mean to receive, or to
+    /// have received, part of the point.
     pub fn reaches(
         &mut self,
         inputs: &FusedInputs<'_>,

@@ -1,15 +1,15 @@
-//! How a pass is split into tasks: tiles, and what belongs to their points.
+//! Splits a pass into tasks of tiles with the columns of their points.
 
 use crate::observation::points::Points;
 use crate::train::paper::config::Batch;
 use crate::train::paper::scalar::PaperScalar;
 use std::ops::Range;
 
-/// Tiles one task takes: about a thousand points.
+/// Number of tiles per task: about a thousand points.
 const TILES_PER_TASK: usize = 16;
 
-/// What belongs to the points of some tiles. The first two are empty where nothing is
-/// materialised, the last where nobody asks for owners.
+/// Data of the points of some tiles. `ids` and `scores` are empty unless materialised, `owners` unless
+/// requested.
 pub(super) struct Columns<'a> {
     pub(super) ids: &'a mut [u32],
     pub(super) scores: &'a mut [f64],
@@ -17,16 +17,16 @@ pub(super) struct Columns<'a> {
     pub(super) owners: &'a mut [u32],
 }
 
-/// Where the batch that starts with a tile ends.
+/// End of the batch that starts at `tile`.
 pub(super) fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
     let Batch::Points(n) = batch else { return points.n_tiles() };
     let end = points.tiles[tile] as usize + n;
     let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
-    // One tile at least, or a batch of fewer points than a tile has would never end.
+    // At least one tile, or batches smaller than a tile would never advance.
     tiles_before.clamp(tile + 1, points.n_tiles())
 }
 
-/// Splits tiles and their columns into tasks, `per_point` entries for each point.
+/// Splits tiles and their columns into parallel tasks; `ids` and `scores` have `per_point` entries per point.
 pub(super) fn for_each_task<R: PaperScalar>(
     points: &Points<R>,
     tiles: Range<usize>,
@@ -37,7 +37,7 @@ pub(super) fn for_each_task<R: PaperScalar>(
     if tiles.len() <= TILES_PER_TASK {
         return task(tiles, columns);
     }
-    // Halves are rounded to whole tasks, so that only the last one may be small.
+    // Halves are rounded to whole tasks, so that only the last one may be smaller.
     let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
     let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
     let (left, right) = columns.split(n_points, per_point);
@@ -47,7 +47,7 @@ pub(super) fn for_each_task<R: PaperScalar>(
     );
 }
 
-/// Hands some tiles, ascending, their columns, each as a task's part; the columns begin with point `first`.
+/// Runs a task for each of some ascending tiles, with its columns; columns begin at point `first`.
 pub(super) fn for_each_part<R: PaperScalar>(
     points: &Points<R>,
     tiles: &[u32],
@@ -75,7 +75,7 @@ pub(super) fn for_each_part<R: PaperScalar>(
     }
 }
 
-/// Hands every tile its columns.
+/// Runs a function for each tile, with its columns.
 pub(super) fn for_each_tile<R: PaperScalar>(
     points: &Points<R>,
     tiles: Range<usize>,

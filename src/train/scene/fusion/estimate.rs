@@ -1,11 +1,11 @@
-//! What photographs taught several scenes of one component, as one estimate.
+//! Fusion of photometric estimates of one component from several scenes.
 //!
 //! Each scene's estimate is a Gaussian about its splat. With `Λ₀, θ₀` at the start and `Λᵢ, θᵢ` after scene
-//! `i`'s own frames, what these frames add is a precision `Δᵢ = Λᵢ − dᵢ Λ₀` (`dᵢ` is what forgetting has
-//! left of the start) and an information `Λᵢ (θᵢ − θ₀)`. Both add, and `θ = θ₀ + (d Λ₀ + Σ Δᵢ)⁻¹ Σ Λᵢ (θᵢ − θ₀)`
-//! with `d` the product of all `dᵢ`: what one run over all frames would find if pictures were linear in the
-//! parameters. Colours are; position and form are near the start, and turns and logarithms of scales
-//! are compared to first order.
+//! `i`'s own frames, these frames add the precision `Δᵢ = Λᵢ − dᵢ Λ₀` (`dᵢ` is the share of the start that
+//! forgetting has left) and the information `Λᵢ (θᵢ − θ₀)`. Both add, and
+//! `θ = θ₀ + (d Λ₀ + Σ Δᵢ)⁻¹ Σ Λᵢ (θᵢ − θ₀)` with `d` the product of all `dᵢ`: the result of a single run
+//! over all frames if pictures were linear in the parameters. They are for colours, and approximately for
+//! position and form near the start; rotations and log scales are compared to first order.
 
 use crate::math::cholesky::Cholesky;
 use crate::math::lane_cholesky::at;
@@ -18,11 +18,11 @@ use crate::train::scene::photometric::rule::PhotometricRule;
 use crate::train::scene::photometric::{LEAST_OPACITY, is_taught, prior_precision};
 use glam::{DQuat, DVec3};
 
-/// Largest turn between two estimates of one splat whose forms are compared, radians: beyond it their
-/// axes are not the same ones.
+/// Maximum rotation between two estimates of one splat whose forms are compared, radians: beyond it their
+/// axes do not correspond.
 const MAX_TURN: f64 = 0.5;
 
-/// A splat as photographs have corrected it, and its precision.
+/// Photometric estimate of one splat: parameters and precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     splat: Splat,
@@ -31,16 +31,16 @@ pub struct Estimate {
     color: [f32; N_COLOR_PRECISION],
 }
 
-/// An estimate that went on from the start.
+/// Estimate that continued from the start.
 #[derive(Clone, Copy)]
 pub struct Later {
     pub estimate: Estimate,
-    /// Frames since then that showed the component.
+    /// Frames since the start that showed the component.
     pub frames: u16,
 }
 
 impl Estimate {
-    /// Of a component; `None` without a splat.
+    /// Reads the estimate of a component; `None` without a splat.
     pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
         state.has(component).then(|| Self {
             splat: state.splats[component],
@@ -50,12 +50,12 @@ impl Estimate {
         })
     }
 
-    /// Whether a photograph has added to its precision.
+    /// True if a photograph has increased its precision.
     pub fn is_taught(&self, rule: &PhotometricRule) -> bool {
         is_taught(&self.color, &rule.prior)
     }
 
-    /// Into the row of a component.
+    /// Writes the estimate into the row of a component.
     pub fn put(&self, state: &mut PhotometricState, component: usize) {
         state.splats[component] = self.splat;
         state.appearance[component] = self.appearance;
@@ -63,8 +63,8 @@ impl Estimate {
         state.color[component] = self.color;
     }
 
-    /// By how much position and form differ from another's, in the other's parameters; `None` if the two
-    /// have other axes.
+    /// Returns the difference in position and form from `other`, in the other's parameters; `None` if their
+    /// axes do not correspond.
     fn form_beyond(&self, other: &Self) -> Option<[f64; N_FORM]> {
         let (a, b) = (&self.splat, &other.splat);
         let turn = (rotation(b).conjugate() * rotation(a)).normalize();
@@ -82,7 +82,7 @@ impl Estimate {
         step.iter().all(|x| x.is_finite()).then_some(step)
     }
 
-    /// By how much a channel's coefficients differ from another's.
+    /// Returns the difference of a channel's coefficients from those of `other`.
     fn color_beyond(&self, other: &Self, channel: usize) -> [f64; N_COLOR] {
         let (a, b) = (self.coefficients(channel), other.coefficients(channel));
         std::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
@@ -120,8 +120,8 @@ impl Estimate {
     }
 }
 
-/// The estimate by everything that `later` learnt since `start`; by all of them alike if nothing was known
-/// then. `None` of none.
+/// Combines everything that `later` gained since `start`; without a start all estimates count equally. `None`
+/// if there are none.
 pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
     let base = start.or(later.first().map(|later| later.estimate))?;
     let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
@@ -149,11 +149,11 @@ pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -
     Some(if sound { result } else { base })
 }
 
-/// Sums of precision and information over scenes, for `M` right sides.
+/// Sums of precision and information over scenes, for `M` right-hand sides.
 struct Joint<const N: usize, const M: usize> {
     precision: Vec<f64>,
     information: [Vec<f64>; M],
-    /// What is left of the start's precision.
+    /// Remaining share of the start's precision.
     remembered: f64,
 }
 
@@ -163,7 +163,7 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
     }
 
-    /// Adds what an estimate `steps` away from the start has learnt since.
+    /// Adds what an estimate has gained since the start; `steps` is its distance from the start.
     fn add(
         &mut self,
         own: &[f32],
@@ -184,8 +184,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         }
     }
 
-    /// Steps from the start, and the precision of all; `None` if that is none. `known` is 0 if there was
-    /// no start, 1 if there was.
+    /// Returns the steps from the start and the total precision; `None` if that is not positive definite.
+    /// `known` is 1 with a start, 0 without.
     fn solved(
         mut self,
         start: &[f32],
@@ -204,7 +204,7 @@ impl<const N: usize, const M: usize> Joint<N, M> {
     }
 }
 
-/// A precision of which so much is remembered; the prior's comes back in its place.
+/// Blends a precision with the prior's: `remembered` is its share.
 fn faded<const N: usize>(
     value: f64,
     prior: &[f64; N],
@@ -215,7 +215,7 @@ fn faded<const N: usize>(
     remembered * value + (1.0 - remembered) * prior
 }
 
-/// Entry of a symmetric matrix kept as its lower triangle.
+/// Returns an entry of a symmetric matrix stored as its lower triangle.
 fn entry(triangle: &[f32], i: usize, j: usize) -> f64 {
     triangle[at(i.max(j), i.min(j))].into()
 }
@@ -237,7 +237,7 @@ fn rotation(splat: &Splat) -> DQuat {
     DQuat::from_xyzw(x, y, z, w).normalize()
 }
 
-/// Makes what is usual of photographs the mean of all scenes, by the frames behind each.
+/// Sets the running means of photographs to those over all scenes, weighted by their frames.
 pub fn take_noise<'a>(
     state: &mut PhotometricState,
     scenes: impl Iterator<Item = &'a PhotometricState>,

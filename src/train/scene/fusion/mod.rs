@@ -1,9 +1,8 @@
-//! One scene of several that went on from one and saw different frames (`scene.md`, Fusion).
+//! Fusion of scenes that continued from a common start with different frames (`scene.md`, Fusion).
 //!
-//! Components of the start stand at one place in all of them, so what each added to their sums adds up
-//! exactly, and what photographs taught of them since are estimates of one set of parameters. Components
-//! born since have no counterpart: they are held against those that are there, as points are, so that no
-//! surface is covered twice.
+//! Components of the start have the same seeds in all scenes, so the sums added since add up exactly, and
+//! photometric estimates refer to the same parameters. Components born since have no counterpart: they are
+//! matched against existing seeds, as points are, so that no surface is covered twice.
 
 mod estimate;
 
@@ -24,9 +23,9 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Scenes of one scale that went on from `start`, if they share one, as one scene, in this order: of places that
-/// several found by themselves the first one's components stay. Components of the start come first, and
-/// the result may exceed the budget. `None` without scenes or if sums are of another form than `W`.
+/// Fuses scenes of one scale that may have continued from a common `start`. Where several scenes have new
+/// components at one place, those of the first remain. Components of the start come first, and the result may
+/// exceed the budget. `None` without scenes or if sums are of another form than `W`.
 pub fn fuse<W: SumScalar>(
     config: &SceneConfig,
     start: Option<&SceneState>,
@@ -51,7 +50,7 @@ pub fn fuse<W: SumScalar>(
         fused.take_in(scene.into_iter().skip(shared.len()));
     }
     let mut state = fused.state::<W>(first);
-    // What the start knew of frames is in every scene's log, before the scene's own.
+    // Every scene's log begins with the entries of the start.
     let (n_exposures, n_poses) = start.map_or((0, 0), |s| (s.exposures.len(), s.poses.len()));
     state.exposures.extend(first.exposures.iter().take(n_exposures));
     state.poses.extend(first.poses.iter().take(n_poses));
@@ -67,7 +66,7 @@ pub fn fuse<W: SumScalar>(
     Some(state)
 }
 
-/// A scene with what waits to be learnt from photographs.
+/// Returns the scene after training on its buffered photographs.
 fn settled<'a, W: SumScalar>(config: &SceneConfig, state: &'a SceneState) -> Cow<'a, SceneState> {
     let photographs = state.photometric.as_ref();
     let is_waiting = photographs.is_some_and(|photometric| !photometric.waiting.is_empty());
@@ -79,8 +78,8 @@ fn settled<'a, W: SumScalar>(config: &SceneConfig, state: &'a SceneState) -> Cow
     }
 }
 
-/// A scene where its start was: it may have been held to the poses of more frames since, and been moved as a
-/// whole. `None` if sums are of another form than `W`.
+/// Moves a scene back to its start's coordinates, since later frames may have moved it as a whole. `None` if
+/// sums are of another form than `W`.
 fn back_at<'a, W: SumScalar>(
     start: Option<&SceneState>,
     scene: Cow<'a, SceneState>,
@@ -97,21 +96,20 @@ fn back_at<'a, W: SumScalar>(
     moved::<W>(scene.into_owned(), &motion).map(Cow::Owned)
 }
 
-/// A component with everything that a scene knows of it.
 struct Component {
     /// World units from the scene's origin.
     seed: [f32; 3],
-    /// Of the structural scale, in parts of [`WHOLE`].
+    /// Share of the structural scale, in units of 1/[`WHOLE`].
     share: u8,
     sums: [f64; N_SUMS],
     visibility: VisibilityCounts,
     estimate: Option<Estimate>,
 }
 
-/// The components that have seeds, in stored order; `None` if sums have another form.
+/// Returns the components with seeds, in stored order; `None` if sums have another form.
 fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
     let mut seeds = vec![None; state.visibility.len()];
-    // From the last seed on, so that the oldest, which sums are about, is the one that stays.
+    // In reverse, so that the oldest seed, to which sums refer, is the one retained.
     for (seed, &place) in state.seeds.iter().enumerate().rev() {
         let component = state.components.as_ref().map_or(seed, |of| of[seed] as usize);
         let share = state.shares.as_ref().map_or(WHOLE, |shares| shares[seed]);
@@ -128,14 +126,14 @@ fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
 }
 
 impl Component {
-    /// This one with what each of `later`, which went on from it, has more. Whole quanta: the order of
-    /// `later` does not matter to the sums.
+    /// Adds what all `later` versions of this component have gained. Sums are whole quanta, so the order of
+    /// `later` is irrelevant to them.
     fn with_all(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
         let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
-        // Splats begin anew while few points stand behind them or no photograph has taught them: nothing of
-        // the start is in those.
+        // A splat restarts from its points while they are few or no photograph has trained it: such an
+        // estimate contains nothing of the start.
         let is_taught = |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_taught(rule));
         let begins = |rule: &PhotometricRule| self.sums[0] < rule.young || !is_taught(rule);
         let is_anew = rule.is_some_and(begins) && later.iter().any(|now| has_more(&now));
@@ -158,7 +156,7 @@ impl Component {
         Self { seed: self.seed, share: self.share, sums, visibility, estimate }
     }
 
-    /// Adds what another has, its sums moved to this one's seed; `h` is the structural scale.
+    /// Adds another component, its sums moved to this one's seed; `h` is the structural scale.
     fn add(&mut self, other: &Self, h: f64) {
         let way = (vector(other.seed) - vector(self.seed)) / h;
         let moved = SceneSums::new(&other.sums, 1.0).moved(way).to_array();
@@ -168,21 +166,20 @@ impl Component {
         self.visibility = self.visibility.plus(other.visibility);
     }
 
-    /// Where its points are in the mean, world units from the scene's origin.
+    /// Returns the mean of its points, world units from the scene's origin.
     fn mean(&self, h: f64) -> [f32; 3] {
         let offset = SceneSums::new(&self.sums, h).mean_offset();
         (vector(self.seed) + offset).as_vec3().to_array()
     }
 }
 
-/// The scene that is put together.
 struct Fused {
     /// Structural scale, world units.
     h: f64,
     components: Vec<Component>,
-    /// How many of them are the start's.
+    /// Number of components of the start.
     n_shared: usize,
-    /// Seeds of the others, in their order.
+    /// Seeds of the other components, in order.
     own: SeedGrid,
 }
 
@@ -191,9 +188,9 @@ impl Fused {
         Self { h, n_shared: shared.len(), components: shared, own: SeedGrid::new(h) }
     }
 
-    /// Takes in what one scene has of its own. A component whose points lie in the reach of a seed that
-    /// another scene has of its own adds its sums to that one's; its photometric estimate is of another
-    /// splat and is left out. Others stay as they are: from the start's they were apart when born.
+    /// Adds the new components of one scene. One whose mean lies within reach of another scene's new seed
+    /// adds its sums to that component; its photometric estimate refers to a different splat and is dropped.
+    /// The others are appended: they were apart from the start's components when born.
     fn take_in(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
         for component in own.filter(|component| component.sums[0] > 0.0) {
@@ -213,7 +210,7 @@ impl Fused {
         }
     }
 
-    /// Where and in what units `like` is.
+    /// Builds the state, with origin and scale of `like`.
     fn state<W: SumScalar>(self, like: &SceneState) -> SceneState {
         let mut sums = ComponentSums::<W>::default();
         let mut photometric = PhotometricState::default();

@@ -1,5 +1,5 @@
-//! Whether a frame belongs to the scene, asked of its points before anything of it is learnt
-//! (`photometric.md`, Frames that contradict).
+//! Consistency check of a frame against the scene, from its points, before training on it (`photometric.md`,
+//! Frames that contradict).
 
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
@@ -11,54 +11,54 @@ use crate::train::scene::sum_scalar::SumScalar;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Every so-many-th point is looked at: neighbours say the same.
+/// Stride over the points: neighbours are redundant.
 const EVERY: usize = 8;
-/// Points of a task; a multiple of [`EVERY`].
+/// Points per task; a multiple of [`EVERY`].
 const CHUNK: usize = 1024;
-/// Components of a task, at least.
+/// Minimum number of components per task.
 const MIN_TASK: usize = 128;
-/// Components looked at, about: of more every so-many-th.
+/// Approximate maximum number of components that are tested.
 const MAX_COMPONENTS: usize = 4096;
-/// Fewest points of a component that is trusted.
+/// Minimum number of points of a component that is used.
 const MIN_POINTS: f64 = 20.0;
-/// Fewest points, or components in view, that say anything of a frame.
+/// Minimum number of points, or of components in view, for a decision.
 const MIN_MATCHES: f64 = 100.0;
 
-/// How a frame's points agree with the components as they are before it.
+/// Agreement of a frame's points with the components before the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameAgreement {
     /// Sum over points and channels of the squared difference from the mean colour of their component.
     pub squared_error: f64,
-    /// Points it is over.
+    /// Number of these points.
     pub points: f64,
-    /// Components in view that the frame measured, or something behind them.
+    /// Number of components in view that the frame measured or measured through.
     pub in_view: f64,
-    /// Those of them it measured something behind.
+    /// Number of those that it measured through.
     pub seen_through: f64,
 }
 
-/// A frame beside the scene as it is before the frame is learnt.
+/// A frame and the scene before training on it.
 pub struct FrameBesideScene<'a, W> {
     /// Sums of the components.
     pub component_sums: &'a ComponentSums<W>,
-    /// Where they stand.
+    /// Seeds of the components.
     pub seed_positions: SeedPositions<'a>,
     /// Structural scale, world units.
     pub h: f64,
     /// The frame as recorded.
     pub frame: &'a Observation,
-    /// Its camera, where it really stood.
+    /// Its camera with the corrected pose.
     pub camera: &'a Camera,
-    /// Its points as seen from there.
+    /// Its points under that pose.
     pub points: &'a [SurfacePoint],
-    /// Component of each.
+    /// Component of each point.
     pub owners: &'a [u32],
-    /// Factors that bring its colours to the scene's exposure.
+    /// Factors from its colours to the scene's exposure.
     pub gain: [f32; 3],
 }
 
 impl<W: SumScalar> FrameBesideScene<'_, W> {
-    /// What points and components say; nothing where too few of either are known.
+    /// Measures the agreement; zeros where too few points or components are known.
     pub fn agreement(&self) -> FrameAgreement {
         let mut found = FrameAgreement::default();
         for (squared_error, points) in self.differences() {
@@ -75,7 +75,8 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
         found
     }
 
-    /// Squared errors and points, by [`CHUNK`]: their sum does not depend on the number of threads.
+    /// Squared error and number of points per [`CHUNK`]; a fixed size makes sums independent of the number of
+    /// threads.
     fn differences(&self) -> Vec<(f64, f64)> {
         let chunks = self.points.par_chunks(CHUNK).zip(self.owners.par_chunks(CHUNK));
         let chunks = chunks.map(|(points, owners)| {
@@ -97,7 +98,7 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
         chunks.collect()
     }
 
-    /// Components in view that the frame measured, or something behind them, and how many of them it saw through.
+    /// Number of components in view that the frame measured or measured through, and number of the latter.
     fn seen(&self) -> (f64, f64) {
         let viewer = Viewer::new(self.frame, self.camera, self.h);
         let every = self.component_sums.len().div_ceil(MAX_COMPONENTS).max(1);

@@ -1,6 +1,6 @@
-//! What photographs are compared on: the processor, and a device beside it if one was handed in.
+//! Devices that compare photographs with the rendered picture: the processor and optionally a GPU.
 //!
-//! A device that fails is given up: the processor compares that very photograph and all that follow.
+//! After a device fails, the processor compares that photograph and all that follow.
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
@@ -14,35 +14,35 @@ use crate::train::comparer_use::{ComparerMs, ComparerUse};
 use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};
 use crate::train::timing::Stopwatch;
 
-/// How a photograph is looked at.
+/// View of a photograph and parameters of its comparison.
 pub struct LearntView {
     /// The camera that took it.
     pub camera: Camera,
-    /// What is nearer than so many world units is not compared.
+    /// Distance, world units, below which splats are not compared.
     pub near: f64,
-    /// The rows that are learnt.
+    /// Rows to compare.
     pub rows: RowChoice,
-    /// Times the usual mean square from which on it contradicts the scene.
+    /// Factor on the usual mean square residual above which the photograph is an outlier.
     pub contradicts_from: f64,
-    /// Pixels of the photograph for each pixel of depth, at least 1.
+    /// Pixels of the photograph per pixel of depth, at least 1.
     pub per_depth_pixel: f64,
 }
 
-/// Comparers and their memory.
+/// Comparers with their buffers.
 #[derive(Default)]
 pub struct Comparers {
     view: ViewBuffers,
     processor: PhotometricWalk,
     device: Option<Device>,
-    /// Photographs that were learnt so far; milliseconds are sums.
+    /// Counts of photographs trained on; milliseconds are sums.
     counts: ComparerUse,
-    /// The same of those that were learnt for good, while others are learnt as well to be drawn at rest.
+    /// The same without the photographs that were trained on only for the final picture.
     before_rest: Option<ComparerUse>,
-    /// The latest comparison, which may be a mere look.
+    /// Latest comparison, which may not have been followed by a step.
     latest: LatestComparison,
 }
 
-/// Who compared a photograph, and milliseconds without its step.
+/// Device and time of a comparison, without the step.
 #[derive(Default)]
 struct LatestComparison {
     is_by_device: bool,
@@ -55,14 +55,14 @@ struct Device {
 }
 
 impl Comparers {
-    /// Compares on a device too from now on.
+    /// Adds a device for the following comparisons.
     pub fn add(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.counts = ComparerUse { device: Some(comparer.name()), ..ComparerUse::default() };
         self.before_rest = None;
         self.device = Some(Device { comparer, trial: DeviceTrial::new(policy) });
     }
 
-    /// What was used so far.
+    /// Returns counts and mean times per photograph.
     pub fn used(&self) -> ComparerUse {
         let frames = (self.counts.device_frames + self.counts.processor_frames).max(1) as f64;
         let ComparerMs { prepare, compare, step } = self.counts.ms;
@@ -70,7 +70,7 @@ impl Comparers {
         ComparerUse { ms: ComparerMs { prepare, compare, step }, ..self.counts.clone() }
     }
 
-    /// Counts the latest comparison: a step of so many milliseconds was taken by it.
+    /// Counts the latest comparison, after a step that took `step_ms` milliseconds.
     pub fn learnt(&mut self, step_ms: f64) {
         let LatestComparison { is_by_device, ms } = std::mem::take(&mut self.latest);
         let Self { counts, .. } = self;
@@ -81,22 +81,22 @@ impl Comparers {
         counts.ms.step += step_ms;
     }
 
-    /// What is learnt from here on is drawn at rest, and learnt again once training goes on.
+    /// Starts training that is only for the final picture and repeated once training resumes.
     pub fn come_to_rest(&mut self) {
         self.go_on();
         self.before_rest = Some(self.counts.clone());
     }
 
-    /// Counts what was learnt at rest no more.
+    /// Discards the counts since [`Self::come_to_rest`].
     pub fn go_on(&mut self) {
         if let Some(before) = self.before_rest.take() {
-            // What became of the device meanwhile stays as it is.
+            // Except those of the device, which may have failed meanwhile.
             let (trial, given_up) = (self.counts.trial, self.counts.given_up.take());
             self.counts = ComparerUse { trial, given_up, ..before };
         }
     }
 
-    /// See [`PhotometricComparer::compare`].
+    /// Compares a photograph; see [`PhotometricComparer::compare`].
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,
@@ -117,7 +117,7 @@ impl Comparers {
             device.as_mut().map_or(Turn::Processor, |device| device.trial.turn(view.n_drawn()));
         let by_device = match device {
             Some(Device { comparer, trial }) if turn == Turn::Both => {
-                // The device first: the processor's answer is the one that is kept.
+                // The device first, so that the processor's result is the one returned.
                 let answer = comparer.compare(&view, photograph, rule, rows);
                 let (is_there, ms) = (note(answer, counts).is_some(), clock.lap_ms());
                 let compared = processor.walk(&view, photograph, rule, rows);
@@ -143,7 +143,7 @@ impl Comparers {
     }
 }
 
-/// What a device found; a failure is said once, since the device is given up then.
+/// Returns a device's result; a failure is logged once, since the device is not used again.
 fn note<'a>(
     answer: Result<Compared<'a>, ComparerError>,
     counts: &mut ComparerUse,
@@ -166,7 +166,7 @@ mod tests {
 
     const RULE: PixelRule = PixelRule { full_coverage: 1.0, tau: 0.5, coverage: 1.0, depth: 0.5 };
 
-    /// The processor under another name, which fails from a photograph on.
+    /// The processor under another name; fails from a given photograph on.
     struct Failing {
         walk: PhotometricWalk,
         left: usize,
@@ -210,7 +210,7 @@ mod tests {
         squared_error
     }
 
-    /// Photographs that the device and the processor compared.
+    /// Numbers of photographs compared by device and processor.
     fn frames(comparers: &Comparers) -> [u64; 2] {
         let ComparerUse { device_frames, processor_frames, .. } = comparers.used();
         [device_frames, processor_frames]
@@ -228,7 +228,7 @@ mod tests {
             assert_eq!(frames(&comparers), counted);
             assert_eq!(comparers.used().given_up.is_some(), counted[1] > 0);
         }
-        assert!(comparers.device.is_none(), "a device that failed is not asked again");
+        assert!(comparers.device.is_none(), "a device that failed is not used again");
     }
 
     #[test]

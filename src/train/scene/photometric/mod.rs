@@ -1,5 +1,5 @@
-//! Learning from the photograph: after the points, one Gauss-Newton step on the picture, with a
-//! precision per splat that accumulates.
+//! Photometric training: after the points, one Gauss-Newton step on the picture, with a precision per splat
+//! that accumulates.
 #![doc = include_str!("photometric.md")]
 
 pub mod agreement;
@@ -34,11 +34,11 @@ pub use step::PointExtents;
 pub use step::{LEAST_OPACITY, is_taught, prior_precision};
 use step::{LearnRun, SplatRun};
 
-/// Weight of a splat over the pixels from which on a photograph says anything of it, px.
+/// Minimum weight of a splat, px, for a photometric step.
 const MIN_SEEN: f32 = 0.5;
-/// Components of a task that begins splats: those that a frame touches lie together.
+/// Components per task that initialises splats: those touched by a frame are clustered.
 const BEGUN_BY_TASK: usize = 64;
-/// The same that learns, which takes eight of those that are seen at a time.
+/// Components per task that takes steps, in groups of eight visible ones.
 const LEARNT_BY_TASK: usize = 256;
 
 fn pixel_rule(full_coverage: f32, rule: &PhotometricRule) -> PixelRule {
@@ -46,11 +46,11 @@ fn pixel_rule(full_coverage: f32, rule: &PhotometricRule) -> PixelRule {
     PixelRule { full_coverage, tau, coverage, depth }
 }
 
-/// Splats that learn from photographs, and the memory for it.
+/// Photometric state with its buffers.
 pub struct PhotometricLearner {
     state: PhotometricState,
     comparers: Comparers,
-    /// A photograph that waited, in full.
+    /// Unpacked photograph from the shuffle buffer.
     image: Image<MeasuredPixel>,
     repaired: u64,
 }
@@ -62,51 +62,51 @@ impl Default for PhotometricLearner {
 }
 
 impl PhotometricLearner {
-    /// One that goes on.
+    /// Resumes from a state.
     pub fn restore(state: PhotometricState) -> Self {
         let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
         Self { state, comparers: Comparers::default(), image, repaired: 0 }
     }
 
-    /// Precisions that had to be taken back to the prior's, since training began or went on.
+    /// Returns the number of precisions reset to the prior since training began or resumed.
     pub fn repaired(&self) -> u64 {
         self.repaired
     }
 
-    /// Compares photographs on a device too from now on.
+    /// Adds a device for the following comparisons.
     pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.comparers.add(comparer, policy);
     }
 
-    /// What photographs were compared on.
+    /// Returns counts and times of the comparisons by device.
     pub fn comparer_use(&self) -> ComparerUse {
         self.comparers.used()
     }
 
-    /// Moves all that it has learnt, and is still to learn, with the world ([`PhotometricState::move_by`]).
+    /// Moves the state with the world ([`PhotometricState::move_by`]).
     pub fn move_by(&mut self, motion: &Pose) {
         self.state.move_by(motion);
     }
 
-    /// Moves the camera of a frame's photograph, if that still waits.
+    /// Moves the camera of a frame's photograph, if it is still buffered.
     pub fn move_photograph(&mut self, frame: u64, motion: &Pose) {
         let is_it = |waiting: &&mut WaitingPhotograph| waiting.view.frame == frame as f64;
         let waiting = self.state.waiting.iter_mut().filter(is_it);
         waiting.for_each(|waiting| waiting.view = waiting.view.moved(motion));
     }
 
-    /// Frames come again: what was learnt to be drawn at rest is over.
+    /// Resumes training after [`Self::settled`].
     pub fn go_on(&mut self) {
         self.comparers.go_on();
     }
 
-    /// What it has learnt.
+    /// Returns the state.
     pub fn state(&self) -> &PhotometricState {
         &self.state
     }
 
-    /// Gives components that have none, or are young yet, or that no photograph has taught, the splats that
-    /// points make, as far as these can be drawn. `points` and `splat` are those of a component.
+    /// Initialises splats from the points for touched components without one, with few points, or not yet
+    /// trained by a photograph, if that splat can be drawn. `points` and `splat` return those of a component.
     pub fn begin(
         &mut self,
         n_components: usize,
@@ -130,7 +130,7 @@ impl PhotometricLearner {
         });
     }
 
-    /// Sets the directions from which each component was observed.
+    /// Sets the observed directions of each component.
     pub fn observe(&mut self, observed: impl Fn(usize) -> ObservedCone + Sync) {
         self.runs(LEARNT_BY_TASK).for_each(|run| {
             for (row, look) in run.appearance.iter_mut().enumerate() {
@@ -139,25 +139,26 @@ impl PhotometricLearner {
         });
     }
 
-    /// Forgets a component's splat.
+    /// Removes a component's splat.
     pub fn forget(&mut self, component: usize) {
         if let Some(splat) = self.state.splats.get_mut(component) {
             *splat = Splat::default();
         }
     }
 
-    /// Judges a frame by its points before anything of it is learnt; `None` unless it contradicts the
-    /// scene.
+    /// Checks a frame by its points before training on it; returns an outcome only if the frame is an
+    /// outlier.
     pub fn judge(&mut self, agreement: &FrameAgreement) -> Option<PhotographOutcome> {
         noise::judge_points(&mut self.state, agreement)
     }
 
-    /// Lets a photograph wait.
+    /// Adds a photograph to the shuffle buffer.
     pub fn put_off(&mut self, photograph: WaitingPhotograph) {
         self.state.waiting.push(photograph);
     }
 
-    /// Learns from one of the photographs that wait, drawn at random, where more do than may.
+    /// If the buffer holds more than `most` photographs, draws one at random and takes its step. Returns the
+    /// changed splats and the comparison.
     pub fn learn_one_beyond(
         &mut self,
         most: usize,
@@ -172,8 +173,8 @@ impl PhotometricLearner {
         self.learn_drawn(&mut draws, full_coverage, rule, extents)
     }
 
-    /// What it will have learnt once nothing waits any more, and how what waits compares. It goes on as if
-    /// it had not been asked.
+    /// Returns the state after steps for all buffered photographs, and their comparisons; the learner itself
+    /// is unchanged.
     pub fn settled(
         &mut self,
         full_coverage: f32,
@@ -201,7 +202,7 @@ impl PhotometricLearner {
         self.see_what_is_usual(full_coverage, rule);
         let drawn = draws.below(self.state.waiting.len());
         let drawn = self.state.waiting.swap_remove(drawn);
-        // Taken out meanwhile: learning from it needs all the rest.
+        // Taken out of `self`, since `learn` borrows it mutably.
         let mut image =
             std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
         let unpacked = waiting::unpacked(&drawn, &mut image);
@@ -212,8 +213,8 @@ impl PhotometricLearner {
         (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
     }
 
-    /// Before the first of the photographs that wait is learnt: how far a few of them differ says what is
-    /// usual, so that not even the first ones are learnt blindly.
+    /// Before the first step, estimates the usual residual from a few buffered photographs, so that outliers
+    /// are detected from the start.
     fn see_what_is_usual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
         let Self { state, comparers, image, .. } = self;
         let n = state.waiting.len();
@@ -232,8 +233,7 @@ impl PhotometricLearner {
         noise::begin(&mut state.noise, differences);
     }
 
-    /// Learns from a photograph, unless that contradicts the scene. Gives which splats it changed, and how
-    /// it compared.
+    /// Takes the step of a photograph unless it is an outlier. Returns the changed splats and the comparison.
     pub fn learn(
         &mut self,
         view: &LearntView,
@@ -257,8 +257,8 @@ impl PhotometricLearner {
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
         }
-        // A row stands for those that are left out, and the pixels of a depth pixel count as one:
-        // their differences come from the same surface point, pose and exposure.
+        // A row represents those left out. The pixels of one depth pixel count as one, since their residuals
+        // share surface point, pose and exposure.
         let variance = deviation * deviation * view.per_depth_pixel / f64::from(every);
         self.repaired += self.step(&compared, &seen, variance, rule, extents);
         comparers.learnt(clock.elapsed_ms());
@@ -266,7 +266,7 @@ impl PhotometricLearner {
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
 
-    /// Steps of all splats that are seen; how many had to be repaired.
+    /// Steps all visible splats; returns the number of reset precisions.
     fn step(
         &mut self,
         compared: &Compared<'_>,
@@ -283,7 +283,7 @@ impl PhotometricLearner {
         repaired.sum()
     }
 
-    /// All splats in runs of so many, one a task.
+    /// Splits all splats into runs of `n`, one per task.
     fn runs(&mut self, n: usize) -> impl ParallelIterator<Item = SplatRun<'_>> {
         let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
         let shapes = splats.par_chunks_mut(n).zip(form.par_chunks_mut(n));

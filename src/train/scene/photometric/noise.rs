@@ -1,5 +1,5 @@
-//! How far photographs differ from the pictures drawn before they are learnt: what a pixel's noise is
-//! taken from, and the test that a photograph belongs to the scene (`photometric.md`, Noise).
+//! Running residuals between photographs and the pictures drawn before training on them. They give the noise
+//! of a pixel and the outlier test for frames (`photometric.md`, Noise).
 
 use super::agreement::FrameAgreement;
 use crate::model::scene::photometric::PhotometricState;
@@ -7,32 +7,32 @@ use crate::train::outcome::{Contradiction, PhotographOutcome};
 
 /// Weight of the newest frame in the running mean.
 const SHARE: f64 = 0.05;
-/// Difference before any frame was seen, colour units: what the first frames of a scene differ by.
+/// Residual assumed before the first frame, colour units: typical of a scene's first frames.
 const FIRST: f64 = 0.1;
-/// Least difference, colour units: half a level of 8 bits.
+/// Minimum residual, colour units: half a level of 8 bits.
 const LEAST: f64 = 0.002;
-/// Frames after which the running mean says what is usual.
+/// Number of frames after which the running mean is used for outlier tests.
 pub const SETTLED: f64 = 8.0;
-/// Times the usual mean square from which on a frame contradicts the scene: of frames as they come, and of
-/// photographs drawn at random, whose differences no trend widens.
+/// Factor on the usual mean square above which a frame is an outlier. The second applies to photographs drawn
+/// at random, whose residuals have no trend.
 pub const CONTRADICTION: f64 = 6.0;
 pub const DRAWN_CONTRADICTION: f64 = 4.0;
-/// Times the usual share of surfaces seen through from which on a frame's depth contradicts the scene,
-/// and the least such share.
+/// Factor on the usual share of surfaces seen through above which a frame's depth is an outlier, and the
+/// minimum share.
 const SEEN_THROUGH: [f64; 2] = [4.0, 0.2];
 
-/// Mean squared difference over so many pixels of three channels; `None` without pixels.
+/// Mean squared difference over `pixels` pixels of three channels; `None` without pixels.
 pub fn difference(squared_error: f64, pixels: f64) -> Option<f64> {
     (pixels > 0.0 && squared_error.is_finite()).then(|| squared_error / (3.0 * pixels))
 }
 
-/// Whether anything was judged yet.
+/// True once a value has been recorded.
 pub fn is_known(noise: &[f64; 2]) -> bool {
     noise[1] > 0.0
 }
 
-/// Begins with the median of what a few photographs differ by, which some of them that contradict the scene
-/// do not change.
+/// Initialises the running mean with the median of a few residuals, which is robust against outliers among
+/// them.
 pub fn begin(noise: &mut [f64; 2], mut differences: Vec<f64>) {
     differences.sort_unstable_by(f64::total_cmp);
     if let Some(&median) = differences.get(differences.len() / 2) {
@@ -40,9 +40,8 @@ pub fn begin(noise: &mut [f64; 2], mut differences: Vec<f64>) {
     }
 }
 
-/// Judges a frame by its squared difference over so many pixels of three channels, and takes it into the
-/// running mean square and its weight, `noise`. It contradicts from `most` times what is usual on. `None`
-/// without pixels.
+/// Updates the running mean square and its weight, `noise`, with a frame's squared difference over `pixels`
+/// pixels of three channels. The frame is an outlier above `most` times the mean. `None` without pixels.
 pub fn judge(
     noise: &mut [f64; 2],
     squared_error: f64,
@@ -55,8 +54,8 @@ pub fn judge(
     Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradiction })
 }
 
-/// Judges a frame by how its points agree with the scene, before they are learnt; `None` unless they
-/// contradict it.
+/// Updates the running means with the agreement of a frame's points; returns an outcome only if the frame is
+/// an outlier.
 pub fn judge_points(
     state: &mut PhotometricState,
     agreement: &FrameAgreement,
@@ -73,19 +72,20 @@ pub fn judge_points(
     colors.or(contradiction.map(|_| PhotographOutcome { difference, usual, contradiction }))
 }
 
-/// Takes a frame's value into a running mean and its weight; whether it is more than `most`, once it is
-/// known what is usual.
+/// Updates a running mean and its weight with a frame's value; returns true if the mean has settled and the
+/// value exceeds `most`.
 fn take([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) -> bool {
     let contradicts = *weight >= SETTLED && of_frame > most;
+    // A plain mean over the first frames, then an exponential one.
     let share = (1.0 / (*weight + 1.0)).max(SHARE);
-    // A contradiction counts in part: a scene that has really changed is believed after some frames.
+    // An outlier counts as the limit, so that a scene that has really changed is accepted after some frames.
     let counted = if contradicts { most } else { of_frame };
     *mean += share * (counted - *mean);
     *weight += 1.0;
     contradicts
 }
 
-/// Root of the running mean square, colour units.
+/// Square root of the running mean square, colour units.
 pub fn usual(noise: &[f64; 2]) -> f64 {
     let root = if noise[1] > 0.0 { noise[0].sqrt() } else { FIRST };
     root.max(LEAST)

@@ -1,4 +1,4 @@
-//! Constants of the photometric step (`photometric.md`, Constants).
+//! Parameters of the photometric step (`photometric.md`, Constants).
 
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::plain::OPAQUE;
@@ -8,58 +8,57 @@ use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use strum::{Display, EnumString, VariantNames};
 
-/// Photographs that a user may let wait at most.
+/// Largest shuffle buffer a user may set, in photographs.
 pub const MAX_WAITING: usize = 1000;
-/// Bytes of photographs that wait at most.
+/// Maximum size of the shuffle buffer in bytes.
 const MOST_WAITING_BYTES: usize = 64_000_000;
 
-/// Pixels that are learnt of a frame where rows are left out at all: photographs of phones have millions.
+// Pixels per frame if rows are skipped at all: photographs of phones have millions.
 const MOST_PIXELS: usize = 100_000;
 
-/// How much a photograph is believed, and what is expected of splats before any.
+/// Weight of photographs, and prior of the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotometricRule {
-    /// Standard deviation of a pixel's colour, in units of the root mean square difference of covered
-    /// pixels between the frames so far and the pictures drawn before they were learnt.
+    /// Standard deviation of a pixel's colour, in units of the running root mean square residual of covered
+    /// pixels, measured before each step.
     pub noise: f64,
-    /// Share of a frame's curvature that precision keeps: pixels of a splat are not independent, and
-    /// the model is not linear.
+    /// Share of a frame's curvature that is added to the precision: pixels of a splat are correlated, and the
+    /// model is not linear.
     pub kept: f64,
-    /// Share of the precision that goes back to the prior's with every frame that shows the splat.
+    /// Share of the precision that reverts to the prior's with every frame that shows the splat.
     pub forgotten: f64,
-    /// Factor of a frame's curvature in its own step.
+    /// Factor on a frame's curvature in its own step.
     pub damping: f64,
     /// Scale of the Cauchy weight of residuals, colour units.
     pub tau: f64,
-    /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
+    /// Weight of a squared coverage error relative to a squared colour error.
     pub coverage: f64,
-    /// The same of a pixel whose splats all lie far from the depth that was measured of it. None where
-    /// that was not asked yet.
+    /// The same for depth: weight of a pixel whose splats all lie far from its measured depth. 0 in older
+    /// files.
     #[serde(default)]
     pub depth: f64,
-    /// Largest step: of means in units of the largest scale, of logarithms of scales, of turns in
-    /// radians; opacities and colours may go three times as far.
+    /// Trust region: maximum step of means in units of the largest scale, of log scales, and of rotations in
+    /// radians. Opacities and colours may change three times as much.
     pub trust: f64,
-    /// Every how many rows of pixels are learnt, each in place of so many: 1, 2, 4, 8 or 16, others in each
-    /// frame.
+    /// Stride of the rows used for training, each weighted by it: 1, 2, 4, 8 or 16. The first row changes
+    /// from frame to frame.
     #[serde(default = "every_row")]
     pub rows: u32,
-    /// Points of a component up to which its splat begins anew with every frame: what few of them say of
-    /// a surface is no place to start from. Splats that no photograph has taught yet do so anyway.
+    /// Number of points of a component up to which its splat is reinitialised in every frame: few points are
+    /// a poor start. The same holds until the first photograph has trained the splat.
     #[serde(default)]
     pub young: f64,
-    /// Photographs that wait at most; out of them one is drawn at random for every one that comes.
+    /// Maximum number of photographs in the shuffle buffer; for every new one, one is drawn at random.
     #[serde(default)]
     pub shuffle_buffer: usize,
     /// Standard deviations of the prior.
     pub prior: PriorDeviations,
-    /// Largest opacity that a step leaves.
-    // What splats are says it, and their rule holds that.
+    /// Maximum opacity after a step.
+    // Follows from the kind of splats, which their own rule stores.
     #[serde(skip, default = "flat")]
     pub most_opacity: f64,
 }
 
-/// Largest opacity of a splat with a flat top.
 const MOST_OPACITY: f64 = 3.0;
 
 fn flat() -> f64 {
@@ -70,28 +69,28 @@ fn every_row() -> u32 {
     1
 }
 
-/// How far a splat's parameters may lie from what the points say; those of colour by direction or by place
-/// stay as they are where it is 0.
+/// Prior standard deviations of a splat's parameters about the values from its points. Colour by direction or
+/// by position is not trained if its deviation is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorDeviations {
-    /// Of the mean, units of the largest scale.
+    /// Mean, in units of the largest scale.
     pub mean: f64,
-    /// Of the logarithm of a scale.
+    /// Logarithm of a scale.
     pub scale: f64,
-    /// Of turns about the splat's own axes, radians.
+    /// Rotation about the splat's own axes, radians.
     pub turn: f64,
-    /// Of the logarithm of the opacity.
+    /// Logarithm of the opacity.
     pub opacity: f64,
-    /// Of a channel's constant colour.
+    /// Constant colour of a channel.
     pub color: f64,
-    /// Of its part by direction.
+    /// Colour by direction.
     pub directional: f64,
-    /// Of its change over the largest scale.
+    /// Change of colour over the largest scale.
     pub gradient: f64,
 }
 
 impl PhotometricRule {
-    /// With what splats of a rule do not have left alone.
+    /// Disables the parameters that splats of a rule do not have.
     pub fn of_splats(self, splats: &SplatRule) -> Self {
         let of = |has: bool, deviation: f64| if has { deviation } else { 0.0 };
         let gradient = of(splats.gradient, self.prior.gradient);
@@ -104,8 +103,9 @@ impl PhotometricRule {
         }
     }
 
-    /// Every how many rows of an image of so many pixels are learned, of which so many belong to a pixel
-    /// of depth: about a row for each row of depth at least.
+    /// Returns the row stride for an image of `pixels` pixels, with `per_depth_pixel` of them per pixel of
+    /// depth. In full training about one row per row of depth remains, otherwise about 100,000 pixels at
+    /// most.
     pub fn rows_of(&self, pixels: usize, per_depth_pixel: f64) -> u32 {
         let power_of_two = |rows: usize| rows.min(RowChoice::MOST as usize).next_power_of_two();
         let fewest = match self.rows {
@@ -115,22 +115,22 @@ impl PhotometricRule {
         (power_of_two(fewest.max(1)) as u32).clamp(self.rows.max(1), RowChoice::MOST)
     }
 
-    /// How many photographs of so many bytes may wait.
+    /// Returns the maximum number of buffered photographs of `bytes` bytes each.
     pub fn most_waiting(&self, bytes: usize) -> usize {
         self.shuffle_buffer.min(MOST_WAITING_BYTES / bytes.max(1))
     }
 
-    /// Bytes of photographs of so many pixels that wait at most.
+    /// Returns the maximum size in bytes of buffered photographs of `pixels` pixels.
     pub fn waiting_bytes(&self, pixels: usize) -> usize {
         let of_one =
             pixels / self.rows_of(pixels, 1.0) as usize * (size_of::<[u8; 4]>() + size_of::<u16>());
         of_one * self.most_waiting(of_one)
     }
 
-    /// What two cores can afford live.
+    /// Rule that two cores can compute live.
     pub const LIGHT: Self = Self { rows: 4, ..Self::DEFAULT };
 
-    /// One rule for all sensors.
+    /// Rule for all sensors.
     pub const DEFAULT: Self = Self {
         noise: 4.0,
         kept: 0.5,
@@ -156,23 +156,23 @@ impl PhotometricRule {
     };
 }
 
-/// How much of a photograph splats learn from.
+/// Amount of photometric training.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum PhotometricMode {
-    /// Nothing: splats are what the points say.
+    /// None: splats derive from the points alone.
     Off,
-    /// Every fourth row of pixels: what two cores can afford live.
+    /// Every fourth row of pixels, which two cores can compute live.
     Light,
-    /// Every pixel; with more of them than depth has, about a row for each row of depth.
+    /// Every pixel; if the photograph has more pixels than the depth image, about one row per row of depth.
     Full,
 }
 
 impl PhotometricMode {
-    /// The mode of a rule, if there is one.
+    /// Returns the mode of a rule.
     pub fn of(rule: Option<PhotometricRule>) -> Self {
         match rule {
             None => Self::Off,
@@ -181,7 +181,7 @@ impl PhotometricMode {
         }
     }
 
-    /// Its rule.
+    /// Returns the rule of the mode.
     pub fn rule(self) -> Option<PhotometricRule> {
         match self {
             Self::Off => None,
@@ -194,16 +194,16 @@ impl PhotometricMode {
 impl SettingValue for PhotometricMode {
     fn choices() -> Vec<Choice> {
         vec![
-            Choice { name: "off", label: "Off", help: "Splats are what the points say" },
+            Choice { name: "off", label: "Off", help: "Splats from points only" },
             Choice {
                 name: "light",
                 label: "Light",
-                help: "Every frame also takes a step on some rows of its picture: sharper, and still live",
+                help: "Also trains on some rows of every photograph: sharper, still real time",
             },
             Choice {
                 name: "full",
                 label: "Full",
-                help: "Every frame also takes a step on its picture: sharper, and several times slower",
+                help: "Also trains on every photograph in full: sharper, several times slower",
             },
         ]
     }

@@ -1,5 +1,5 @@
-//! The steps of splats: from what a photograph says of them to where they go, and what is known of them
-//! then (`photometric.md`, Step). Eight at a time, a splat in each lane.
+//! Photometric steps of splats and updates of their precision (`photometric.md`, Step). Eight splats at a
+//! time, one per SIMD lane.
 
 use super::rule::{PhotometricRule, PriorDeviations};
 use crate::math::lane_cholesky::{at, factor, substitute};
@@ -11,21 +11,21 @@ use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{Compared, ParameterSums, SeenSplat};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Least opacity: a splat that photographs call transparent stays in sight of later ones.
+/// Minimum opacity: a splat that one photograph makes transparent remains visible to later ones.
 pub const LEAST_OPACITY: f64 = 0.01;
-/// Deviation of a coefficient of colour that stays as it is, colour units: its row in a block decides
-/// nothing then.
+/// Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
+/// no effect.
 const HELD: f64 = 1e-4;
-/// Largest standard deviation over the smallest: thinner needles would be no surface.
+/// Maximum ratio of standard deviations: thinner needles represent no surface.
 const MAX_ASPECT: f64 = 1e4;
 
-/// Largest standard deviation of a splat along each of its axes, in those that its points give it. Its mean
-/// stays within one of theirs.
+/// Maximum standard deviation of a splat along each of its axes, in units of that of its points. Its mean
+/// stays within one unit.
 const MOST_SCALE: f64 = 2.0;
 
-/// A run of splats with their precision, borrowed from the columns of a scene.
+/// Consecutive splats with their precision, borrowed from a scene's columns.
 pub struct SplatRun<'a> {
-    /// Number of the first.
+    /// Number of the first splat.
     pub first: usize,
     pub splats: &'a mut [Splat],
     pub appearance: &'a mut [Appearance],
@@ -33,19 +33,19 @@ pub struct SplatRun<'a> {
     pub color: &'a mut [[f32; N_COLOR_PRECISION]],
 }
 
-/// The steps that a photograph asks of a run of splats; gives how many of them had to be repaired.
+/// Steps of a run of splats for one photograph; returns the number of reset precisions.
 pub struct LearnRun<'a> {
     pub run: SplatRun<'a>,
     pub compared: &'a Compared<'a>,
-    /// Those of the run that the photograph shows.
+    /// Visible splats of the run.
     pub seen: &'a [SeenSplat],
-    /// Of a pixel's colour.
+    /// Variance of a pixel's colour.
     pub variance: f64,
     pub rule: &'a PhotometricRule,
     pub extents: &'a PointExtents<'a>,
 }
 
-/// Where the points of a component are.
+/// Returns mean and extent of a component's points.
 pub type PointExtents<'a> = dyn Fn(usize) -> Option<PointExtent> + Sync + 'a;
 
 impl Kernel for LearnRun<'_> {
@@ -77,18 +77,17 @@ impl Kernel for LearnRun<'_> {
 }
 
 impl SplatRun<'_> {
-    /// Those of a list that are about its splats; the list is ascending by the number of the splat.
+    /// Returns the entries of an ascending list that refer to this run's splats.
     pub fn own<'l, T>(&self, list: &'l [T], splat: impl Fn(&T) -> u32) -> &'l [T] {
         let before = |end: usize| list.partition_point(|entry| (splat(entry) as usize) < end);
         &list[before(self.first)..before(self.first + self.splats.len())]
     }
 
-    /// Whether a row has a splat.
     pub fn has(&self, row: usize) -> bool {
         self.splats[row].opacity > 0.0
     }
 
-    /// Makes a row's splat what points say, and its precision the prior's.
+    /// Initialises a row from a splat made of points, with the prior's precision.
     pub fn begin(&mut self, row: usize, splat: Splat, look: Appearance, prior: &PriorDeviations) {
         (self.splats[row], self.appearance[row]) = (splat, look);
         let (form, color) = prior_precision(&splat, prior);
@@ -96,8 +95,8 @@ impl SplatRun<'_> {
         self.color[row] = diagonal(&color);
     }
 
-    /// Takes the steps of up to eight rows, one in each lane, whose pixels have the variance
-    /// `variance`, and keeps what the sums say; how many precisions had to be taken back to the prior's.
+    /// Steps up to eight rows, one per lane, whose pixels have the given variance, and updates their
+    /// precision; returns the number of precisions reset to the prior.
     #[inline(always)]
     fn learn<V: Vector>(
         &mut self,
@@ -152,9 +151,9 @@ impl SplatRun<'_> {
     }
 }
 
-/// Takes a frame's curvature into precisions, `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Gives the factors of `Λ + cF`,
-/// which the frame's step is solved by, and a bit for each lane that has one: a sum without is no
-/// precision, and goes back to the prior's.
+/// Updates precisions with a frame's curvature, `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Returns the Cholesky factors of
+/// `Λ + cF`, which solve the frame's step, and a bit per lane for success: a sum that is not positive
+/// definite is reset to the prior.
 #[inline(always)]
 fn absorb<V: Vector, const N: usize, const P: usize>(
     triangles: &mut [[f32; P]],
@@ -164,7 +163,7 @@ fn absorb<V: Vector, const N: usize, const P: usize>(
     weight: V,
     rule: &PhotometricRule,
 ) -> ([V; P], u32) {
-    // Lanes without a splat are the unit matrix.
+    // Unused lanes hold the unit matrix.
     let mut unit = [0.0; P];
     (0..N).for_each(|i| unit[at(i, i)] = 1.0);
     let row = |lane: usize| rows.get(lane).map_or(&unit, |&row| &triangles[row]);
@@ -208,7 +207,7 @@ fn solved<V: Vector, const N: usize, const P: usize>(
     lanes
 }
 
-/// Moves and forms a splat anew, the whole step shortened to the trust region.
+/// Applies a step to a splat's form, scaled down as a whole to the trust region.
 fn reform(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
     let extent = largest(splat);
     let mean = DVec3::new(step[0], step[1], step[2]);
@@ -226,7 +225,7 @@ fn reform(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
     scale.iter_mut().for_each(|s| *s = s.max(least));
     splat.scale = scale.map(|s| s as f32);
     let [w, x, y, z] = splat.rotation.map(f64::from);
-    // About the splat's own axes, to first order and back onto the sphere.
+    // Rotation about the splat's own axes: first order, then normalised.
     let turn = DQuat::from_xyzw(0.5 * step[6], 0.5 * step[7], 0.5 * step[8], 1.0);
     let turned = (DQuat::from_xyzw(x, y, z, w) * turn).normalize();
     splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
@@ -234,7 +233,8 @@ fn reform(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
     splat.opacity = opacity.clamp(LEAST_OPACITY, rule.most_opacity) as f32;
 }
 
-/// Colours a channel of a splat of so large an extent anew, the step shortened to the trust region.
+/// Applies a step to one colour channel, scaled down to the trust region; `extent` is the splat's largest
+/// scale.
 fn repaint(
     splat: &mut Splat,
     look: &mut Appearance,
@@ -263,8 +263,8 @@ fn repaint(
     }
 }
 
-/// Holds a splat to the surface of its points: photographs from one side determine neither its extent nor
-/// its place along the view.
+/// Keeps a splat on the surface of its points: photographs from one side determine neither its extent nor its
+/// position along the view.
 fn bound(splat: &mut Splat, extent: &PointExtent) {
     let [w, x, y, z] = splat.rotation.map(f64::from);
     let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
@@ -277,7 +277,7 @@ fn bound(splat: &mut Splat, extent: &PointExtent) {
         is_beyond |= offset[axis].abs() > deviation;
         offset[axis] = offset[axis].clamp(-deviation, deviation);
     }
-    // Left alone otherwise, so that its bits are those of the step.
+    // Otherwise left unchanged, so that the bits are exactly those of the step.
     if is_beyond {
         splat.mean = (extent.mean + axes * offset).as_vec3().to_array();
     }
@@ -287,7 +287,7 @@ fn largest(splat: &Splat) -> f64 {
     f64::from(splat.scale.iter().fold(f32::MIN_POSITIVE, |a, &s| a.max(s)))
 }
 
-/// Precision of what points say of a splat's form and colour, parameter by parameter.
+/// Returns the prior precision of a splat's form and colour, parameter by parameter.
 pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f64; N_COLOR]) {
     let extent = largest(splat);
     let (mean, scale, turn) = (per(prior.mean * extent), per(prior.scale), per(prior.turn));
@@ -299,12 +299,11 @@ pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM]
     (form, color)
 }
 
-/// Whether photographs have added to a colour's precision.
+/// True if photographs have increased the precision of a colour.
 pub fn is_taught(color: &[f32; N_COLOR_PRECISION], prior: &PriorDeviations) -> bool {
     color[0] != per(prior.color) as f32
 }
 
-/// Precision of a standard deviation.
 fn per(deviation: f64) -> f64 {
     1.0 / (deviation * deviation)
 }
@@ -322,7 +321,6 @@ mod tests {
     use super::*;
     use crate::math::simd::Isa;
 
-    /// One splat with its columns.
     struct Own {
         splats: [Splat; 1],
         appearance: [Appearance; 1],
@@ -360,11 +358,11 @@ mod tests {
         }
     }
 
-    /// Ten pixels of full weight whose red is wrong by `residual`.
+    /// Ten pixels of full weight with an error of `residual` in red.
     struct Redder<'a> {
         run: SplatRun<'a>,
         residual: f32,
-        /// Of the mean along x.
+        /// Curvature of the mean along x.
         curvature: f32,
         rule: &'a PhotometricRule,
     }

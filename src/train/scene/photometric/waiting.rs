@@ -1,4 +1,4 @@
-//! Photographs on their way into the shuffle buffer and out of it (`photometric.md`, Order).
+//! Packing of photographs for the shuffle buffer, and unpacking (`photometric.md`, Order).
 
 use super::comparers::LearntView;
 use super::noise::DRAWN_CONTRADICTION;
@@ -12,12 +12,11 @@ use crate::observation::photograph::Photograph;
 use crate::render::cpu::photometric::RowChoice;
 use rayon::prelude::*;
 
-/// Levels of a colour, and of a coverage that is known.
 const COLOR_LEVELS: f32 = 255.0;
 const COVERAGE_LEVELS: f32 = (UNKNOWN_COVERAGE - 1) as f32;
 
-/// A photograph before exposure, as it waits: the rows that are to be learnt, colours in 8 bits and depths
-/// in 16, where surfaces within `margin` of them are the measured ones.
+/// Packs a photograph, before exposure correction: the selected rows, colours in 8 bits and depths in 16.
+/// Surfaces within `margin` of a depth count as the measured ones.
 pub fn packed(
     view: PhotographView,
     photograph: &Photograph,
@@ -47,13 +46,13 @@ pub fn packed(
     WaitingPhotograph { view, pixels: colors.into(), depths }
 }
 
-/// How a photograph that waited is looked at, and its pixels in the scene's exposure; rows that it lacks
-/// stay as they are in `image`. `None` for a pose that is none, which files are refused for.
+/// Unpacks a photograph in the scene's exposure into `image`; rows that were not stored keep their content.
+/// `None` for an invalid pose, which file loading rejects.
 pub fn unpacked(
     waiting: &WaitingPhotograph,
     image: &mut Image<MeasuredPixel>,
 ) -> Option<LearntView> {
-    // Rebuilt from its numbers whether or not they were in a file meanwhile: the same bits.
+    // Rebuilt from its numbers even if never written to a file, so that the bits are the same.
     let camera = waiting.view.camera().ok()?;
     let [width, height] = [camera.intrinsics.width, camera.intrinsics.height].map(|n| n as usize);
     if (image.width, image.height) != (width, height) {
@@ -84,8 +83,8 @@ pub fn unpacked(
     Some(LearntView { camera, near, rows, contradicts_from, per_depth_pixel })
 }
 
-/// Draws photographs out of those that wait now. By the newest of them alone, so that a run that goes
-/// on draws as one that never stopped.
+/// Returns the random numbers for drawing from the buffer. They depend on the newest photograph only, so that
+/// a resumed run draws the same.
 pub fn draws(waiting: &[WaitingPhotograph]) -> Rng {
     let newest = waiting.iter().map(|waiting| waiting.view.frame as u64).max();
     Rng::new(0, Purpose::Photographs, newest.unwrap_or(0))
@@ -103,7 +102,7 @@ mod tests {
         let intrinsics = Intrinsics::from_horizontal_fov(5, 9, 0.8);
         let camera = Camera { intrinsics, pose: Pose::IDENTITY };
         let margin = [0.03, 0.02];
-        // One is not known, others lie too far, or nowhere.
+        // Unknown, known and out-of-range depths.
         let depth = |i: usize| [0.0, 1.0 + 0.1 * i as f32, 1e4][i % 3];
         let color = |i: usize| [i as u8, 255, 128, [0, 127, 255][i % 3]];
         let photograph = Photograph {

@@ -1,9 +1,8 @@
-//! Alignment of a frame's samples with what the scene shows: Gauss–Newton over depth and brightness.
+//! Alignment of a frame's samples with the rendered scene: Gauss–Newton over depth and brightness.
 //!
-//! Depth is compared across the surface that the reference shows, so that a slanted floor weighs as
-//! a wall does; brightness holds what planes leave free. Both have Cauchy weights, since the scene
-//! hides some of what the frame sees and the other way round. The reference is what has slopes: it
-//! is drawn without holes, a frame is not.
+//! Depth is compared along the normal of the rendered surface, so that a slanted floor has the same weight as
+//! a wall; brightness constrains motion along planes. Both have Cauchy weights because of mutual occlusion.
+//! Slopes are those of the rendered picture, which has no holes, while a frame does.
 
 use super::reference::ReferenceLevel;
 use super::samples::{Sample, SampleLevel};
@@ -11,47 +10,46 @@ use crate::math::pose::Pose;
 use crate::train::scene::rigid_equations::{Motion, RigidEquations};
 use glam::{DQuat, DVec3};
 
-/// Standard deviation of brightness between a frame and what the scene shows.
+/// Standard deviation of brightness between a frame and the rendered scene.
 const BRIGHTNESS: f64 = 0.05;
-/// Standard deviation of the scene's surfaces, as a share of depth.
+/// Standard deviation of the scene's surfaces, relative to depth.
 const SURFACE: f64 = 0.004;
-/// Squared residual, in its variances, at which a weight is a half.
+/// Squared residual, in units of its variance, at which the Cauchy weight is one half.
 const ROBUST: f64 = 4.0;
-/// Standard deviation of a motion before anything is seen: radians, and as a share of depth.
+/// Prior standard deviations of a motion: radians, and relative to depth.
 const PRIOR: [f64; 2] = [0.5, 0.5];
-/// A step below so many radians, or shares of depth, is none.
+/// Step below which the iteration has converged: radians, or relative to depth.
 const SMALL_STEP: f64 = 2e-5;
-/// Slope of depth beyond which a surface is seen from its edge.
+/// Minimum length of a depth residual's gradient; a shorter one has no usable direction.
 const MIN_SLOPE: f64 = 1e-9;
 
-/// How a frame fits the scene at a pose.
+/// Fit of a frame to the scene at a pose.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseFit {
-    /// The pose.
     pub pose: Pose,
-    /// Share of the samples that lie where the scene shows something.
+    /// Share of the samples that fall on the rendered scene.
     pub overlap: f64,
-    /// Mean agreement of these, 0 to 1.
+    /// Mean agreement of these samples, 0 to 1.
     pub agreement: f64,
-    /// Deviations of turn (radians) and centre (world units) along the least certain axes.
+    /// Standard deviations of rotation (radians) and centre (world units) along the least certain axes.
     pub deviations: [f64; 2],
 }
 
 impl PoseFit {
-    /// What the better of two fits has more of: agreement over the whole frame.
+    /// Returns the quality of the fit: agreement over the whole frame.
     pub fn score(&self) -> f64 {
         self.overlap * self.agreement
     }
 }
 
-/// What one sample says at a pose.
+/// Residuals of one sample at a pose.
 struct Residual {
-    /// From the camera, world axes.
+    /// Vector from the camera, world axes.
     arm: DVec3,
     distance: f64,
-    /// Of the surface that the scene shows.
+    /// Normal of the rendered surface.
     normal: DVec3,
-    /// Of the frame's own surface.
+    /// Normal of the frame's own surface.
     own_normal: DVec3,
     variance: f64,
     brightness: f64,
@@ -65,7 +63,7 @@ impl Residual {
         let arm = pose.rotation() * sample.position;
         let seen = rotation.transpose() * (arm + pose.centre() - from.centre());
         let texel = level.at(seen)?;
-        // Moving away by what the surface recedes leaves the residual as it is.
+        // Motion along the rendered surface leaves the residual unchanged.
         let slope = texel.depth_slope - DVec3::Z;
         let length = slope.length();
         if length < MIN_SLOPE {
@@ -94,7 +92,7 @@ impl Residual {
     }
 }
 
-/// The factor on the brightness of samples that lie on what the scene shows; 1 without any.
+/// Gain on the brightness of samples that fall on the rendered scene; 1 without any.
 fn gain(residuals: &[Residual]) -> f64 {
     let (above, below) = residuals.iter().fold((0.0, 0.0), |(above, below), r| {
         let trust = r.depth_trust();
@@ -103,8 +101,8 @@ fn gain(residuals: &[Residual]) -> f64 {
     if below > 0.0 { above / below } else { 1.0 }
 }
 
-/// How much of the contrast that the scene shows the frame has as well, 0 to 1: the slope of its brightness
-/// over the scene's. A frame of one colour tells nothing by its brightness, however painted the scene is.
+/// Share of the rendered contrast that the frame has as well, 0 to 1: slope of its brightness over the
+/// scene's. The brightness of a uniform frame gives no information, whatever the contrast of the scene.
 fn contrast(residuals: &[Residual], gain: f64) -> f64 {
     let mut sums = [0.0; 5];
     for r in residuals {
@@ -117,10 +115,9 @@ fn contrast(residuals: &[Residual], gain: f64) -> f64 {
     if variance > 0.0 { (covariance / variance).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Standard deviations of turn (radians) and centre (world units) along the axes that the residuals of one
-/// pose leave least certain, by the frame's own surfaces and contrast: where it shows another thing than the
-/// scene, the scene's would tell of a pose that the frame knows nothing of. `None` unless all numbers are
-/// finite.
+/// Standard deviations of rotation (radians) and centre (world units) along the least certain axes, computed
+/// with the frame's own normals and contrast. If the frame shows something else than the scene, the scene's
+/// slopes would give a false certainty. `None` unless all numbers are finite.
 fn certain(
     residuals: &[Residual],
     gain: f64,
@@ -140,8 +137,8 @@ fn certain(
     equations.deviations()
 }
 
-/// Moves a frame from `start` to where its samples fit the scene as drawn from `from`, in at most so
-/// many steps; `depth` is the frame's usual depth, world units.
+/// Aligns a frame, from `start`, with the scene rendered from `from`, in at most `rounds` steps; `depth` is
+/// the frame's typical depth, world units.
 pub fn fit(
     SampleLevel { samples, alike }: &SampleLevel,
     (level, from): (&ReferenceLevel, &Pose),

@@ -1,20 +1,20 @@
-//! Where a frame's camera stood, told by the scene alone: tracking without recorded poses.
+//! Tracking without recorded poses: the pose of a frame is found from the scene alone.
 //!
-//! The scene itself is the map: it is drawn from where the camera may be, wider than a frame, and the
-//! frame is aligned with that picture and its depth, coarse to fine. No images are kept, and a frame
-//! that comes back to where others were meets what all of them taught, so that loops close by
-//! themselves as far as tracking has not drifted beyond its reach.
+//! The scene is the map: it is rendered from a likely pose with a wider view than a frame, and the frame is
+//! aligned with picture and depth, coarse to fine. No images are stored. A frame that returns to a known
+//! place is aligned with everything trained there, so loops close without further means as long as the drift
+//! is within reach.
 //!
 //! | step | file |
 //! |---|---|
-//! | the frame as few points at several resolutions | `samples` |
-//! | the scene as it looks from a place | `reference` |
-//! | turns on a grid, for cameras that turn fast | `search` |
+//! | frame as a few points at several resolutions | `samples` |
+//! | scene rendered from a pose | `reference` |
+//! | search over rotations on a grid, for fast turns | `search` |
 //! | Gauss–Newton over depth and brightness | `fit` |
 //!
-//! A frame is lost if too little of it is known, if what is known disagrees, or if it does not
-//! determine the pose (a blank wall). Then the places of earlier frames are tried, and what is lost
-//! all the same is left out rather than learnt where it was not taken.
+//! A frame is lost if too little of it is known, if it disagrees with the scene, or if it does not determine
+//! the pose (a blank wall). Poses of earlier frames are then tried. A frame that stays lost is left out
+//! rather than added at a wrong pose.
 
 mod fit;
 mod reference;
@@ -33,26 +33,26 @@ use reference::Reference;
 use samples::{FrameSamples, LEVELS};
 use search::search;
 
-/// Fewest samples of a frame that can be placed.
+/// Minimum number of samples of a frame.
 const MIN_SAMPLES: usize = 100;
-/// Least mean brightness of a frame that shows anything.
+/// Minimum mean brightness of a frame.
 const MIN_BRIGHTNESS: f64 = 0.02;
-/// Least share of a frame that the scene must show.
+/// Minimum share of a frame that the scene must cover.
 const MIN_OVERLAP: f64 = 0.2;
-/// Least agreement of that share.
+/// Minimum agreement of that share.
 const MIN_AGREEMENT: f64 = 0.4;
-/// Largest deviation of the turn, radians, and of the centre, as a share of depth.
+/// Maximum standard deviation of the rotation, radians, and of the centre, relative to depth.
 const MAX_DEVIATIONS: [f64; 2] = [0.01, 0.01];
-/// Widening of the picture that turns are searched in, and of the one that is aligned with last.
+/// Margins of the picture for the search over rotations and of that for the final alignment.
 const MARGINS: [f64; 2] = [0.4, 0.1];
-/// Poses that the search hands on.
+/// Number of poses that the search returns.
 const CANDIDATES: usize = 6;
-/// Steps of Gauss–Newton by level, the finest first.
+/// Gauss–Newton steps by level, finest first.
 const ROUNDS: [usize; LEVELS] = [6, 8, 10];
-/// Places that are tried when tracking is lost, at most.
+/// Maximum number of earlier poses that are tried after tracking is lost.
 const MAX_PLACES: usize = 24;
 
-/// Why a frame could not be placed.
+/// Reason why the pose of a frame was not found.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TrackingLoss {
     /// Too few samples with depth.
@@ -60,33 +60,33 @@ pub enum TrackingLoss {
         "expected depth in at least {MIN_SAMPLES} blocks of pixels, found {0}; check the depth unit and range"
     )]
     Depth(usize),
-    /// Too dark: mean brightness.
+    /// Too dark; holds the mean brightness.
     #[error(
         "expected a mean brightness of at least {MIN_BRIGHTNESS}, found {0:.3}; record with more light"
     )]
     Dark(f64),
-    /// The share of it that is known.
-    #[error("expected the scene to show at least {:.0} % of it, found {:.0} %; move slower, or back to what was seen", 100.0 * MIN_OVERLAP, 100.0 * .0)]
+    /// Too small an overlap with the scene; holds the share.
+    #[error("expected the scene to cover at least {:.0} % of the frame, found {:.0} %; move slower or return to a known view", 100.0 * MIN_OVERLAP, 100.0 * .0)]
     Overlap(f64),
-    /// How well it agrees with what is known.
+    /// Too low an agreement with the scene.
     #[error(
-        "expected it to agree with the scene by at least {MIN_AGREEMENT}, found {0:.2} at the best place; move slower, or back to what was seen"
+        "expected an agreement with the scene of at least {MIN_AGREEMENT}, found {0:.2} at the best pose; move slower or return to a known view"
     )]
     Agreement(f64),
-    /// Deviations of turn, radians, and centre, world units.
-    #[error("expected surfaces and colours that determine its pose, found them to leave {:.2} degrees and {:.3} world units open; keep more than one plain wall in view", .0[0].to_degrees(), .0[1])]
+    /// Undetermined pose; holds the standard deviations of rotation, radians, and centre, world units.
+    #[error("expected surfaces and colours that determine the pose, found uncertainties of {:.2} degrees and {:.3} world units; keep more than one plain wall in view", .0[0].to_degrees(), .0[1])]
     Undetermined([f64; 2]),
 }
 
-/// Where the first frame is taken to stand: where it says, if tracking can go on from it.
+/// Returns the recorded pose for the first frame, if tracking can start from that frame.
 ///
 /// # Errors
-/// [`TrackingLoss`] of a frame that shows nothing to go by.
+/// [`TrackingLoss`] if the frame has too few samples or too little light.
 pub fn begin(frame: &Observation) -> Result<TrackedPose, TrackingLoss> {
     check(&FrameSamples::of(frame)).map(|()| TrackedPose::first(&frame.camera.pose))
 }
 
-/// Whether a frame shows anything to go by.
+/// Checks that a frame has enough samples and light.
 fn check(samples: &FrameSamples) -> Result<(), TrackingLoss> {
     let n = samples.levels[0].samples.len();
     if n < MIN_SAMPLES {
@@ -98,11 +98,11 @@ fn check(samples: &FrameSamples) -> Result<(), TrackingLoss> {
     }
 }
 
-/// Finds where a frame was taken from, given poses near which it may be, the likeliest first, and
-/// the poses of earlier frames, which are tried where that fails.
+/// Finds the pose of a frame from `guesses`, most likely first; if that fails, from `known` poses of earlier
+/// frames.
 ///
 /// # Errors
-/// [`TrackingLoss`] of the best pose that was found.
+/// [`TrackingLoss`] of the best pose.
 pub fn place(
     scene: SplatView<'_>,
     frame: &Observation,
@@ -121,13 +121,13 @@ pub fn place(
     if near.is_ok() {
         return near;
     }
-    // Spread over the whole run: where it was last is no likelier than anywhere else by now.
+    // Spread over the whole run: after a loss the last pose is no more likely than any other.
     let every = known.len().div_ceil(MAX_PLACES).max(1);
     let places: Vec<Pose> = known.iter().rev().step_by(every).copied().collect();
     tracker.track(&places).or(near)
 }
 
-/// One frame beside the scene.
+/// Tracking state of one frame.
 struct Tracker<'a> {
     scene: SplatView<'a>,
     intrinsics: Intrinsics,
@@ -141,7 +141,7 @@ impl Tracker<'_> {
         Reference::draw(renderer, *scene, pose, intrinsics, samples.block, margin)
     }
 
-    /// The pose found from the best of some guesses.
+    /// Aligns from each guess and returns the best pose.
     fn track(&mut self, guesses: &[Pose]) -> Result<TrackedPose, TrackingLoss> {
         let mut best: Option<PoseFit> = None;
         for guess in guesses {
@@ -153,7 +153,7 @@ impl Tracker<'_> {
         self.judge(&settled)
     }
 
-    /// The best pose that is a turn or a small motion away.
+    /// Best pose within a rotation or a small motion of a guess.
     fn near(&mut self, guess: &Pose) -> Option<PoseFit> {
         let reference = self.draw(guess, MARGINS[0]);
         let [_, middle, coarsest] = &self.samples.levels;
@@ -168,8 +168,8 @@ impl Tracker<'_> {
         aligned.collect::<Vec<_>>().into_iter().fold(None, better)
     }
 
-    /// Aligns with what the scene shows from the pose found itself: nothing is hidden from there that
-    /// the frame sees.
+    /// Refines a pose with the scene rendered from that pose, where no surface that the frame sees is
+    /// occluded.
     fn settle(&mut self, found: &PoseFit) -> Option<PoseFit> {
         let mut settled = *found;
         for _ in 0..2 {

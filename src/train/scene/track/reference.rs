@@ -1,7 +1,7 @@
-//! What the scene shows from a place: the picture and depth that a frame is aligned with.
+//! Reference for the alignment of a frame: picture and depth of the scene from a pose.
 //!
-//! Drawn wider than a frame, so that a camera that turned still finds its surroundings: the scene
-//! knows what the frame before did not see.
+//! It is wider than a frame, so that a camera that turned still overlaps with it: the scene covers more than
+//! the previous frame.
 
 use super::samples::{LEVELS, brightness};
 use crate::math::camera::{Camera, Intrinsics};
@@ -12,42 +12,40 @@ use crate::render::cpu::CpuRenderer;
 use crate::render::{Exposing, RenderMethod, RenderOptions};
 use glam::DVec3;
 
-/// Least coverage of a pixel that shows anything.
+/// Minimum coverage of a valid pixel.
 const MIN_COVERAGE: f32 = 0.5;
-/// Most by which the depths around a point may differ, as a share: beyond it is an edge.
+/// Maximum relative difference of the depths around a point; a larger one is an edge.
 const EDGE: f64 = 0.1;
 
-/// What the scene shows from a place, the finest level first.
+/// The scene rendered from a pose, finest level first.
 pub struct Reference {
-    /// Where from.
     pub pose: Pose,
-    /// By level.
     pub levels: [ReferenceLevel; LEVELS],
 }
 
 /// One resolution of a [`Reference`].
 pub struct ReferenceLevel {
     intrinsics: Intrinsics,
-    /// Brightness, and depth along the optical axis: 0 where nothing is shown.
+    /// Brightness, and depth along the optical axis; 0 where the scene is empty.
     texels: Image<[f64; 2]>,
 }
 
-/// What is shown between pixels.
+/// Interpolated values of the picture.
 #[derive(Clone, Copy)]
 pub struct Texel {
     /// Brightness in `[0, 1]`, in the scene's exposure.
     pub brightness: f64,
     /// Depth along the optical axis, world units.
     pub depth: f64,
-    /// How brightness changes with the place of what is seen, camera axes, per world unit.
+    /// Gradient of brightness with respect to the position of the point, camera axes, per world unit.
     pub brightness_slope: DVec3,
-    /// How depth does.
+    /// Gradient of depth with respect to the position of the point.
     pub depth_slope: DVec3,
 }
 
 impl Reference {
-    /// Draws the scene from `pose` for frames with these intrinsics, one pixel for `block` of theirs
-    /// and wider than they are by `margin` of a side at each end.
+    /// Renders the scene from `pose` for frames with the given intrinsics: one pixel per `block` of theirs,
+    /// and a margin on each side of `margin` times the frame's size.
     pub fn draw(
         renderer: &mut CpuRenderer,
         scene: SplatView<'_>,
@@ -67,6 +65,7 @@ impl Reference {
         let texel = |((color, coverage), depth): ((&[f32; 3], &f32), &f32)| {
             let is_shown = *coverage >= MIN_COVERAGE && *depth > 0.0;
             match is_shown {
+                // Drawn over black: dividing by coverage restores the brightness of the surface.
                 true => [brightness(*color) / f64::from(*coverage), f64::from(*depth)],
                 false => [0.0; 2],
             }
@@ -82,7 +81,7 @@ impl Reference {
 
 fn widened(frame: &Intrinsics, block: usize, margin: f64) -> Intrinsics {
     let per_pixel = 1.0 / block as f64;
-    // Whole blocks at either end, and sides that can be halved twice.
+    // Whole blocks on either side, and sizes that can be halved twice.
     let side = |length: u32| {
         let added = (margin * f64::from(length) * per_pixel).ceil();
         let side = (f64::from(length) * per_pixel).ceil() + 2.0 * added;
@@ -101,7 +100,7 @@ fn widened(frame: &Intrinsics, block: usize, margin: f64) -> Intrinsics {
 }
 
 impl ReferenceLevel {
-    /// The next coarser level: means over what is shown of two by two pixels on one surface.
+    /// Next coarser level: means over the valid ones of two by two pixels on one surface.
     fn halved(&self) -> Self {
         let (width, height) = (self.texels.width / 2, self.texels.height / 2);
         let texel = |i: usize| {
@@ -129,13 +128,13 @@ impl ReferenceLevel {
         Self { intrinsics, texels }
     }
 
-    /// Angle that a pixel at the centre covers, radians.
+    /// Returns the angle of a pixel at the centre, radians.
     pub fn pixel_angle(&self) -> f64 {
         1.0 / self.intrinsics.fx
     }
 
-    /// Brightness and depth of the nearest pixel to a point in camera axes; depth 0 where nothing is
-    /// shown, `None` outside.
+    /// Returns brightness and depth of the pixel nearest to a point in camera axes; depth 0 where the scene
+    /// is empty, `None` outside.
     pub fn nearest(&self, point: DVec3) -> Option<[f64; 2]> {
         let k = &self.intrinsics;
         let (u, v) = (k.fx * point.x / point.z + k.cx, k.fy * point.y / point.z + k.cy);
@@ -145,8 +144,8 @@ impl ReferenceLevel {
         is_inside.then(|| *self.texels.at(u as usize, v as usize))
     }
 
-    /// What is shown where a point in camera axes lies, by bilinear interpolation; `None` outside,
-    /// beside what is not shown, and at edges of depth.
+    /// Interpolates bilinearly at a point in camera axes; `None` outside, next to empty pixels, and at depth
+    /// edges.
     pub fn at(&self, point: DVec3) -> Option<Texel> {
         let k = &self.intrinsics;
         let (u, v) = (k.fx * point.x / point.z + k.cx - 0.5, k.fy * point.y / point.z + k.cy - 0.5);
@@ -168,7 +167,7 @@ impl ReferenceLevel {
         let mix = |i: usize| {
             let [top, below] = [0, 2].map(|at| four[at][i] + a * (four[at + 1][i] - four[at][i]));
             let across = (1.0 - b) * (four[1][i] - four[0][i]) + b * (four[3][i] - four[2][i]);
-            // The slope of a pixel's place, where x and y stand over z.
+            // Gradient of the projection x/z, y/z.
             let along_u = DVec3::new(k.fx, 0.0, -k.fx * point.x / point.z) / point.z;
             let along_v = DVec3::new(0.0, k.fy, -k.fy * point.y / point.z) / point.z;
             (top + b * (below - top), across * along_u + (below - top) * along_v)

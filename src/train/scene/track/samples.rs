@@ -1,24 +1,23 @@
-//! A frame as tracking compares it with the scene: few points with depth and brightness, at several
-//! resolutions.
+//! Samples of a frame for tracking: a few points with depth and brightness at several resolutions.
 
 use crate::observation::surface::Observation;
 use glam::DVec3;
 
-/// Columns of the finest level, about.
+/// Approximate number of columns of the finest level.
 const COLUMNS: usize = 160;
-/// Blocks of a whole picture that err each by themselves.
+/// Number of blocks of a whole picture with independent errors.
 const INDEPENDENT: f64 = 1000.0;
-/// Levels, each with half the columns of the one before.
+/// Number of levels, each with half the columns of the previous one.
 pub const LEVELS: usize = 3;
 /// Points of a block belong to one surface if their ranges differ by at most this share.
 const ONE_SURFACE: f32 = 0.03;
 
-/// The mean of the points of a block of pixels.
+/// Mean of the points of a block of pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// In the axes of the depth camera, world units from its centre.
+    /// Position in axes of the depth camera, world units from its centre.
     pub position: DVec3,
-    /// Unit normal of the surface, in the same axes; zero where it is not known.
+    /// Unit surface normal in the same axes; zero if unknown.
     pub normal: DVec3,
     /// Brightness in `[0, 1]`.
     pub brightness: f64,
@@ -26,19 +25,17 @@ pub struct Sample {
     pub noise: f64,
 }
 
-/// Samples of one resolution.
 pub struct SampleLevel {
-    /// In rows from the top.
+    /// Row by row from the top.
     pub samples: Vec<Sample>,
-    /// How many neighbours err together and count as one: more, the finer the level.
+    /// Number of neighbours with correlated errors that count as one; larger for finer levels.
     pub alike: f64,
 }
 
-/// A frame's samples, the finest level first.
+/// Samples of a frame, finest level first.
 pub struct FrameSamples {
-    /// By level.
     pub levels: [SampleLevel; LEVELS],
-    /// Pixels of the frame along one of the finest level's.
+    /// Width of a block of the finest level, in pixels of the frame.
     pub block: usize,
     /// Median depth along the optical axis, world units.
     pub depth: f64,
@@ -52,7 +49,7 @@ pub fn brightness(color: [f32; 3]) -> f64 {
     0.299 * red + 0.587 * green + 0.114 * blue
 }
 
-/// Sums over the points of a block that lie on the surface of its first.
+/// Sums over the points of a block that lie on the same surface as its first.
 #[derive(Clone, Copy, Default)]
 struct Block {
     range: f32,
@@ -64,7 +61,7 @@ struct Block {
 }
 
 impl FrameSamples {
-    /// Of a frame as it was prepared, wherever its pose says that it stood.
+    /// Samples a frame; the result is in camera axes and independent of the frame's pose.
     pub fn of(frame: &Observation) -> Self {
         let width = frame.camera.intrinsics.width as usize;
         let block = (width / COLUMNS).max(1);
@@ -81,7 +78,7 @@ impl FrameSamples {
 
 fn samples(frame: &Observation, block: usize) -> SampleLevel {
     let intrinsics = &frame.camera.intrinsics;
-    // Pictures without columns, as of frames that are made by hand, have blocks without points.
+    // Hand-made frames may have images without columns; their blocks have no points.
     let [width, height] = [intrinsics.width.max(1), intrinsics.height].map(|side| side as usize);
     let (columns, rows) = (width.div_ceil(block), height.div_ceil(block));
     let mut blocks = vec![Block::default(); columns * rows];

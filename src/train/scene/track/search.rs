@@ -1,8 +1,7 @@
-//! Where a camera may have turned to: every turn on a grid, compared at the coarsest resolution.
+//! Search over rotations of a camera on a grid at the coarsest resolution.
 //!
-//! Gauss–Newton finds a pose from within two or three pixels of the coarsest level; hand-held
-//! cameras turn by many times that between frames that come seldom, but hardly move as far. So only
-//! turns are tried.
+//! Gauss–Newton converges from within two or three pixels of the coarsest level. Hand-held cameras turn by
+//! many times that between infrequent frames, but hardly move as far, so only rotations are searched.
 
 use super::reference::ReferenceLevel;
 use super::samples::Sample;
@@ -10,18 +9,18 @@ use crate::math::pose::Pose;
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 use rayon::prelude::*;
 
-/// Largest turns tried: pitch, yaw and roll, radians.
+/// Maximum rotations: pitch, yaw and roll, radians.
 const REACH: [f64; 3] = [0.5, 0.6, 0.45];
-/// Distance of turns, in pixels of the coarsest level; rolls move a picture's rim by about as much.
+/// Grid step in pixels of the coarsest level; a roll moves the rim of the picture by about as much.
 const STEP: [f64; 3] = [2.5, 2.5, 5.0];
-/// Samples that are compared, about.
+/// Approximate number of samples that are compared.
 const SAMPLES: usize = 400;
-/// By how much depth and brightness may differ to count half, as a share and in `[0, 1]`.
+/// Relative depth difference and brightness difference (in `[0, 1]`) at which a sample counts half.
 const TOLERANCE: [f64; 2] = [0.06, 0.1];
-/// What a sample counts that lies where the scene shows nothing.
+/// Score of a sample that falls where the scene is empty.
 const UNKNOWN: f64 = 0.15;
 
-/// The most likely poses of a frame that was turned from about `guess`, the best first.
+/// Returns the most likely poses of a frame rotated from about `guess`, best first.
 pub fn search(
     samples: &[Sample],
     (level, from): (&ReferenceLevel, &Pose),
@@ -48,7 +47,7 @@ pub fn search(
     order.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
     let mut found: Vec<[i32; 3]> = Vec::new();
     for i in order {
-        // Neighbours of a peak lead to where it leads.
+        // Neighbours of a peak converge to the same pose.
         let is_new = |other: &[i32; 3]| (0..3).any(|axis| (other[axis] - turns[i][axis]).abs() > 1);
         if found.iter().all(is_new) {
             found.push(turns[i]);
@@ -60,7 +59,7 @@ pub fn search(
     found.iter().map(pose).collect()
 }
 
-/// How well a frame fits at a pose, per sample.
+/// Score of a frame at a pose, per sample.
 fn score(samples: &[Sample], level: &ReferenceLevel, from: &Pose, pose: &Pose) -> f64 {
     let turn: DMat3 = from.rotation().transpose() * pose.rotation();
     let shift = from.rotation().transpose() * (pose.centre() - from.centre());

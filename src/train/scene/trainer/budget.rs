@@ -1,4 +1,4 @@
-//! Births within the budget: what becomes one component, and how coarse, so that others can be born.
+//! Births within the budget, which may require merging components or coarsening the scale.
 
 use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
@@ -11,9 +11,9 @@ use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::stages::SceneStage;
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// Gives points without a component one of their own. Where the budget leaves no room, others are
-    /// merged before; where merging cannot keep up, the structural scale grows. How many were born and how
-    /// many became part of others.
+    /// Creates components for points without one. If the budget is exhausted, others are merged first; if
+    /// merging cannot free enough, the structural scale grows. Returns the numbers of births and of merged
+    /// components.
     pub(super) fn bear(
         &mut self,
         points: &[SurfacePoint],
@@ -27,7 +27,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         {
             merged += freed;
             lap(SceneStage::Merge);
-            // Components of this frame's points may have become parts of others.
+            // Components of this frame's points may have been merged.
             self.assign(points);
             let more = self.give_birth(points);
             births = FrameBirths { born: births.born + more.born, ..more };
@@ -38,7 +38,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         [births.born, merged]
     }
 
-    /// Gives points without a component one of their own, as far as the budget allows.
+    /// Creates components for points without one, within the budget.
     fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
         let (rule, spacing) = (self.config.births, self.spacing());
         let seeds = self.config.most_seeds();
@@ -50,25 +50,25 @@ impl<W: SumScalar> SceneTrainer<W> {
         give_birth(rule, spacing, grid, components, points, owners, limits)
     }
 
-    /// Merges components until so many may be born, an eighth of the budget at most, and goes on at a
-    /// wider scale if that frees less than half of it; how many became part of others, `None` if nothing
-    /// can be done. Before births and not after them: so the budget holds at every moment. Components of a
-    /// lattice may not depend on when the budget was reached: they are merged when they are drawn.
+    /// Merges components to allow `refused` births, an eighth of the budget at most, and coarsens the scale
+    /// if that frees less than half of it. Returns the number of merged components, `None` if nothing can be
+    /// done. It runs before births, so that the budget holds at all times. Components of a lattice must not
+    /// depend on when the budget was reached: they are merged only for drawing.
     fn make_room(&mut self, refused: usize) -> Option<usize> {
         if self.config.births.is_order_invariant() {
             return None;
         }
         let (most, used) = (self.config.max_components, self.components.used());
-        // More than this frame needs: merging takes longer than a frame.
+        // More than this frame needs, since merging takes longer than a frame.
         let room = (most / 16).max(refused.min(most / 8)).max(1);
-        // Below the budget it is seeds that are too many, and merging keeps those. A pass that finds few
-        // pairs says that the next ones would find fewer.
+        // Below the budget the number of seeds is at its limit, and merging retains those. A pass that finds
+        // few pairs indicates that the next ones would find fewer.
         let freed = if used < most { 0 } else { self.merge_worthwhile(most - room, room / 16) };
         let is_too_little = freed < room.div_ceil(2);
         if is_too_little && !self.coarsen() && freed == 0 { None } else { Some(freed) }
     }
 
-    /// Goes on at the next wider scale; whether there is one.
+    /// Grows the scale by one step; returns false if it cannot.
     fn coarsen(&mut self) -> bool {
         let steps = self.coarsened + 1;
         if !(self.scale * factor(steps)).is_finite() {
@@ -79,7 +79,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let wider = coarsened::<W>(self.state(), steps)
             .and_then(|state| Self::restore(&asked, state, self.frames));
         let Some(wider) = wider else { return false };
-        // What photographs taught is in world units, and the rest does not know the scale.
+        // The photometric state is in world units, and the remaining fields are independent of the scale.
         self.config = wider.config;
         self.coarsened = wider.coarsened;
         (self.hyper, self.scoring) = (wider.hyper, wider.scoring);
@@ -91,13 +91,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         true
     }
 
-    /// Merges components until so many are left, or none may be merged; how many became part of
-    /// others.
+    /// Merges components until `target` are left or none can be merged; returns the number of merged
+    /// components.
     pub(in crate::train::scene) fn merge_to(&mut self, target: usize) -> usize {
         self.merge_worthwhile(target, 1)
     }
 
-    /// The same until a pass merges fewer than `worthwhile`.
+    /// The same, until a pass merges fewer than `worthwhile`.
     fn merge_worthwhile(&mut self, target: usize, worthwhile: usize) -> usize {
         let used = self.components.used();
         self.component_sums.grow(self.components.n_rows());
@@ -107,10 +107,10 @@ impl<W: SumScalar> SceneTrainer<W> {
         let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
         let Self { component_sums, components, grid, .. } = self;
         merge_down(component_sums, components, grid, self.config.h, target, worthwhile);
-        // What frames taught of components that are parts of others stays where it is.
+        // Contributions of frames to merged components are dropped, and so stay fixed.
         let has_points = |id: u32| component_sums.plane_sums(id as usize).0 > 0.0;
         self.kept.iter_mut().for_each(|kept| kept.taught.retain(has_points));
-        // What photographs taught of two splats says nothing of their union: it begins anew.
+        // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
             if count(&self.component_sums, id) != before {
                 self.photometric.forget(id);

@@ -1,4 +1,4 @@
-//! Which components the points of a frame belong to, and their sums: what a device can do too.
+//! Assignment of a frame's points to components, and their sums: the stages that a device can run.
 
 use super::SceneTrainer;
 use crate::model::scene::kept::Taught;
@@ -12,8 +12,8 @@ use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::sum_scalar::SumScalar;
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// Whether a device can find the seeds of points and sum these to the processor's bits: whole quanta
-    /// about seeds that are points, and no more than that.
+    /// True if a device can search seeds and sum points with the processor's bits: it supports whole quanta
+    /// about seeds born at points, and visibility by projection, only.
     pub(super) fn can_fit_on_device(&self) -> bool {
         let SceneConfig { sums, births, visibility, .. } = &self.config;
         *sums == SumForm::Mixed
@@ -21,13 +21,13 @@ impl<W: SumScalar> SceneTrainer<W> {
             && *visibility == VisibilityRule::Projected
     }
 
-    /// Finds the components of the points of a frame that is to be learnt.
+    /// Assigns the points of a new frame, for which the device is chosen first.
     pub(super) fn assign_anew(&mut self, points: &[SurfacePoint]) {
         self.fits.begin_frame(points.len(), self.config.h);
         self.assign(points);
     }
 
-    /// Finds the component of every point, as far as it has one, once more in this frame.
+    /// Assigns the points of the current frame, possibly again.
     pub(super) fn assign(&mut self, points: &[SurfacePoint]) {
         let (rule, spacing) = (self.config.births, self.spacing());
         let Self { fits, grid, components, owners, .. } = self;
@@ -43,7 +43,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
     }
 
-    /// Adds the points to the sums of their components; what they added, where frames are kept.
+    /// Adds the points to the sums; returns the contributions if frames are stored for a second alignment.
     pub(super) fn sum_up(
         &mut self,
         points: &[SurfacePoint],

@@ -1,8 +1,7 @@
-//! The trainer of the scene preset: owns the components and applies frames to them.
+//! Trainer of the scene preset: owns the components and adds frames to them.
 //!
-//! Stages run in the order that they need (`scene.md`, Stages of a frame): a pose is corrected
-//! before points look for components, births are over before anything is summed, and visibility is
-//! counted with the means of after the frame.
+//! The order of the stages follows their dependencies (`scene.md`, Stages of a frame): the pose is corrected
+//! before points are assigned, births precede the sums, and visibility uses the means after the frame.
 
 mod budget;
 mod fitting;
@@ -48,25 +47,25 @@ use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Every so many frames all components are told to have changed.
+// Interval, in frames, at which all components are reported as changed.
 const EVERYTHING_EVERY: u64 = 16;
 
-/// Points that found no component.
+/// Points without a component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UnassignedPoints {
-    /// The budget was used up.
+    /// Points for which the budget had no room.
     pub budget: u64,
-    /// They lay too far from the origin to be told from their neighbours.
+    /// Points too far from the origin to be distinguished from their neighbours.
     pub reach: u64,
 }
 
-/// Components and buffers; sums are kept in words `W`.
+/// Components and buffers; `W` is the number type of the sums.
 pub struct SceneTrainer<W> {
-    /// As asked for, but for a structural scale that may have grown to hold the budget.
+    /// Configuration, with the current structural scale, which may have grown.
     config: SceneConfig,
-    /// The structural scale that was asked for, world units.
+    /// Configured structural scale, world units.
     scale: f64,
-    /// By how many steps it has grown.
+    /// Number of steps by which it has grown.
     coarsened: u32,
     origin: DVec3,
     hyper: Hyper,
@@ -74,7 +73,7 @@ pub struct SceneTrainer<W> {
     grid: SeedGrid,
     components: Components,
     component_sums: ComponentSums<W>,
-    /// Who finds the components of points and sums them.
+    /// Assigns and sums points on the processor or a device.
     fits: PointFits,
     owners: Vec<u32>,
     shifts: Vec<f32>,
@@ -82,33 +81,31 @@ pub struct SceneTrainer<W> {
     q: Vec<f64>,
     component_elbo: ComponentElbo,
     touched: Vec<u32>,
-    /// Whether the last frame changed components that are not among the touched.
+    /// True if the last frame changed components that are not in `touched`.
     has_changed_all: bool,
     frames: u64,
-    /// Points that found no component so far.
     unassigned: UnassignedPoints,
-    /// How the frames were exposed, while gains are fitted.
+    /// Exposures of the frames, if gains are estimated.
     exposures: Vec<FrameExposure>,
-    /// How their poses were corrected, unless these are taken for exact.
+    /// Pose corrections of the frames, unless poses count as exact.
     poses: Vec<FramePose>,
-    /// What the frame being learnt shows of the components that it was aligned to.
+    /// Means of the current frame's points by component, from its alignment.
     shown: Vec<Shown>,
-    /// Frames that are still to be looked at a second time, the oldest first.
+    /// Frames that await a second alignment, oldest first.
     kept: VecDeque<KeptFrame>,
-    /// Where the cameras of the frames were found, while poses are tracked.
+    /// Tracked camera poses, if poses are tracked.
     trajectory: Vec<TrackedPose>,
-    /// Points of the frame being learnt as its corrected pose has them.
+    /// Buffer for the current frame's points under the corrected pose.
     moved: Vec<SurfacePoint>,
-    /// What photographs taught, while splats learn from them.
     photometric: PhotometricLearner,
-    /// The same once those have taught as well that wait; until the next frame.
+    /// State after steps for all buffered photographs; reset by the next frame.
     settled: Option<PhotometricState>,
-    /// What the last frame was compared with, or what settled since.
+    /// Comparisons of the last frame, or of the photographs settled since.
     compared: Vec<ComparedPhotograph>,
 }
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// A scene without components, whose positions are kept relative to `origin` (world units).
+    /// Creates an empty scene, whose positions are relative to `origin` (world units).
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let hyper = Hyper::scene(config.h);
         let scoring = Scoring::new(&hyper);
@@ -147,8 +144,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// A scene that goes on where another, configured alike, stopped after `frames` frames; `None` if
-    /// its sums have another form, or seeds are farther away than their scale tells apart.
+    /// Resumes a scene with the same configuration after `frames` frames; `None` if its sums have another
+    /// form, or seeds are too far from the origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let h = config.h * coarsening::factor(state.coarsened);
         let mut trainer =
@@ -178,7 +175,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         Some(trainer)
     }
 
-    /// The scene as it stands, its components in their stored order.
+    /// Returns the current state, with components in their stored order.
     pub fn state(&self) -> SceneState {
         self.state_with(self.photometric.state())
     }
@@ -209,7 +206,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Frames that are kept, by the numbers of components in a stored order.
+    /// Stored frames, with component numbers converted to a stored order.
     fn kept_in(&self, order: &[u32]) -> Vec<KeptFrame> {
         if !self.config.births.is_order_invariant() {
             return self.kept.iter().cloned().collect();
@@ -219,20 +216,20 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.kept.iter().map(|kept| kept.renumbered(&numbers)).collect()
     }
 
-    /// Components in the order in which checkpoints hold them. Where components do not depend on the
-    /// order of frames, their order does not either.
+    /// Components in checkpoint order. If components do not depend on the order of frames, neither does this
+    /// order.
     fn stored_order(&self) -> Vec<u32> {
         let ids = 0..self.component_sums.len() as u32;
         if !self.config.births.is_order_invariant() {
             return ids.collect();
         }
         let mut seeds: Vec<_> = ids.map(|id| (self.grid.position(id as usize), id)).collect();
-        // On all threads: training waits while it is saved.
+        // Parallel, since training is blocked while a checkpoint is saved.
         seeds.par_sort_unstable_by(|(a, _), (b, _)| seed_order(a, b));
         seeds.into_iter().map(|(_, id)| id).collect()
     }
 
-    /// Learns from one frame, whole: nothing in it can fail.
+    /// Trains on one frame; cannot fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         let was_settled = self.unsettle();
         let outcome = self.learn_frame(frame);
@@ -269,13 +266,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         let coarsened = self.coarsened;
         let [born, merged] = self.bear(points, |stage| lap(&mut ms, stage));
         let (n_points, elbo_mean) = self.explain(points, frame.tolerance);
-        // By merging and by another scale points may have come to other components.
+        // Merging and coarsening may have changed the assignment.
         let is_rebuilt = merged > 0 || self.coarsened != coarsened;
         let gain = if is_rebuilt { self.gain(points, frame.point_weight) } else { gain };
         lap(&mut ms, SceneStage::Refine);
         let taught = self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
-        // After the sums, so that components count the frame they were born in.
+        // After the sums, so that components count the frame in which they were born.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
         let changes = self.learn_photograph_and_look(frame, &camera, gain, taught);
@@ -284,7 +281,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         changes.iter().for_each(|change| self.change(change));
         let is_moved = self.hold_to_recorded(frame);
         lap(&mut ms, SceneStage::Pose);
-        // Looks, merging and another scale change components without points as well.
+        // Second alignment, merging and coarsening also change components without points.
         self.end_frame(moved, is_rebuilt || is_moved);
         ms.train = wall.elapsed_ms();
         FrameOutcome {
@@ -299,7 +296,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Keeps how a frame was exposed and where it stood, as far as these were fitted.
+    /// Logs a frame's exposure and pose correction, if they were estimated.
     fn log(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
@@ -309,20 +306,20 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// The splat of a component by its points alone.
+    /// Splat of a component from its points alone.
     fn splat_of_points(&self, id: usize) -> (Splat, Appearance) {
         self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
     }
 
-    /// Where the points of a component are.
+    /// Mean and extent of a component's points.
     fn point_extent(&self, id: usize) -> Option<PointExtent> {
         self.config.splat_rule.extent(&self.sums(id), &self.splat_context(id))
     }
 
-    /// Counts which components the frame saw, or saw through.
+    /// Counts the components that the frame saw or saw through.
     fn see(&mut self, frame: &Observation, camera: &Camera) {
-        // Every frame: what is not full holds one frame more, since accumulation sums a component
-        // of more than 4,096 points wide at once.
+        // Every frame: a row that is not full can take one more frame, since accumulation sums a component
+        // with more than 4,096 points wide at once.
         self.component_sums.spill_to_wide_rows(&self.touched);
         if self.config.visibility == VisibilityRule::Projected {
             let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
@@ -330,8 +327,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Finds where points lie most probably. Gives those that have a component, and the mean of their ELBO under
-    /// the initial model, as they were measured; 0 without points.
+    /// Finds the most probable depths of the points. Returns the number of points with a component and the
+    /// mean ELBO of their measured positions under the initial model; 0 without points.
     fn explain(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) -> (usize, f64) {
         let explainer = Explainer {
             component_sums: &self.component_sums,
@@ -349,7 +346,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
     }
 
-    /// `weight` is the number of pixels that each of the points stands for.
+    /// `weight` is the number of pixels per point.
     fn gain(&self, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
         let fewest = fewest_matches(points.len(), MIN_MATCHES / f64::from(weight));
         self.gain_of(points, &self.owners, fewest)
@@ -360,12 +357,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         if is_fitted { gain(sums, points, owners, fewest) } else { [1.0; 3] }
     }
 
-    /// Everything a component has received, world units about its seed.
+    /// Returns all sums of a component, in world units about its seed.
     pub fn sums(&self, id: usize) -> SceneSums {
         SceneSums::new(&self.component_sums.sums(id), self.config.h)
     }
 
-    /// Where a component's sums are about, world units, and the returns expected of it.
+    /// Returns the inputs of a component's splat: seed (world units), scale and expected returns.
     pub fn splat_context(&self, id: usize) -> SplatContext {
         let seed = self.seed(id);
         let expected = self.component_sums.row(id).expected();
@@ -374,20 +371,20 @@ impl<W: SumScalar> SceneTrainer<W> {
         SplatContext { seed: self.origin + seed, h, expected, frames: self.frames }
     }
 
-    /// Where a component's sums are about, world units from the origin.
+    /// Seed of a component's sums, world units from the origin.
     fn seed(&self, id: usize) -> DVec3 {
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         DVec3::from_array(seed_positions.of(id).map(f64::from))
     }
 
-    /// The scene of a lattice that exceeds its budget, merged until it holds it; what cannot be merged
-    /// that far loses the components of the fewest points.
+    /// Merged copy of a lattice that exceeds its budget; if merging does not suffice, components with the
+    /// fewest points are dropped.
     fn within_budget(&self) -> Option<Self> {
         let most = self.config.max_components;
         if !self.config.births.is_order_invariant() || self.components.used() <= most {
             return None;
         }
-        // In stored order, that of the lattice: the order of births is that of the frames.
+        // Restored in stored order, that of the lattice, since the order of births depends on the frames.
         let mut merged = Self::restore(&self.config, self.state_with(self.shown()), self.frames)?;
         merged.merge_to(most);
         for id in merged.component_sums.keep_fullest(most) {

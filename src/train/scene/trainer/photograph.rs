@@ -1,5 +1,5 @@
-//! What the trainer does with a frame's photograph: judges the frame before it is learnt, and learns
-//! from the picture after the points.
+//! Photometric part of the trainer: outlier test of a frame before training on it, and the photometric step
+//! after its points.
 
 use super::{EVERYTHING_EVERY, SceneTrainer};
 use crate::math::camera::{Camera, Intrinsics};
@@ -17,12 +17,12 @@ use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
 
-/// Points looked at for how near a frame's surfaces are: every so many.
+// Stride over the points to estimate the distance of a frame's nearest surfaces.
 const NEAREST_OF: usize = 16;
-/// Share of them that may be nearer than that.
+/// Share of points that may be nearer than the estimate.
 const NEARER: f64 = 0.02;
 
-/// Distance that nearly all points of a frame are beyond, world units; 0 without points.
+/// Distance that nearly all points of a frame exceed, world units; 0 without points.
 fn nearest(points: &[SurfacePoint]) -> f64 {
     let mut ranges: Vec<f32> = points.iter().step_by(NEAREST_OF).map(|p| p.range).collect();
     let at = (ranges.len() as f64 * NEARER) as usize;
@@ -32,14 +32,15 @@ fn nearest(points: &[SurfacePoint]) -> f64 {
     }
 }
 
-/// Pixels of a photograph for each pixel of the depth beside it, at least 1.
+/// Pixels of a photograph per pixel of its depth image, at least 1.
 fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
     let depth = f64::from(depth.width) * f64::from(depth.height);
     (pixels as f64 / depth).max(1.0)
 }
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// Learns from the photograph of a frame whose points are known, unless it contradicts the scene.
+    /// Trains on the photograph of a frame whose points were added in an earlier pass, unless it is an
+    /// outlier.
     pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
         let was_settled = self.unsettle();
         let wall = Stopwatch::start();
@@ -63,8 +64,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         FrameOutcome { ms, ..FrameOutcome::default() }
     }
 
-    /// Whether a frame's points contradict the scene, asked only where photographs are learnt: without
-    /// them scenes keep the bits that they had before frames were judged.
+    /// True if a frame's points show it to be an outlier. Tested only with photometric training, so that
+    /// scenes without it keep the bits of earlier versions.
     pub(super) fn contradicts(
         &mut self,
         frame: &Observation,
@@ -94,16 +95,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         ComparedPhotograph { frame: self.frames, outcome }
     }
 
-    /// Counts a frame that was learnt, or passed over, and whether all components changed by it; keeps the memory
-    /// of its points.
+    /// Counts a frame, whether trained on or skipped, records whether all components changed, and takes back
+    /// the buffer of its points.
     pub(super) fn end_frame(&mut self, moved: Option<Vec<SurfacePoint>>, has_changed_all: bool) {
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
         self.has_changed_all = has_changed_all || self.frames.is_multiple_of(EVERYTHING_EVERY);
     }
 
-    /// Learns from a frame's photograph, or one that has waited, if the scene learns from photographs at all. What
-    /// `beside` gives, which is worked out meanwhile: either keeps some threads waiting by itself.
+    /// Takes the photometric step for a frame, if enabled, and runs `beside` in parallel: either alone would
+    /// leave threads idle. Returns the result of `beside`.
     pub(super) fn learn_photograph<T: Send>(
         &mut self,
         frame: &Observation,
@@ -111,7 +112,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         gain: [f32; 3],
         beside: impl FnOnce(&Self) -> T + Send,
     ) -> T {
-        // Taken out meanwhile: new splats are made of the sums that stay behind.
+        // Taken out of `self`, which is borrowed to make new splats from the sums.
         let mut photometric = std::mem::take(&mut self.photometric);
         let trainer = &*self;
         let (learnt, given) = rayon::join(
@@ -125,17 +126,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         given
     }
 
-    /// Adds components, ascending, to those that the frame changed.
+    /// Adds components, ascending, to those changed by the frame.
     pub(super) fn touch(&mut self, changed: &[u32]) {
         self.touched.extend_from_slice(changed);
-        // A sort that merges runs in order, as both are.
+        // A stable sort, which merges the two sorted runs.
         self.touched.sort();
         self.touched.dedup();
     }
 
-    /// Gives new components splats that photographs can teach, and takes the step that the frame's
-    /// photograph asks of the splats, or one that has waited; where photographs wait, the frame's does. Which
-    /// splats changed, and how the photograph compared.
+    /// Initialises the splats of new components, then takes the step of the frame's photograph, or buffers it
+    /// and takes the step of a buffered one. Returns the changed splats and the comparison.
     fn step_of_photograph(
         &self,
         photometric: &mut PhotometricLearner,
@@ -176,21 +176,21 @@ impl<W: SumScalar> SceneTrainer<W> {
         })
     }
 
-    /// Draws what photographs have taught so far: those that wait have not. Whether these were drawn.
+    /// Resumes training: drops the settled state. Returns true if there was one.
     pub(super) fn unsettle(&mut self) -> bool {
         self.compared.clear();
         self.photometric.go_on();
         self.settled.take().is_some()
     }
 
-    /// Draws what photographs will have taught once none waits any more. Whether any does.
+    /// Computes the state after steps for all buffered photographs. Returns true if there were any.
     pub(super) fn settle_photographs(&mut self) -> bool {
         let Some(rule) = self.config.photometric_rule() else { return false };
         if self.settled.is_some() || self.photometric.state().waiting.is_empty() {
             return false;
         }
         let full_coverage = self.config.splat_rule.full_coverage as f32;
-        // Taken out meanwhile: extents are read from the sums that stay behind.
+        // Taken out of `self`, which is borrowed to read extents from the sums.
         let mut photometric = std::mem::take(&mut self.photometric);
         photometric.observe(|id| self.component_sums.observed_cone(id));
         let extent = |id| self.point_extent(id);
@@ -202,13 +202,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         true
     }
 
-    /// What photographs will have taught once none waits any more, if any does.
+    /// Returns the state after steps for all buffered photographs, if there are any.
     pub(in crate::train::scene) fn settled_photographs(mut self) -> Option<PhotometricState> {
         self.settle_photographs();
         self.settled
     }
 
-    /// What photographs taught, as it is drawn.
+    /// Returns the photometric state for drawing.
     pub(super) fn shown(&self) -> &PhotometricState {
         self.settled.as_ref().unwrap_or_else(|| self.photometric.state())
     }

@@ -1,4 +1,4 @@
-//! Where a frame was really taken from, before anything of it is learnt.
+//! Pose correction of a frame before training on it.
 
 use super::SceneTrainer;
 use crate::math::camera::Camera;
@@ -19,15 +19,16 @@ use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::scene::sum_scalar::SumScalar;
 
-/// Frames before that tell how the next one may err.
+/// Number of recent frames used to predict the correction of the next one.
 const RECENT: usize = 1000;
-/// Fewest frames that say where the scene stands as a whole.
+/// Minimum number of frames for a motion of the whole scene.
 const FEWEST_FRAMES: usize = 4;
-/// Known points that determine the exposure of a frame of many, out of those that are compared.
+/// Number of known points, among those compared, that determine the gain of a large frame.
 const MIN_EXPOSED: f64 = 1000.0;
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// The frame's points and camera as they stood, if the scene tells better than the recorded pose.
+    /// Returns points and camera under the aligned pose; no points and the recorded camera if the pose is not
+    /// aligned.
     pub(super) fn moved(&mut self, frame: &Observation) -> (Option<Vec<SurfacePoint>>, Camera) {
         match self.config.align.then(|| self.motion(frame)).flatten() {
             None => (None, frame.camera),
@@ -39,15 +40,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// The most probable motion of a frame; `None` where too little of the scene is known.
+    /// Returns the most probable motion of a frame; `None` if too little of the scene is known.
     pub(in crate::train::scene) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
         self.motion_of(&looked_at(frame))
     }
 
-    /// That of a frame with as many of its points as are [`looked_at`].
+    /// The same for a frame reduced by [`looked_at`].
     pub(super) fn motion_of(&mut self, part: &Observation) -> Option<Motion> {
         let mut owners = std::mem::take(&mut self.owners);
-        // Within the pool: its rounds are many and short, and from outside every step of them would wake threads.
+        // Inside the thread pool: rounds are many and short, and starting each from outside would wake
+        // threads.
         let found = rayon::scope(|_| self.found_motion(part, &mut owners));
         self.owners = owners;
         self.shown.clear();
@@ -62,7 +64,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let mut planes = KnownPlanes::new(&self.component_sums, seed_positions, h, ridge);
         let likely = self.likely(&part.camera.pose);
-        // A few of the points lead so near to where all do that these take one round more.
+        // A subset of the points converges so closely that all of them need only one more round.
         let few = a_few(part);
         let fewest = fewest_matches(part.points.len(), MIN_EXPOSED);
         let near = self.settled(&few, fewest / FEW as f64, ROUNDS, likely, &mut planes, owners);
@@ -70,8 +72,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.settled(part, fewest, rounds, start, &mut planes, owners)
     }
 
-    /// What so many rounds at most from `motion` on lead to, one at least. Fewer points than `fewest` do not
-    /// tell of the frame's exposure.
+    /// Iterates from `motion`, at most `rounds` times, at least once. The gain is estimated only from at
+    /// least `fewest` known points.
     fn settled(
         &self,
         part: &Observation,
@@ -85,8 +87,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let mut near = matches!(self.config.births, BirthRule::Seeds)
             .then(|| NearSeeds::new(&self.grid, h as f32, part.points.len()));
         for round in 1.. {
-            // Anew in every round: points that move come to other components, and only those tell how
-            // much farther they have to go.
+            // Reassigned in every round: moved points belong to other components, which determine the
+            // remaining motion.
             let gain = self.assign_moved(part, &motion, near.as_mut(), fewest, owners);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
             let is_last = round >= rounds;
@@ -99,7 +101,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         None
     }
 
-    /// Finds the components of points where a motion takes them. Gives the gain that they tell of.
+    /// Assigns the moved points to components and returns the resulting gain.
     fn assign_moved(
         &self,
         part: &Observation,
@@ -123,8 +125,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.gain_of(&part.points, owners, fewest)
     }
 
-    /// Moves the scene as a whole to where its frames were recorded, each time that there are twice as many: what
-    /// a few of them err by together becomes less with every doubling. Whether it was moved.
+    /// Moves the whole scene to minimise its frames' pose corrections, each time their number has doubled:
+    /// their common error shrinks with every doubling. Returns true if it moved.
     pub(super) fn hold_to_recorded(&mut self, frame: &Observation) -> bool {
         let n = self.poses.len();
         if !self.config.align || self.config.track || n < FEWEST_FRAMES || !n.is_power_of_two() {
@@ -136,6 +138,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let moved = self.grid.moved(|seed| moved_seed(seed, origin, motion));
         let Some(moved) = moved else { return false };
         self.grid = moved;
+        // The device has the old seeds.
         self.fits.forget_seeds();
         self.component_sums.turn(motion.rotation());
         self.photometric.move_by(motion);
@@ -145,7 +148,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         true
     }
 
-    /// What a frame is likely to be moved by before it is looked at: cameras err alike from frame to frame.
+    /// Predicts the motion of a frame: pose errors are similar from frame to frame.
     fn likely(&self, recorded: &Pose) -> Motion {
         let recent = &self.poses[self.poses.len().saturating_sub(RECENT)..];
         Motion::between(recorded, &corrected(recent, reach(self.config.h), recorded))

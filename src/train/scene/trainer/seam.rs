@@ -1,4 +1,4 @@
-//! The scene preset behind the seam of all presets.
+//! Implementation of the trainer traits for the scene preset.
 
 use super::SceneTrainer;
 use crate::model::conjugate::posterior::ComponentPosterior;
@@ -37,7 +37,7 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
 impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
     fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.splat_rule = rule;
-        // Learnt from pictures that the rule before drew.
+        // It was computed from pictures drawn with the previous rule.
         self.settled = None;
     }
 }
@@ -51,7 +51,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         self.frames
     }
 
-    /// Slots of components, in use or free.
+    /// Number of rows of sums, used or free.
     fn components(&self) -> usize {
         self.component_sums.len()
     }
@@ -75,11 +75,11 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
             + self.photometric.state().bytes()
     }
 
-    /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
+    /// World units relative to the scene's origin, colours normalised. The prior mean is the seed
     /// (`model.md`, Quirks of the reference).
     fn posterior(&self, id: usize) -> ComponentPosterior {
         let moments = self.sums(id).moments();
-        // About the seed, so that the prior pulls there and not to the origin, then moved.
+        // Computed about the seed, so that the prior pulls towards it and not to the origin, then moved.
         let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
         posterior.mean_space += self.seed(id);
         posterior
@@ -129,14 +129,13 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         (splat, Appearance { observed: self.component_sums.observed_cone(id), ..appearance })
     }
 
-    /// Of a lattice that exceeds its budget, more than [`Self::stored_splats`] has: merged components
-    /// have no slots that stay.
+    /// For a lattice that exceeds its budget these are more than in [`Self::stored_splats`]: merged
+    /// components would have no permanent slots.
     fn splats(&self) -> SplatSet {
         self.every_splat()
     }
 
-    /// In the order in which checkpoints hold the components; components of a lattice that exceeds
-    /// its budget are merged in that order until they hold it.
+    /// In checkpoint order; components of a lattice that exceeds its budget are merged in that order first.
     fn stored_splats(&self) -> SplatSet {
         match self.within_budget() {
             Some(merged) => merged.every_splat(),
@@ -175,7 +174,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 }
 
-/// To four significant digits.
+/// Rounds to four significant digits.
 fn round(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }

@@ -1,4 +1,4 @@
-//! Frames that are looked at once more when more of the scene is known, and moved with what they taught
+//! Second alignment of stored frames, when more of the scene is known, and motion of their contributions
 //! (`scene.md`, A second look).
 
 use super::SceneTrainer;
@@ -18,25 +18,25 @@ use crate::train::scene::sum_scalar::SumScalar;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Mean distances, in structural scales, that surfaces are moved by: less is not worth the time, more is taken
-/// for an error.
+/// Range of mean distances, in structural scales, for which a frame is moved: smaller motions are not worth
+/// the time, larger ones count as errors.
 const DISTANCES: std::ops::RangeInclusive<f64> = 0.02..=1.0;
 
-/// A frame that is moved with what it taught.
+/// Motion of a frame and the resulting change of the sums.
 pub(in crate::train::scene) struct FrameChange {
-    /// Frames that were learnt before it.
+    /// Number of frames trained before it.
     frame: u64,
-    /// Its place among the corrected poses.
+    /// Index in the log of corrected poses.
     logged: u64,
-    /// What takes the world as it saw it to where that fits.
+    /// Motion of the world as seen by the frame.
     motion: Pose,
-    /// What the sums of components change by.
+    /// Changes of the components' sums.
     sums: Taught,
 }
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// Learns from the photograph of a frame that is about to be logged, and meanwhile looks once more at frames that
-    /// were learnt long enough ago; what that changes.
+    /// Trains on the photograph of a frame that is about to be logged, and in parallel aligns due frames a
+    /// second time; returns their changes.
     pub(super) fn learn_photograph_and_look(
         &mut self,
         frame: &Observation,
@@ -54,8 +54,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         })
     }
 
-    /// Keeps what a frame taught that is about to be logged, if it was aligned to the scene. The oldest of those
-    /// that are too many then, which are to be looked at once more.
+    /// Stores the contributions of a frame that is about to be logged, if it was aligned. Returns the oldest
+    /// frames beyond the limit, whose second alignment is due.
     fn keep(&mut self, frame: &Observation, taught: Option<Taught>) -> Vec<KeptFrame> {
         let shown = std::mem::take(&mut self.shown);
         let Some(taught) = taught.filter(|_| !shown.is_empty()) else { return Vec::new() };
@@ -74,9 +74,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.kept.iter().map(KeptFrame::bytes).sum()
     }
 
-    /// What the world as one frame saw it has to be moved by to fit what all others taught: the frame is aligned
-    /// as it was before it was learnt, by the same points, to components without what it taught them. `None`
-    /// where that is little, too much or unknown.
+    /// Returns the motion of the world as seen by one frame that fits it to the contributions of all others:
+    /// the frame is aligned again by the same points to components without its own contributions. `None` if
+    /// the motion is too small, too large or unknown.
     pub(in crate::train::scene) fn second_look(&self, kept: &KeptFrame) -> Option<Pose> {
         let h = self.config.h;
         let ridge = self.config.splat_rule.gradient_ridge * h * h;
@@ -91,7 +91,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let matches = kept.shown.iter().zip(&planes);
         let matches = matches.filter_map(|(&shown, plane)| Some((shown, plane.as_ref()?)));
         let matches: Vec<_> = matches.map(|(shown, plane)| Match { plane, shown }).collect();
-        // Frames are stored without the points that no component owned.
+        // Points without a component were not stored.
         let found = FrameMatches { matches, share: 1.0 };
 
         let [recorded, learnt] = self.poses.get(kept.logged as usize)?.poses()?;
@@ -113,7 +113,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         DISTANCES.contains(&(distance / h)).then_some(motion)
     }
 
-    /// What moving a frame changes of what it taught of points.
+    /// Computes the changes of the sums due to a frame's motion.
     pub(in crate::train::scene) fn change_by(&self, kept: KeptFrame, motion: Pose) -> FrameChange {
         let (h, origin) = (self.config.h, self.origin);
         let shift = |id: u32| -> DVec3 {
@@ -125,12 +125,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         FrameChange { frame, logged, motion, sums }
     }
 
-    /// Moves a frame, with what it taught of points and is still to teach by its photograph.
+    /// Applies the motion of a frame to its contributions, its buffered photograph and the logs.
     pub(in crate::train::scene) fn change(&mut self, change: &FrameChange) {
         let FrameChange { frame, logged, motion, sums } = change;
         self.component_sums.change(&sums.ids, &sums.sums, PARTS);
         self.photometric.move_photograph(*frame, motion);
-        // Both logs have every frame that was learnt, if they have any.
+        // Each log is either empty or has an entry for every frame.
         if let Some(exposure) = self.exposures.get_mut(*logged as usize) {
             *exposure = exposure.moved(motion);
         }

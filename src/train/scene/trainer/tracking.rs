@@ -1,4 +1,4 @@
-//! Frames that the scene itself places.
+//! Pose of a frame: recorded and corrected, or tracked.
 
 use super::SceneTrainer;
 use crate::math::camera::Camera;
@@ -13,7 +13,7 @@ use crate::train::scene::track::{self, TrackingLoss};
 use crate::train::timing::StageMs;
 
 impl<W: SumScalar> SceneTrainer<W> {
-    /// The frame's points and camera as they stood: as recorded and corrected, or as tracked.
+    /// Returns the frame's points and camera under the corrected or tracked pose; no points if unchanged.
     pub(super) fn placed(
         &mut self,
         frame: &Observation,
@@ -30,12 +30,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         Ok((Some(points), camera))
     }
 
-    /// A tracked pose corrected as recorded ones are: planes and colours of components tell more than the
-    /// picture of them that the frame was placed by.
+    /// Corrects a tracked pose like a recorded one: planes and colours of components constrain it better than
+    /// the rendered picture used for tracking.
     fn aligned(&mut self, frame: &Observation, tracked: &TrackedPose) -> TrackedPose {
         let Some(pose) = tracked.pose() else { return *tracked };
         let mut part = looked_at(frame);
-        // A recorded place is surer than one that the scene's picture finds.
+        // Recorded positions are more certain than tracked ones.
         part.tolerance.place = part.tolerance.refinement;
         let mut points = Vec::with_capacity(part.points.len());
         part.camera = Motion::between(&frame.camera.pose, &pose).apply(&part, &mut points);
@@ -56,13 +56,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         track::place(self.every_splat().view(), frame, &[*last], &known)
     }
 
-    /// Where the frame being learnt was found.
+    /// Tracked pose of the current frame.
     pub(super) fn tracking(&self) -> Option<FrameTracking> {
         let found = self.config.track.then(|| self.trajectory.last().copied()).flatten();
         found.map(FrameTracking::Placed)
     }
 
-    /// Nothing is learnt from a frame that was not placed.
+    /// Skips a frame whose pose was not found.
     pub(super) fn leave_out(&mut self, loss: TrackingLoss, ms: StageMs) -> FrameOutcome {
         self.touched.clear();
         self.has_changed_all = false;
