@@ -47,7 +47,7 @@ fn main() {
     let quanta = |sums: [f32; scene::N_SUMS]| sums.map(|sum| (f64::from(sum) / QUANTUM) as i32);
     let scene = SceneState {
         origin: [0.0; 3],
-        coarsened: 0,
+        coarsening_steps: 0,
         seeds: rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32)).collect(),
         shares: None,
         components: None,
@@ -60,7 +60,7 @@ fn main() {
         trajectory: Vec::new(),
         poses: Vec::new(),
         photometric: None,
-        kept: Vec::new(),
+        stored_frames: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));
 }

@@ -124,7 +124,7 @@ fn choice(criterion: &mut Criterion) {
     let quota = Quota { moves: 5000, low_elbo: 20_000 };
     let mut chooser = DestinationChooser::default();
     criterion.bench_function("destinations", |bencher| {
-        bencher.iter(|| black_box(chooser.destinations(&q, quota, &stream).len()));
+        bencher.iter(|| black_box(chooser.choose_destinations(&q, quota, &stream).len()));
     });
 }
 

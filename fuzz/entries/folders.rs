@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
-use vbgs_studio::dataset::wild_poses::wild_poses;
+use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open, pose_check, range};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -162,7 +162,7 @@ fn examine(dataset: Arc<Dataset>) {
     }
     for (s, split) in dataset.splits.iter().enumerate() {
         assert!(split.frames.iter().all(|frame| frame.camera.pose.to_opencv().is_finite()));
-        let _ = wild_poses(split);
+        let _ = outlier_poses(split);
         let _ = capture_check::check(split);
         let _ = pose_check::check(&dataset, s);
         let _ = range::estimate(&dataset, s);
@@ -174,7 +174,7 @@ fn examine(dataset: Arc<Dataset>) {
             }
         }
     }
-    let selection = Selection { max_frames: Some(MAX_FRAMES), ..Selection::everything() };
+    let selection = Selection { max_frames: Some(MAX_FRAMES), ..Selection::all_frames() };
     let Ok(mut session) = Session::new(dataset, SceneOverrides::default(), selection) else {
         return;
     };

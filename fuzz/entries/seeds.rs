@@ -186,7 +186,7 @@ fn trained(asked: MethodRequest) -> Vec<u8> {
     let params =
         SyntheticParams { width: 8, height: 8, n_train: 2, n_eval: 0, ..SyntheticParams::demo() };
     let room = dataset(&params).expect("a room");
-    let mut session = Session::new(room.into(), asked, Selection::everything()).expect("a session");
+    let mut session = Session::new(room.into(), asked, Selection::all_frames()).expect("a session");
     while !matches!(session.step().expect("a frame"), Step::Finished) {}
     to_bytes(&session.checkpoint().expect("a checkpoint"))
 }

@@ -51,7 +51,7 @@ fn learn(scene: SceneOverrides) {
         };
         Arc::new(dataset(&params).expect("a room"))
     });
-    let Ok(mut session) = Session::new(room.clone(), scene, Selection::everything()) else {
+    let Ok(mut session) = Session::new(room.clone(), scene, Selection::all_frames()) else {
         return;
     };
     let _ = session.step();

@@ -31,9 +31,9 @@ impl AutosaveSlot {
         std::fs::create_dir_all(folder)?;
         for n in 1..=MAX_SLOTS {
             let path = folder.join(slot_name(dataset, n));
-            if let Some(slot) = Self::take(&path)?
+            if let Some(slot) = Self::lock_existing(&path)?
                 && !path.exists()
-                && !backup(&path).exists()
+                && !backup_path(&path).exists()
             {
                 return Ok(slot);
             }
@@ -47,7 +47,7 @@ impl AutosaveSlot {
     ///
     /// # Errors
     /// The lock file cannot be created.
-    pub fn take(path: &Path) -> io::Result<Option<Self>> {
+    pub fn lock_existing(path: &Path) -> io::Result<Option<Self>> {
         let lock = File::create(path.with_extension("lock"))?;
         match lock.try_lock() {
             Err(TryLockError::WouldBlock) => Ok(None),
@@ -64,8 +64,8 @@ impl AutosaveSlot {
     }
 
     /// Deletes the checkpoint, its backup and the lock file: the run was saved elsewhere or discarded.
-    pub fn discard(self) {
-        for path in [&self.path, &backup(&self.path), &self.path.with_extension("lock")] {
+    pub fn delete_files(self) {
+        for path in [&self.path, &backup_path(&self.path), &self.path.with_extension("lock")] {
             // A file that cannot be removed is only offered again at the next start.
             let _ = std::fs::remove_file(path);
         }
@@ -88,17 +88,20 @@ pub struct AbandonedRun {
 }
 
 /// Finds the newest abandoned run in `folder`, of `dataset` or of any dataset if `None`.
-pub fn find(folder: &Path, dataset: Option<&Path>) -> Option<AbandonedRun> {
-    let dataset = dataset.map(full);
-    let mut slots: Vec<(SystemTime, PathBuf)> =
-        std::fs::read_dir(folder).ok()?.flatten().filter_map(|entry| slot(&entry.path())).collect();
+pub fn find_newest(folder: &Path, dataset: Option<&Path>) -> Option<AbandonedRun> {
+    let dataset = dataset.map(absolute_or_same);
+    let mut slots: Vec<(SystemTime, PathBuf)> = std::fs::read_dir(folder)
+        .ok()?
+        .flatten()
+        .filter_map(|entry| slot_modified(&entry.path()))
+        .collect();
     slots.sort();
     // Newest first, and lazily: checkpoints are large, so older ones are not read at all.
     let mut slots = slots.into_iter().rev().map(|(_, path)| path);
     slots.find_map(|path| {
         let is_meant = dataset.as_ref().is_none_or(|dataset| is_slot_of(&path, dataset));
-        let is_free = is_meant && matches!(AutosaveSlot::take(&path), Ok(Some(_)));
-        is_free.then(|| read(&path)).flatten().filter(|run| {
+        let is_free = is_meant && matches!(AutosaveSlot::lock_existing(&path), Ok(Some(_)));
+        is_free.then(|| read_run(&path)).flatten().filter(|run| {
             // The file name holds only a checksum of the dataset's path, which may collide.
             dataset.as_ref().is_none_or(|dataset| run.dataset == *dataset)
         })
@@ -106,18 +109,18 @@ pub fn find(folder: &Path, dataset: Option<&Path>) -> Option<AbandonedRun> {
 }
 
 /// Slot path and modification time of a checkpoint or backup file.
-fn slot(path: &Path) -> Option<(SystemTime, PathBuf)> {
+fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
     let path = match path.extension()?.to_str()? {
         ENDING => path.to_owned(),
         "bak" => path.with_extension(""),
         _ => return None,
     };
-    let file = if path.exists() { path.clone() } else { backup(&path) };
+    let file = if path.exists() { path.clone() } else { backup_path(&path) };
     Some((file.metadata().ok()?.modified().ok()?, path))
 }
 
-fn read(path: &Path) -> Option<AbandonedRun> {
-    [path.to_owned(), backup(path)].into_iter().find_map(|file| {
+fn read_run(path: &Path) -> Option<AbandonedRun> {
+    [path.to_owned(), backup_path(path)].into_iter().find_map(|file| {
         let run = SavedRun::read(&file).ok()?;
         Some(AbandonedRun {
             slot: path.to_owned(),
@@ -130,13 +133,13 @@ fn read(path: &Path) -> Option<AbandonedRun> {
 }
 
 /// Previous version of the checkpoint, written by [`Autosave`](crate::pipeline::autosave::Autosave).
-fn backup(path: &Path) -> PathBuf {
+fn backup_path(path: &Path) -> PathBuf {
     path.with_added_extension("bak")
 }
 
 /// `<dataset>-<checksum of its path>.vbgs`; slots after the first have their number appended.
 fn slot_name(dataset: &Path, n: usize) -> String {
-    let stem = stem(&full(dataset));
+    let stem = stem(&absolute_or_same(dataset));
     if n == 1 { format!("{stem}.{ENDING}") } else { format!("{stem}-{n}.{ENDING}") }
 }
 
@@ -151,7 +154,7 @@ fn stem(dataset: &Path) -> String {
 }
 
 /// Absolute path, as checkpoints store their dataset.
-fn full(path: &Path) -> PathBuf {
+fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
@@ -169,16 +172,16 @@ mod tests {
         assert!(name.starts_with("myroom-"), "{name}");
         assert_eq!(second.path(), state.join(format!("{name}-2.vbgs")));
         std::fs::write(first.path(), "a run").unwrap();
-        assert!(AutosaveSlot::take(first.path()).unwrap().is_none(), "locked");
+        assert!(AutosaveSlot::lock_existing(first.path()).unwrap().is_none(), "locked");
         let kept = first.path().to_owned();
         drop(first);
         let third = AutosaveSlot::claim(&state, &room).unwrap();
         assert_eq!(third.path(), state.join(format!("{name}-3.vbgs")));
-        assert!(AutosaveSlot::take(&kept).unwrap().is_some(), "left behind");
-        for slot in [second, third, AutosaveSlot::take(&kept).unwrap().unwrap()] {
-            slot.discard();
+        assert!(AutosaveSlot::lock_existing(&kept).unwrap().is_some(), "left behind");
+        for slot in [second, third, AutosaveSlot::lock_existing(&kept).unwrap().unwrap()] {
+            slot.delete_files();
         }
         assert_eq!(std::fs::read_dir(&state).unwrap().count(), 0);
-        assert_eq!(find(&state, None), None);
+        assert_eq!(find_newest(&state, None), None);
     }
 }

@@ -38,7 +38,7 @@ impl Action {
 
     pub fn name(self) -> String {
         match self {
-            Self::Command(command) => command.name().to_owned(),
+            Self::Command(command) => command.full_name().to_owned(),
             Self::Tab(tab) => format!("Tab: {}", tab.label()),
             Self::Mode(mode) => format!("View: {}", mode.label()),
             Self::Color(mode) => format!("Colours: {}", mode.label()),
@@ -49,7 +49,7 @@ impl Action {
     pub fn menu_label(self) -> &'static str {
         match self {
             Self::Command(command @ (UiCommand::PreviousCamera | UiCommand::NextCamera)) => {
-                command.name()
+                command.full_name()
             }
             Self::Command(command) => command.label(),
             Self::Tab(tab) => tab.label(),
@@ -68,7 +68,7 @@ impl Action {
     }
 
     /// Shortcuts as menus show them; empty if there are none.
-    pub fn keys(self, ctx: &Context) -> String {
+    pub fn shortcut_text(self, ctx: &Context) -> String {
         match self {
             Self::Command(command) => command.keys(ctx),
             Self::Tab(_) | Self::Mode(_) | Self::Color(_) => String::new(),
@@ -79,9 +79,9 @@ impl Action {
 #[derive(Default)]
 pub struct ActionFinder {
     is_open: bool,
-    typed: String,
+    query: String,
     /// Index of the keyboard's choice among the possible actions found.
-    chosen: usize,
+    chosen_index: usize,
 }
 
 impl ActionFinder {
@@ -102,13 +102,14 @@ impl ActionFinder {
         let mut asked = None;
         let modal = Modal::new(Id::unique("actions")).show(ui.ctx(), |ui| {
             ui.set_width(LIST.x);
-            let (moved, is_entered) = keys(ui);
+            let (moved, is_entered) = consume_keys(ui);
             self.search(ui);
-            let found = found(&self.typed, is_possible);
+            let found = matching_actions(&self.query, is_possible);
             let n = found.iter().filter(|(_, is_possible)| *is_possible).count();
-            self.chosen = self.chosen.saturating_add_signed(moved).min(n.saturating_sub(1));
+            self.chosen_index =
+                self.chosen_index.saturating_add_signed(moved).min(n.saturating_sub(1));
             if is_entered && n > 0 {
-                asked = Some(found[self.chosen].0);
+                asked = Some(found[self.chosen_index].0);
             }
             asked = self.list(&found, moved != 0, ui).or(asked);
         });
@@ -117,11 +118,11 @@ impl ActionFinder {
     }
 
     fn search(&mut self, ui: &mut Ui) {
-        let field = TextEdit::singleline(&mut self.typed).hint_text("Find an action");
+        let field = TextEdit::singleline(&mut self.query).hint_text("Find an action");
         let field = named(ui.add(field.desired_width(f32::INFINITY)), "Find an action");
         field.request_focus();
         if field.changed() {
-            self.chosen = 0;
+            self.chosen_index = 0;
         }
     }
 
@@ -132,8 +133,8 @@ impl ActionFinder {
         }
         ScrollArea::vertical().auto_shrink(false).max_height(LIST.y).show(ui, |ui| {
             for (i, &(action, is_possible)) in found.iter().enumerate() {
-                let is_chosen = is_possible && i == self.chosen;
-                let keys = action.keys(ui.ctx());
+                let is_chosen = is_possible && i == self.chosen_index;
+                let keys = action.shortcut_text(ui.ctx());
                 let button = Button::selectable(is_chosen, action.name()).shortcut_text(keys);
                 let row = ui.add_enabled(is_possible, button.min_size(Vec2::new(LIST.x, 0.0)));
                 let row = row.on_hover_text(action.tooltip());
@@ -151,7 +152,7 @@ impl ActionFinder {
 
 /// Consumes the arrow and Enter keys: steps of the choice, and true if Enter confirms it. Runs before the
 /// text field, which would consume these keys.
-fn keys(ui: &Ui) -> (isize, bool) {
+fn consume_keys(ui: &Ui) -> (isize, bool) {
     ui.input_mut(|i| {
         let down = i.consume_key(Modifiers::NONE, Key::ArrowDown);
         let up = i.consume_key(Modifiers::NONE, Key::ArrowUp);
@@ -161,7 +162,7 @@ fn keys(ui: &Ui) -> (isize, bool) {
 }
 
 /// Matching actions and their availability: available ones first, then by descending score.
-fn found(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
+fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
     let mut found: Vec<_> = Action::all()
         .filter_map(|action| Some((score(&action.name(), typed)?, action, is_possible(action))))
         .collect();
@@ -177,9 +178,12 @@ mod tests {
     #[test]
     fn possible_actions_come_first_and_no_two_have_one_name() {
         let is_possible = |action| action != Action::Command(UiCommand::Export);
-        let listed = found("exp", is_possible);
+        let listed = matching_actions("exp", is_possible);
         assert_eq!(listed.last(), Some(&(Action::Command(UiCommand::Export), false)));
-        assert_eq!(found("exp", |_| true)[0], (Action::Command(UiCommand::Export), true));
+        assert_eq!(
+            matching_actions("exp", |_| true)[0],
+            (Action::Command(UiCommand::Export), true)
+        );
         let mut names: Vec<_> = Action::all().map(Action::name).collect();
         let n = names.len();
         names.sort();

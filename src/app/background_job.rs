@@ -34,7 +34,7 @@ impl<T: Send + 'static> BackgroundJob<T> {
     }
 
     /// Returns the result, or the panic that ended the work, once; `None` until it is available.
-    pub fn take(&self) -> Option<Result<T, PanicReport>> {
+    pub fn poll(&self) -> Option<Result<T, PanicReport>> {
         self.0.try_recv().ok()
     }
 }
@@ -48,13 +48,13 @@ mod tests {
 
     /// Result of a job, read after the waker was called.
     fn answer(work: impl FnOnce() -> usize + Send + 'static) -> Result<usize, PanicReport> {
-        PanicReport::listen();
+        PanicReport::install_hook();
         let (woken, wakes) = channel();
         let waker: Waker = Arc::new(move || woken.send(()).unwrap());
         let job = BackgroundJob::start("test", waker, work).unwrap();
         wakes.recv_timeout(Duration::from_secs(60)).expect("the window is woken");
-        let answer = job.take().expect("a result after the wake-up");
-        assert!(job.take().is_none(), "once");
+        let answer = job.poll().expect("a result after the wake-up");
+        assert!(job.poll().is_none(), "once");
         answer
     }
 

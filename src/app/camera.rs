@@ -62,7 +62,7 @@ impl ViewCamera {
     }
 
     /// Moves to the pose of a dataset camera and orbits about a point in front of it.
-    pub fn visit(&mut self, camera: &Camera) {
+    pub fn move_to_camera(&mut self, camera: &Camera) {
         let pose = &camera.pose;
         // The scene's centre may lie behind this camera; clamping keeps the target in front.
         let ahead = (self.middle - pose.centre()).dot(pose.forward());
@@ -73,13 +73,13 @@ impl ViewCamera {
     }
 
     /// Sets the lens and its vertical field of view in radians; `None` restores the scene's own.
-    pub fn look_through(&mut self, lens: Lens, fov_y: Option<f64>) {
+    pub fn set_lens(&mut self, lens: Lens, fov_y: Option<f64>) {
         self.lens = lens;
         self.fov_y = fov_y.unwrap_or(self.own_fov_y);
     }
 
     /// Orbits about the target. A drag over the viewport's height is half a turn.
-    pub fn turn(&mut self, delta_px: [f64; 2], height_px: f64) {
+    pub fn orbit_by(&mut self, delta_px: [f64; 2], height_px: f64) {
         let per_pixel = PI / height_px.max(1.0);
         self.orbit.azimuth -= delta_px[0] * per_pixel;
         let elevation = self.orbit.elevation + delta_px[1] * per_pixel;
@@ -109,7 +109,7 @@ impl ViewCamera {
     }
 
     /// Sets the orbit's target and turns the camera towards it without moving the camera.
-    pub fn pivot(&mut self, point: DVec3) {
+    pub fn set_target(&mut self, point: DVec3) {
         let eye = self.orbit.pose().centre();
         if let Some(pose) = Pose::look_at(eye, point, self.orbit.up) {
             self.orbit = Orbit::from_pose(&pose, self.orbit.up, eye.distance(point).max(1e-9));
@@ -117,7 +117,7 @@ impl ViewCamera {
     }
 
     /// Views the current target along a world direction.
-    pub fn look_along(&mut self, direction: DVec3) {
+    pub fn set_view_direction(&mut self, direction: DVec3) {
         let eye = self.orbit.target - direction * self.orbit.distance;
         // Straight down, the horizon is undefined. A small offset from the pole keeps the current heading, or
         // the picture's up direction, pointing up.
@@ -149,16 +149,16 @@ impl ViewCamera {
     }
 
     /// Fits the whole scene into the viewport without changing the view direction.
-    pub fn frame(&mut self, framing: &Framing, size_px: [u32; 2]) {
+    pub fn fit_scene(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.target = framing.centre;
         self.orbit.distance = framing.distance(self.narrower_fov(size_px));
     }
 
     /// Fits the whole scene into the viewport from above, turned aside from the current heading.
-    pub fn look_over(&mut self, framing: &Framing, size_px: [u32; 2]) {
+    pub fn fit_scene_from_above(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.elevation = OVERVIEW_ELEVATION;
         self.orbit.azimuth += OVERVIEW_TURN;
-        self.frame(framing, size_px);
+        self.fit_scene(framing, size_px);
     }
 
     /// Smaller of the horizontal and vertical field of view, radians, so that nothing is cut off.
@@ -248,7 +248,7 @@ mod tests {
     fn panning_keeps_the_target_under_the_pointer() {
         for fov_y in [None, Some(2.5), Some(10.0)] {
             let mut view = start();
-            view.look_through(Lens::Pinhole, fov_y);
+            view.set_lens(Lens::Pinhole, fov_y);
             let target = view.target();
             view.pan([40.0, -25.0], [600.0, 400.0]);
             let (pixel, _) = view.camera([600, 400]).project(target);
@@ -259,13 +259,13 @@ mod tests {
     #[test]
     fn fields_of_view_are_what_was_asked_for_as_far_as_a_lens_goes() {
         let mut view = start();
-        view.look_through(Lens::Pinhole, Some(1.5));
+        view.set_lens(Lens::Pinhole, Some(1.5));
         let k = view.camera([400, 400]).intrinsics;
         assert!((k.fov_x() - 1.5).abs() < 1e-9);
-        view.look_through(Lens::Pinhole, Some(MAX_PINHOLE_FOV));
+        view.set_lens(Lens::Pinhole, Some(MAX_PINHOLE_FOV));
         let k = view.camera([800, 400]).intrinsics;
         assert!((k.fov_x() - MAX_PINHOLE_FOV).abs() < 1e-9, "the limit holds horizontally");
-        view.look_through(Lens::Fisheye, Some(2.0 * PI));
+        view.set_lens(Lens::Fisheye, Some(2.0 * PI));
         let k = view.camera([800, 400]).intrinsics;
         assert!(
             (k.fy * PI - 200.0).abs() < 1e-9,
@@ -278,8 +278,8 @@ mod tests {
         let mut view = start();
         let pose = Pose::look_at(DVec3::new(-1.0, 3.0, 2.0), DVec3::X, DVec3::Z).unwrap();
         let intrinsics = Intrinsics::from_horizontal_fov(300, 300, 0.9);
-        view.visit(&Camera { intrinsics, pose });
-        view.look_through(Lens::Pinhole, None);
+        view.move_to_camera(&Camera { intrinsics, pose });
+        view.set_lens(Lens::Pinhole, None);
         let camera = view.camera([300, 300]);
         assert!((camera.pose.centre() - pose.centre()).length() < 1e-9);
         assert!((camera.pose.forward() - pose.forward()).length() < 1e-9);
@@ -291,7 +291,7 @@ mod tests {
         let framing = Framing { centre: DVec3::ONE, radius: 1.0 };
         for size in [[800, 400], [400, 400], [200, 600]] {
             let mut view = start();
-            view.frame(&framing, size);
+            view.fit_scene(&framing, size);
             let camera = view.camera(size);
             let (pose, k) = (camera.pose, camera.intrinsics);
             let distance = pose.centre().distance(framing.centre);
@@ -310,7 +310,7 @@ mod tests {
         let after = view.camera([400, 400]).pose;
         assert!((after.centre() - before.centre() - before.forward() * 0.75).length() < 1e-9);
         let point = DVec3::new(0.5, 0.4, -0.3);
-        view.pivot(point);
+        view.set_target(point);
         let camera = view.camera([400, 400]);
         assert!(
             (camera.pose.centre() - after.centre()).length() < 1e-9,
@@ -324,14 +324,14 @@ mod tests {
     fn axes_are_looked_along_and_up_can_be_another() {
         let mut view = start();
         for axis in [DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z] {
-            view.look_along(axis);
+            view.set_view_direction(axis);
             let pose = view.camera([400, 400]).pose;
             // Straight down, the camera stops just before the pole.
             assert!(pose.forward().dot(axis) > 0.999, "{axis}: {}", pose.forward());
             assert!((view.target() - DVec3::ZERO).length() < 1e-9);
         }
         view.set_up(DVec3::Y);
-        view.look_along(DVec3::X);
+        view.set_view_direction(DVec3::X);
         let pose = view.camera([400, 400]).pose;
         assert!(pose.rotation().y_axis.dot(DVec3::Y) < -0.999, "y is up in the picture");
     }
@@ -339,7 +339,7 @@ mod tests {
     #[test]
     fn turning_and_dollying_keep_the_target_centred() {
         let mut view = start();
-        view.turn([120.0, 500.0], 400.0);
+        view.orbit_by([120.0, 500.0], 400.0);
         view.dolly(240.0);
         let camera = view.camera([400, 400]);
         let (pixel, z) = camera.project(view.target());

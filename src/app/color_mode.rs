@@ -90,7 +90,7 @@ impl ColorMode {
 
     /// Reason why the open scene cannot be shown in this mode, if any; `available` lists the attribute modes
     /// that the scene supports.
-    pub fn why_not(self, available: &[ColorMode]) -> Option<&'static str> {
+    pub fn unavailable_reason(self, available: &[ColorMode]) -> Option<&'static str> {
         match self {
             ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,
             _ if available.contains(&self) => None,
@@ -109,7 +109,10 @@ mod tests {
     #[test]
     fn only_what_a_scene_tells_can_be_shown() {
         let offered = |available: &[ColorMode]| -> Vec<ColorMode> {
-            ColorMode::ALL.into_iter().filter(|mode| mode.why_not(available).is_none()).collect()
+            ColorMode::ALL
+                .into_iter()
+                .filter(|mode| mode.unavailable_reason(available).is_none())
+                .collect()
         };
         assert_eq!(offered(&[]), [ColorMode::Color, ColorMode::Depth, ColorMode::Normal]);
         assert_eq!(offered(&ColorMode::ALL), ColorMode::ALL);

@@ -37,7 +37,7 @@ pub enum UiCommand {
     /// Move to the next camera of the dataset.
     NextCamera,
     /// Toggle the camera that follows the frame being trained.
-    RideAlong,
+    AutoCamera,
     /// Toggle the measuring tool.
     Measure,
     /// Toggle box selection by dragging.
@@ -49,7 +49,7 @@ pub enum UiCommand {
     /// Exclude the selected splats from view and exports.
     DeleteSelected,
     /// Restore all deleted splats.
-    BringBack,
+    RestoreDeleted,
     /// Toggle the crop box.
     CropBox,
     /// Redo the last undone edit.
@@ -104,13 +104,13 @@ impl UiCommand {
         UiCommand::ToggleRenderer,
         UiCommand::PreviousCamera,
         UiCommand::NextCamera,
-        UiCommand::RideAlong,
+        UiCommand::AutoCamera,
         UiCommand::Measure,
         UiCommand::BoxSelect,
         UiCommand::HideSelected,
         UiCommand::ShowHidden,
         UiCommand::DeleteSelected,
-        UiCommand::BringBack,
+        UiCommand::RestoreDeleted,
         UiCommand::CropBox,
         // Before `Undo`: its shortcut also matches while the additional modifier of Redo is held.
         UiCommand::Redo,
@@ -149,13 +149,13 @@ impl UiCommand {
             UiCommand::ToggleRenderer => "Projected/exact",
             UiCommand::PreviousCamera => "‹",
             UiCommand::NextCamera => "›",
-            UiCommand::RideAlong => "Auto camera",
+            UiCommand::AutoCamera => "Auto camera",
             UiCommand::Measure => "Measure",
             UiCommand::BoxSelect => "Box select",
             UiCommand::HideSelected => "Hide",
             UiCommand::ShowHidden => "Show hidden",
             UiCommand::DeleteSelected => "Delete",
-            UiCommand::BringBack => "Restore deleted",
+            UiCommand::RestoreDeleted => "Restore deleted",
             UiCommand::CropBox => "Crop box",
             UiCommand::Redo => "Redo",
             UiCommand::Undo => "Undo",
@@ -177,14 +177,14 @@ impl UiCommand {
     }
 
     /// Name out of context, where no neighbouring button explains it.
-    pub fn name(self) -> &'static str {
+    pub fn full_name(self) -> &'static str {
         match self {
             UiCommand::PreviousCamera => "Previous camera",
             UiCommand::NextCamera => "Next camera",
             UiCommand::HideSelected => "Hide selected splats",
             UiCommand::ShowHidden => "Show hidden splats",
             UiCommand::DeleteSelected => "Delete selected splats",
-            UiCommand::BringBack => "Restore deleted splats",
+            UiCommand::RestoreDeleted => "Restore deleted splats",
             UiCommand::Points => "Points of the current frame",
             UiCommand::Redo => "Redo edit",
             UiCommand::Undo => "Undo edit",
@@ -210,7 +210,7 @@ impl UiCommand {
             UiCommand::ToggleRenderer => "Switch between the projected and the exact renderer",
             UiCommand::PreviousCamera => "Move to the previous camera of the dataset",
             UiCommand::NextCamera => "Move to the next camera of the dataset",
-            UiCommand::RideAlong => {
+            UiCommand::AutoCamera => {
                 "The camera follows the frame being trained until you move the camera"
             }
             UiCommand::Measure => "Measure the distance between two clicked points",
@@ -224,7 +224,7 @@ impl UiCommand {
             UiCommand::DeleteSelected => {
                 "Exclude the selected splats from view and exports; the model and its checkpoints are unchanged"
             }
-            UiCommand::BringBack => "Show and export all deleted splats again",
+            UiCommand::RestoreDeleted => "Show and export all deleted splats again",
             UiCommand::CropBox => {
                 "Crop the scene to a box around the selection, or around everything; again removes the box"
             }
@@ -252,7 +252,7 @@ impl UiCommand {
     }
 
     /// True if the command is available in this state. This is the only table of states and commands.
-    pub fn is_legal(self, state: RunState, source: Source) -> bool {
+    pub fn is_available(self, state: RunState, source: Source) -> bool {
         use RunState::{Empty, Failed, Finished, Loading, Paused, Ready, Training, Waiting};
         let dataset = source == Source::Dataset;
         match self {
@@ -274,7 +274,7 @@ impl UiCommand {
             | UiCommand::FocusControls
             | UiCommand::Quit
             | UiCommand::Help => true,
-            of_view => match of_view.view_source() {
+            of_view => match of_view.required_view_source() {
                 Some(Source::Dataset) => dataset,
                 Some(_) => source != Source::Nothing,
                 // A command missing from both tables is never available, which the test below detects.
@@ -284,11 +284,11 @@ impl UiCommand {
     }
 
     /// Kind of content that a view command needs, a dataset or any model; `None` for other commands.
-    fn view_source(self) -> Option<Source> {
+    fn required_view_source(self) -> Option<Source> {
         match self {
             UiCommand::PreviousCamera
             | UiCommand::NextCamera
-            | UiCommand::RideAlong
+            | UiCommand::AutoCamera
             | UiCommand::Cameras
             | UiCommand::Points
             | UiCommand::ComparePhoto => Some(Source::Dataset),
@@ -300,7 +300,7 @@ impl UiCommand {
             | UiCommand::HideSelected
             | UiCommand::ShowHidden
             | UiCommand::DeleteSelected
-            | UiCommand::BringBack
+            | UiCommand::RestoreDeleted
             | UiCommand::CropBox
             | UiCommand::Redo
             | UiCommand::Undo
@@ -311,16 +311,16 @@ impl UiCommand {
     }
 
     /// True if the view alone executes the command.
-    pub fn is_of_view(self) -> bool {
-        self.view_source().is_some()
+    pub fn is_view_command(self) -> bool {
+        self.required_view_source().is_some()
     }
 
     /// Reason why the command is unavailable, if any.
-    pub fn why_not(self, state: RunState, source: Source) -> Option<&'static str> {
-        if self.is_legal(state, source) {
+    pub fn unavailable_reason(self, state: RunState, source: Source) -> Option<&'static str> {
+        if self.is_available(state, source) {
             return None;
         }
-        let is_for = |source| RunState::ALL.iter().any(|&state| self.is_legal(state, source));
+        let is_for = |source| RunState::ALL.iter().any(|&state| self.is_available(state, source));
         Some(match (state, source) {
             (RunState::Loading, _) => "A file or folder is being opened",
             (RunState::Waiting, _) => "The followed recording has no complete frame yet",
@@ -345,22 +345,25 @@ mod tests {
     fn in_no_state_is_nothing_possible_and_space_is_never_ambiguous() {
         for state in RunState::ALL {
             for source in [Source::Nothing, Source::Dataset, Source::Model] {
-                assert!(UiCommand::ALL.iter().any(|c| c.is_legal(state, source)));
-                let both = UiCommand::Train.is_legal(state, source)
-                    && UiCommand::Pause.is_legal(state, source);
+                assert!(UiCommand::ALL.iter().any(|c| c.is_available(state, source)));
+                let both = UiCommand::Train.is_available(state, source)
+                    && UiCommand::Pause.is_available(state, source);
                 assert!(!both, "{state:?}");
             }
         }
         for command in UiCommand::ALL {
-            let somewhere = RunState::ALL.iter().any(|&s| command.is_legal(s, Source::Dataset));
+            let somewhere = RunState::ALL.iter().any(|&s| command.is_available(s, Source::Dataset));
             assert!(somewhere, "{command:?} has no row in the table");
-            let alone = command.is_legal(RunState::Finished, Source::Nothing);
-            assert!(!(command.is_of_view() && alone), "{command:?} is available without a view");
+            let alone = command.is_available(RunState::Finished, Source::Nothing);
+            assert!(
+                !(command.is_view_command() && alone),
+                "{command:?} is available without a view"
+            );
         }
-        assert!(!UiCommand::Train.is_legal(RunState::Finished, Source::Dataset));
-        assert!(!UiCommand::Reset.is_legal(RunState::Finished, Source::Model));
+        assert!(!UiCommand::Train.is_available(RunState::Finished, Source::Dataset));
+        assert!(!UiCommand::Reset.is_available(RunState::Finished, Source::Model));
         assert!(
-            UiCommand::Export.is_legal(RunState::Failed, Source::Dataset),
+            UiCommand::Export.is_available(RunState::Failed, Source::Dataset),
             "a trained scene stays usable"
         );
     }

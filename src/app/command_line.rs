@@ -53,19 +53,19 @@ pub fn command_line(
             words.extend(["--eval".to_owned(), dataset.splits[measured.split].name.clone()]);
         }
     }
-    Ok(words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "))
+    Ok(words.iter().map(|word| shell_quoted(word)).collect::<Vec<_>>().join(" "))
 }
 
 fn settings(training: &TrainSettings) -> Vec<String> {
     if training.preset == Preset::Paper {
         let preset = ["--preset", "paper"].map(str::to_owned);
-        return preset.into_iter().chain(words(&training.paper)).collect();
+        return preset.into_iter().chain(layer_options(&training.paper)).collect();
     }
-    words(&training.scene)
+    layer_options(&training.scene)
 }
 
 /// Options of the settings that differ from the preset.
-fn words<L: SettingLayer>(layer: &L) -> Vec<String> {
+fn layer_options<L: SettingLayer>(layer: &L) -> Vec<String> {
     let given = L::TABLE.iter().filter_map(|setting| {
         let value = (setting.given)(layer)?;
         match setting.about.spelling {
@@ -87,7 +87,7 @@ fn path(path: &Path) -> Result<String, NoCommandLine> {
 }
 
 /// Quotes a word for the shell if necessary.
-fn quoted(word: &str) -> String {
+fn shell_quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%\\".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) && (cfg!(windows) || !word.contains('\\')) {
         return word.to_owned();
@@ -120,7 +120,7 @@ mod tests {
             (r"back\slash", r"'back\slash'"),
             ("Küche", "'Küche'"),
         ] {
-            assert_eq!(quoted(word), expected);
+            assert_eq!(shell_quoted(word), expected);
         }
     }
 

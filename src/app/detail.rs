@@ -34,11 +34,11 @@ pub struct EffectiveScale {
     /// World units.
     pub length: f64,
     /// True if noise limits the scale to more than was requested.
-    pub is_held: bool,
+    pub is_noise_limited: bool,
 }
 
 /// Converts a structural scale to a length for frames with the statistics of `sample`.
-pub fn effective(
+pub fn effective_scale(
     engine: &SceneConfig,
     scale: StructuralScale,
     sample: &FrameSample,
@@ -47,13 +47,13 @@ pub fn effective(
         StructuralScale::Pixels(n) => n * sample.footprint,
         StructuralScale::World(length) => length,
     };
-    let least = scale.least(sample.tolerance, engine.ray_search > 0.0);
-    EffectiveScale { length: asked.max(least), is_held: asked < least }
+    let least = scale.min_length(sample.tolerance, engine.ray_search > 0.0);
+    EffectiveScale { length: asked.max(least), is_noise_limited: asked < least }
 }
 
 /// Settings of the open run if another run can follow it: a dataset trained by the scene preset. `None` for
 /// a checkpoint, whose own settings would return on a restart.
-pub fn trained_by(opened: &Opened) -> Option<&SceneRun> {
+pub fn retrainable_run(opened: &Opened) -> Option<&SceneRun> {
     let dataset = opened.dataset.as_ref()?;
     opened.scene().filter(|_| dataset.path == opened.path)
 }
@@ -81,9 +81,10 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
 pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
     /// The number of components is inversely proportional to the squared scale.
     const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
-    let run = trained_by(snapshot.opened.as_deref()?)?;
+    let run = retrainable_run(snapshot.opened.as_deref()?)?;
     let in_world = StructuralScale::World(FINER * run.engine.h);
-    let is_shown = |scale, sample: &FrameSample| !effective(&run.engine, scale, sample).is_held;
+    let is_shown =
+        |scale, sample: &FrameSample| !effective_scale(&run.engine, scale, sample).is_noise_limited;
     match (run.scale, &snapshot.sample) {
         (StructuralScale::Pixels(n), None) => Some(StructuralScale::Pixels(FINER * n)),
         (StructuralScale::Pixels(n), Some(sample))
@@ -104,9 +105,9 @@ mod tests {
     #[test]
     fn noise_holds_scales_and_world_units_go_to_half_of_it() {
         let sample = FrameSample { footprint: 0.002, tolerance: 0.01, depths: [1.0, 3.0] };
-        let of = |scale| effective(&SceneConfig::fine(0.01), scale, &sample);
-        let free = |length| EffectiveScale { length, is_held: false };
-        let held = |length| EffectiveScale { length, is_held: true };
+        let of = |scale| effective_scale(&SceneConfig::fine(0.01), scale, &sample);
+        let free = |length| EffectiveScale { length, is_noise_limited: false };
+        let held = |length| EffectiveScale { length, is_noise_limited: true };
         assert_eq!(of(StructuralScale::Pixels(10.0)), free(0.02));
         assert_eq!(of(StructuralScale::Pixels(2.5)), held(0.01));
         assert_eq!(of(StructuralScale::World(0.006)), free(0.006));

@@ -1,7 +1,7 @@
 //! The window's graphics device: its adapter, alternatives, and loss detection.
 
 use super::viewport;
-use crate::render::gpu::adapters::AdapterFacts;
+use crate::render::gpu::adapters::AdapterInfo;
 use crate::render::gpu::faults::GpuFaults;
 use eframe::egui_wgpu::RenderState;
 
@@ -10,16 +10,16 @@ pub struct WindowDevice {
     /// Asynchronous errors and device loss.
     pub faults: GpuFaults,
     /// Adapters that can draw the window.
-    pub there: Vec<AdapterFacts>,
+    pub there: Vec<AdapterInfo>,
     /// Adapter in use.
-    pub adapter: AdapterFacts,
+    pub adapter: AdapterInfo,
 }
 
 impl WindowDevice {
     /// Installs the error handlers on eframe's device.
     pub fn new(state: &RenderState) -> Self {
         let (there, adapter) = viewport::adapters(state);
-        Self { state: state.clone(), faults: viewport::watch(state), there, adapter }
+        Self { state: state.clone(), faults: viewport::collect_faults(state), there, adapter }
     }
 
     /// True if the device and all its resources are lost.

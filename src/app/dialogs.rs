@@ -39,7 +39,7 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
 
 /// Shows a progress dialog while an action waits for a file; `exported` is the share of an export already
 /// written. Returns true if the user cancels.
-pub fn wait_for_file(ui: &Ui, exported: Option<f32>) -> bool {
+pub fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
     let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
         ui.horizontal(|ui| {
             ui.spinner();

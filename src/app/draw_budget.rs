@@ -14,9 +14,9 @@ pub const DEFAULT_SHARE: f32 = 0.2;
 /// Resolution range during training, as a fraction of the viewport's width and height.
 const SCALES: RangeInclusive<f64> = 0.25..=0.5;
 /// Target rate of pictures while the camera moves, per second. The resolution is reduced to reach it.
-const WANTED_PER_S: f64 = 10.0;
+const TARGET_PICTURES_PER_S: f64 = 10.0;
 /// Weight of the newest pass in the running mean.
-const NEWEST: f64 = 0.2;
+const NEWEST_WEIGHT: f64 = 0.2;
 /// Least cost assumed for a pass, core seconds. It covers work not measured here (display server, driver
 /// queue) and limits two cores to about a dozen pictures a second, so that training keeps its time.
 const LEAST_PASS_S: f64 = 0.036;
@@ -38,7 +38,7 @@ pub struct DrawBudget {
     /// Running mean of the cost of a picture at the current scale while the camera moves, core seconds.
     picture_s: f64,
     /// Running mean of the time between passes, seconds.
-    apart_s: f64,
+    interval_s: f64,
     scale: f64,
 }
 
@@ -52,7 +52,7 @@ impl Default for DrawBudget {
             last: None,
             pass_s: 0.0,
             picture_s: 0.0,
-            apart_s: 0.0,
+            interval_s: 0.0,
             scale: *SCALES.end(),
         }
     }
@@ -67,16 +67,16 @@ impl DrawBudget {
             // If the system reports no thread times, only the cost of the pictures is known.
             let work = worked.zip(worked_before).map(|(now, before)| now.saturating_sub(before));
             let work_s = work.map_or(self.picture_s, |work| work.as_secs_f64());
-            mean(&mut self.pass_s, work_s);
-            mean(&mut self.apart_s, apart.as_secs_f64());
+            update_mean(&mut self.pass_s, work_s);
+            update_mean(&mut self.interval_s, apart.as_secs_f64());
         }
     }
 
     /// Records the CPU time of a picture at `scale`; adapts the scale.
     pub fn note_picture(&mut self, ms: f64, scale: f64) {
-        mean(&mut self.picture_s, 1e-3 * ms * (self.scale / scale).powi(2));
+        update_mean(&mut self.picture_s, 1e-3 * ms * (self.scale / scale).powi(2));
         // Half of the budget belongs to the window. The cost of a picture grows with the squared scale.
-        let wanted_s = 0.5 * self.allowed() / WANTED_PER_S;
+        let wanted_s = 0.5 * self.allowed_cores() / TARGET_PICTURES_PER_S;
         let fitting = self.scale * (wanted_s / self.picture_s.max(1e-6)).sqrt();
         let fitting = fitting.clamp(*SCALES.start(), *SCALES.end());
         // Small changes of the resolution would be visible as flicker.
@@ -97,28 +97,28 @@ impl DrawBudget {
         if self.pass_s == 0.0 {
             return Duration::ZERO; // nothing is measured yet
         }
-        Duration::from_secs_f64((self.pass_s.max(LEAST_PASS_S) / self.allowed()).min(10.0))
+        Duration::from_secs_f64((self.pass_s.max(LEAST_PASS_S) / self.allowed_cores()).min(10.0))
     }
 
     /// Time to wait before the next pass while the camera moves.
-    pub fn pause(&self) -> Duration {
+    pub fn pause_before_pass(&self) -> Duration {
         let since = self.last.map_or(Duration::MAX, |(begun, _)| begun.elapsed());
         self.interval().min(LONGEST_PAUSE).saturating_sub(since)
     }
 
     /// Share of all cores recently used for drawing.
-    pub fn taken(&self) -> f64 {
-        if self.apart_s > 0.0 { self.pass_s / self.apart_s / self.cores } else { 0.0 }
+    pub fn used_share(&self) -> f64 {
+        if self.interval_s > 0.0 { self.pass_s / self.interval_s / self.cores } else { 0.0 }
     }
 
     /// Number of cores allowed for drawing.
-    fn allowed(&self) -> f64 {
+    fn allowed_cores(&self) -> f64 {
         f64::from(self.share.clamp(*SHARES.start(), *SHARES.end())) * self.cores
     }
 }
 
-fn mean(of: &mut f64, newest: f64) {
-    *of = if *of == 0.0 { newest } else { *of + NEWEST * (newest - *of) };
+fn update_mean(of: &mut f64, newest: f64) {
+    *of = if *of == 0.0 { newest } else { *of + NEWEST_WEIGHT * (newest - *of) };
 }
 
 #[cfg(test)]
@@ -133,9 +133,9 @@ mod tests {
     fn passes_are_as_far_apart_as_their_work_asks_for() {
         let mut budget = budget(0.25);
         assert_eq!(budget.interval(), Duration::ZERO, "nothing is measured yet");
-        (budget.pass_s, budget.apart_s) = (0.05, 0.25);
+        (budget.pass_s, budget.interval_s) = (0.05, 0.25);
         assert_eq!(budget.interval(), Duration::from_millis(100));
-        assert!((budget.taken() - 0.1).abs() < 1e-9);
+        assert!((budget.used_share() - 0.1).abs() < 1e-9);
         budget.share = 0.5;
         assert_eq!(budget.interval(), Duration::from_millis(50));
         budget.pass_s = 0.001;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 /// Renderer of the viewport.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Drawer {
+pub enum ViewRenderer {
     /// CPU renderer.
     Cpu,
     /// GPU with timestamp queries.
@@ -84,13 +84,13 @@ const MAX_SAMPLES: usize = 300;
 #[derive(Clone, Debug)]
 pub struct DrawHistory {
     /// Renderer that drew them.
-    pub drawer: Drawer,
+    pub drawer: ViewRenderer,
     samples: VecDeque<DrawSample>,
 }
 
 impl DrawHistory {
     /// Creates an empty history.
-    pub fn new(drawer: Drawer) -> Self {
+    pub fn new(drawer: ViewRenderer) -> Self {
         Self { drawer, samples: VecDeque::new() }
     }
 
@@ -119,7 +119,7 @@ mod tests {
         sample.add(DrawStage::Draw, Some(3.0));
         sample.add(DrawStage::Sort, None);
         assert_eq!((sample.ms(DrawStage::Draw), sample.ms(DrawStage::Sort)), (Some(5.0), None));
-        let mut history = DrawHistory::new(Drawer::Gpu);
+        let mut history = DrawHistory::new(ViewRenderer::Gpu);
         for uploaded_bytes in 0..MAX_SAMPLES as u64 + 7 {
             history.push(DrawSample { uploaded_bytes, ..sample });
         }

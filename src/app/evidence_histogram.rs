@@ -16,7 +16,7 @@ pub struct EvidenceHistogram {
 
 impl EvidenceHistogram {
     /// Counts all components with known, positive evidence; `None` if there are none.
-    pub fn of(known: &[ComponentAttributes]) -> Option<Self> {
+    pub fn count(known: &[ComponentAttributes]) -> Option<Self> {
         let evidence = known.iter().filter_map(|known| known.evidence).filter(|n| *n > 0.0);
         let bar = |n: f32| (PER_DECADE * f64::from(n).log10()).floor() as i32;
         let bars: Vec<i32> = evidence.map(bar).collect();
@@ -38,8 +38,8 @@ mod tests {
     fn every_component_with_points_is_counted_once() {
         let known = |n: f32| ComponentAttributes { evidence: Some(n), ..Default::default() };
         let all = [known(1.0), known(1.5), known(10.0), known(11.0), known(0.5), known(0.0)];
-        let histogram = EvidenceHistogram::of(&all).unwrap();
+        let histogram = EvidenceHistogram::count(&all).unwrap();
         assert_eq!((histogram.first, histogram.counts), (-2, vec![1, 0, 2, 0, 0, 0, 2]));
-        assert_eq!(EvidenceHistogram::of(&[known(0.0), Default::default()]), None);
+        assert_eq!(EvidenceHistogram::count(&[known(0.0), Default::default()]), None);
     }
 }

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Reason why a window ended.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub enum Leave {
+pub enum ExitReason {
     /// The user closed it.
     #[default]
     Closed,
@@ -28,23 +28,23 @@ pub struct Handover {
 /// Shared record of why a window ends and what it hands over. It outlives the window, whose own state is gone
 /// after a panic.
 #[derive(Clone, Default)]
-pub struct Exit(Arc<Mutex<Word>>);
+pub struct Exit(Arc<Mutex<ExitRecord>>);
 
 #[derive(Default)]
-struct Word {
-    why: Leave,
+struct ExitRecord {
+    reason: ExitReason,
     handover: Option<Handover>,
 }
 
 impl Exit {
     /// Records the reason.
-    pub fn leave(&self, why: Leave) {
-        self.lock().why = why;
+    pub fn set_reason(&self, why: ExitReason) {
+        self.lock().reason = why;
     }
 
     /// Recorded reason.
-    pub fn why(&self) -> Leave {
-        self.lock().why.clone()
+    pub fn reason(&self) -> ExitReason {
+        self.lock().reason.clone()
     }
 
     /// Stores the state for the next window.
@@ -53,16 +53,19 @@ impl Exit {
     }
 
     /// Takes the state stored by the previous window; `None` if there is none.
-    pub fn taken_over(&self) -> Option<Handover> {
+    pub fn take_handover(&self) -> Option<Handover> {
         self.lock().handover.take()
     }
 
     /// Creates the record of the next window with the stored state and no reason.
-    pub fn of_next(&self) -> Self {
-        Self(Arc::new(Mutex::new(Word { why: Leave::Closed, handover: self.taken_over() })))
+    pub fn for_next_window(&self) -> Self {
+        Self(Arc::new(Mutex::new(ExitRecord {
+            reason: ExitReason::Closed,
+            handover: self.take_handover(),
+        })))
     }
 
-    fn lock(&self) -> MutexGuard<'_, Word> {
+    fn lock(&self) -> MutexGuard<'_, ExitRecord> {
         // Every write is one assignment, so the value is valid even after a panic.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -8,7 +8,7 @@ use crate::model::splat::appearance::SplatView;
 pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Vec<String> {
     let mut losses = Vec::new();
     if !is_plain(scene) {
-        made_plain(scene, mapping, &mut losses);
+        describe_plain_losses(scene, mapping, &mut losses);
     }
     if scene.finishing().exposures.is_some() {
         losses.push("Exposures of the photographs are not stored".to_owned());
@@ -25,7 +25,7 @@ pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Ve
     losses
 }
 
-fn made_plain(scene: SplatView<'_>, mapping: Mapping, losses: &mut Vec<String>) {
+fn describe_plain_losses(scene: SplatView<'_>, mapping: Mapping, losses: &mut Vec<String>) {
     let splats = || scene.splats().iter().enumerate().filter(|(_, splat)| splat.is_drawable());
     let n_opaque = splats().filter(|(_, splat)| splat.opacity > 1.0).count();
     if n_opaque > 0 {

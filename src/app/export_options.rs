@@ -28,7 +28,7 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
                 if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {
                     // Also sets the opacity mapping that measured best with this split; the user can still
                     // change it below.
-                    *mapping = Mapping::of(split);
+                    *mapping = Mapping::for_split(split);
                 }
             }
         });

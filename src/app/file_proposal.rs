@@ -18,9 +18,9 @@ impl FileProposal {
     /// Proposes files next to an opened path and with its name; `None` is the demo.
     pub fn beside(opened: Option<&Path>) -> Self {
         let Some(opened) = opened else {
-            return Self { folder: full(Path::new(".")), stem: DEMO.to_owned() };
+            return Self { folder: absolute_or_same(Path::new(".")), stem: DEMO.to_owned() };
         };
-        let mut path = full(opened);
+        let mut path = absolute_or_same(opened);
         if path.file_name().is_none() {
             // `a/..` is a folder too, but only the file system knows its name.
             path = path.canonicalize().unwrap_or(path);
@@ -39,7 +39,7 @@ impl FileProposal {
 }
 
 /// Absolute path; unchanged if the current folder is unknown.
-fn full(path: &Path) -> PathBuf {
+fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Parameters of a film.
-pub struct FilmOrder {
+pub struct FilmRequest {
     pub path: PacedPath,
     /// Picture size, pixels.
     pub size: [u32; 2],
@@ -25,24 +25,24 @@ pub struct FilmOrder {
     pub options: RenderOptions,
     pub left_out: LeftOut,
     /// True if training needs the other cores.
-    pub is_aside: bool,
+    pub is_beside_training: bool,
 }
 
 /// Outcome without an error, with the number of pictures written.
-enum Ended {
-    Whole(usize),
+enum FilmOutcome {
+    Complete(usize),
     Cancelled(usize),
 }
 
-struct Running {
+struct RunningFilm {
     output: PathBuf,
     progress: Arc<FileProgress>,
-    drawing: BackgroundJob<Result<Ended, FilmError>>,
+    drawing: BackgroundJob<Result<FilmOutcome, FilmError>>,
 }
 
 /// Rendering thread of the current film, if any.
 #[derive(Default)]
-pub struct FilmThread(Option<Running>);
+pub struct FilmThread(Option<RunningFilm>);
 
 impl Drop for FilmThread {
     fn drop(&mut self) {
@@ -58,20 +58,22 @@ impl FilmThread {
     pub fn start(
         &mut self,
         scene: Arc<SplatSet>,
-        order: FilmOrder,
+        order: FilmRequest,
         waker: Waker,
     ) -> std::io::Result<()> {
         self.cancel();
         let progress = Arc::new(FileProgress::default());
         progress.begin();
         let (told, output) = (progress.clone(), order.output.clone());
-        let n_threads = if order.is_aside { 1 } else { 0 };
+        let n_threads = if order.is_beside_training { 1 } else { 0 };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build();
         let pool = pool.map_err(std::io::Error::other)?;
         let drawn = waker.clone();
-        let draw = move || pool.install(|| draw(order.left_out.kept(scene), &order, &told, &drawn));
+        let draw = move || {
+            pool.install(|| render_film(order.left_out.remaining(scene), &order, &told, &drawn))
+        };
         let drawing = BackgroundJob::start("film", waker, draw)?;
-        self.0 = Some(Running { output, progress, drawing });
+        self.0 = Some(RunningFilm { output, progress, drawing });
         Ok(())
     }
 
@@ -92,46 +94,50 @@ impl FilmThread {
     }
 
     /// Notice about a finished film, once; `None` until it is finished.
-    pub fn take(&mut self) -> Option<(NoticeKind, String)> {
+    pub fn poll_notice(&mut self) -> Option<(NoticeKind, String)> {
         let running = self.0.as_ref()?;
-        let answer = running.drawing.take()?;
+        let answer = running.drawing.poll()?;
         let path = running.output.display();
         let said = match answer {
-            Ok(Ok(Ended::Whole(n))) => (NoticeKind::Info, format!("Wrote {n} pictures to {path}")),
-            Ok(Ok(Ended::Cancelled(n))) => {
+            Ok(Ok(FilmOutcome::Complete(n))) => {
+                (NoticeKind::Info, format!("Wrote {n} pictures to {path}"))
+            }
+            Ok(Ok(FilmOutcome::Cancelled(n))) => {
                 (NoticeKind::Info, format!("{path}: cancelled after {n} pictures"))
             }
             Ok(Err(error)) => (NoticeKind::Error, error.to_string()),
-            Err(panic) => (NoticeKind::Error, format!("{path}: {}", panic.ended("the film"))),
+            Err(panic) => {
+                (NoticeKind::Error, format!("{path}: {}", panic.failure_notice("the film")))
+            }
         };
         self.0 = None;
         Some(said)
     }
 }
 
-fn draw(
+fn render_film(
     scene: Arc<SplatSet>,
-    order: &FilmOrder,
+    order: &FilmRequest,
     progress: &FileProgress,
     waker: &Waker,
-) -> Result<Ended, FilmError> {
+) -> Result<FilmOutcome, FilmError> {
     let mut film = FilmWriter::new(&order.output, order.size, order.path.fps)?;
     let mut renderer = CpuRenderer::new();
     let cameras = order.path.cameras(order.size);
     let n = cameras.len();
     for (i, camera) in cameras.enumerate() {
         if !progress.is_wanted() {
-            film.give_up();
-            return Ok(Ended::Cancelled(i));
+            film.abort();
+            return Ok(FilmOutcome::Cancelled(i));
         }
         let picture = renderer.render(&*scene, &camera, &order.options).color;
         if !film.push(&picture)? {
             break;
         }
-        if progress.tell((i + 1) as f64 / n as f64) {
+        if progress.set_share((i + 1) as f64 / n as f64) {
             waker();
         }
     }
     film.finish()?;
-    Ok(Ended::Whole(n))
+    Ok(FilmOutcome::Complete(n))
 }

@@ -6,7 +6,7 @@
 use super::state::{Opened, Snapshot};
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::pipeline::plan::Plan;
-use crate::train::outcome::{Contradiction, PhotographOutcome};
+use crate::train::outcome::{OutlierReason, PhotographOutcome};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -14,9 +14,9 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameState {
     /// Not part of the run.
-    NotTaken,
+    NotInRun,
     /// Pending, at this position of the training order.
-    Ahead(usize),
+    Pending(usize),
     /// Trained, at this position of the order, with its figures if the window received them.
     Trained(usize, Option<TrainedFrame>),
     /// Unusable, with the reason.
@@ -39,7 +39,7 @@ impl From<&FrameReport> for TrainedFrame {
     fn from(report: &FrameReport) -> Self {
         // If the frame's points contradict the scene, the difference is not that of its photograph.
         let is_of_photograph = |photo: &PhotographOutcome| {
-            matches!(photo.contradiction, None | Some(Contradiction::Picture))
+            matches!(photo.contradiction, None | Some(OutlierReason::Picture))
         };
         let photograph = report.photograph.filter(is_of_photograph);
         let difference = photograph.map(|photo| photo.difference).filter(|&d| d > 0.0);
@@ -62,26 +62,27 @@ pub struct FrameOutcomes {
     recent: Arc<Vec<FrameReport>>,
     late: Arc<Vec<FrameReport>>,
     /// Frames before this position are trained or skipped.
-    n_reached: usize,
+    n_processed: usize,
     skipped: Arc<Vec<SkippedFrame>>,
     /// Indices into `skipped`, by frame name.
-    skipped_at: HashMap<String, usize>,
+    skipped_index: HashMap<String, usize>,
 }
 
 impl FrameOutcomes {
     /// Adds the news of a snapshot.
-    pub fn take(&mut self, snapshot: &Snapshot) {
+    pub fn update(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         if self.serial != opened.serial {
             *self = Self { serial: opened.serial, ..Self::default() };
         }
-        self.take_plan(opened);
+        self.update_plan(opened);
         let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
         if !Arc::ptr_eq(&self.recent, &snapshot.recent) {
             self.recent = snapshot.recent.clone();
             // Known frames too: a photograph in the shuffle buffer is trained on some frames later.
             self.outcomes.extend(self.recent.iter().map(outcome));
-            self.n_reached = self.recent.last().map_or(self.n_reached, |newest| newest.index + 1);
+            self.n_processed =
+                self.recent.last().map_or(self.n_processed, |newest| newest.index + 1);
         }
         if !Arc::ptr_eq(&self.late, &snapshot.late) {
             self.late = snapshot.late.clone();
@@ -90,12 +91,12 @@ impl FrameOutcomes {
         if !Arc::ptr_eq(&self.skipped, &snapshot.skipped) {
             self.skipped = snapshot.skipped.clone();
             let named = self.skipped.iter().enumerate();
-            self.skipped_at = named.map(|(i, skipped)| (skipped.frame.clone(), i)).collect();
+            self.skipped_index = named.map(|(i, skipped)| (skipped.frame.clone(), i)).collect();
         }
     }
 
     /// A followed recording gains frames and gets a new plan.
-    fn take_plan(&mut self, opened: &Opened) {
+    fn update_plan(&mut self, opened: &Opened) {
         let is_known = match (&self.plan, &opened.plan) {
             (Some(known), Some(plan)) => Arc::ptr_eq(known, plan),
             (known, plan) => known.is_none() && plan.is_none(),
@@ -111,21 +112,21 @@ impl FrameOutcomes {
     }
 
     /// State of a frame given by its split, its index there and its name.
-    pub fn of(&self, (split, index): (usize, usize), name: &str) -> FrameState {
+    pub fn state_of(&self, (split, index): (usize, usize), name: &str) -> FrameState {
         let is_trained = self.plan.as_ref().is_some_and(|plan| plan.split == split);
         let position = self.positions.get(&index).filter(|_| is_trained);
-        let Some(&position) = position else { return FrameState::NotTaken };
-        match (self.outcomes.get(&position), self.skipped_at.get(name)) {
+        let Some(&position) = position else { return FrameState::NotInRun };
+        match (self.outcomes.get(&position), self.skipped_index.get(name)) {
             (Some(&outcome), _) => FrameState::Trained(position, Some(outcome)),
             (None, Some(&at)) => FrameState::Skipped(self.skipped[at].message.clone()),
-            (None, None) if position < self.n_reached => FrameState::Trained(position, None),
-            (None, None) => FrameState::Ahead(position),
+            (None, None) if position < self.n_processed => FrameState::Trained(position, None),
+            (None, None) => FrameState::Pending(position),
         }
     }
 
     /// Position of the last trained frame in the training order.
-    pub fn latest(&self) -> Option<usize> {
-        self.n_reached.checked_sub(1)
+    pub fn latest_position(&self) -> Option<usize> {
+        self.n_processed.checked_sub(1)
     }
 }
 
@@ -151,17 +152,17 @@ mod tests {
 
     #[test]
     fn frames_are_ahead_then_trained_or_skipped_and_others_are_not_taken() {
-        let mut snapshot = snapshot(Selection { stride: 2, ..Selection::everything() });
+        let mut snapshot = snapshot(Selection { stride: 2, ..Selection::all_frames() });
         let opened = snapshot.opened.clone().unwrap();
         let split = opened.plan.as_ref().unwrap().split;
         let name = |index: usize| {
             opened.dataset.as_ref().unwrap().splits[split].frames[index].name.clone()
         };
         let mut known = FrameOutcomes::default();
-        known.take(&snapshot);
-        assert_eq!(known.of((split, 2), &name(2)), FrameState::Ahead(1));
-        assert_eq!(known.of((split, 1), &name(1)), FrameState::NotTaken);
-        assert_eq!(known.of((split + 1, 2), "other"), FrameState::NotTaken);
+        known.update(&snapshot);
+        assert_eq!(known.state_of((split, 2), &name(2)), FrameState::Pending(1));
+        assert_eq!(known.state_of((split, 1), &name(1)), FrameState::NotInRun);
+        assert_eq!(known.state_of((split + 1, 2), "other"), FrameState::NotInRun);
 
         let photograph =
             |difference| Some(PhotographOutcome { difference, usual: 0.1, contradiction: None });
@@ -169,32 +170,32 @@ mod tests {
         snapshot.recent = Arc::new(vec![first, report(3)]);
         let why = SkippedFrame { frame: name(4), message: "damaged".into() };
         snapshot.skipped = Arc::new(vec![why]);
-        known.take(&snapshot);
-        assert_eq!(known.of((split, 4), &name(4)), FrameState::Skipped("damaged".into()));
-        assert_eq!(known.of((split, 0), &name(0)), FrameState::Trained(0, None));
-        let FrameState::Trained(1, Some(outcome)) = known.of((split, 2), &name(2)) else {
+        known.update(&snapshot);
+        assert_eq!(known.state_of((split, 4), &name(4)), FrameState::Skipped("damaged".into()));
+        assert_eq!(known.state_of((split, 0), &name(0)), FrameState::Trained(0, None));
+        let FrameState::Trained(1, Some(outcome)) = known.state_of((split, 2), &name(2)) else {
             panic!("trained");
         };
         assert!((outcome.psnr_before.unwrap() - 20.0).abs() < 1e-9);
-        assert_eq!(known.latest(), Some(3));
+        assert_eq!(known.latest_position(), Some(3));
 
         // Another run starts without any states.
         let mut again = Opened::clone(&opened);
         again.serial = 2;
         let again = Snapshot { opened: Some(Arc::new(again)), ..Snapshot::default() };
-        known.take(&again);
-        assert_eq!(known.of((split, 2), &name(2)), FrameState::Ahead(1));
-        assert_eq!(known.latest(), None);
+        known.update(&again);
+        assert_eq!(known.state_of((split, 2), &name(2)), FrameState::Pending(1));
+        assert_eq!(known.latest_position(), None);
     }
 
     #[test]
     fn a_shuffled_run_tells_the_place_of_a_frame_in_its_order() {
-        let snapshot = snapshot(Selection { order: Order::Shuffled, ..Selection::everything() });
+        let snapshot = snapshot(Selection { order: Order::Shuffled, ..Selection::all_frames() });
         let plan = snapshot.opened.as_ref().unwrap().plan.clone().unwrap();
         let mut known = FrameOutcomes::default();
-        known.take(&snapshot);
+        known.update(&snapshot);
         for (position, &frame) in plan.frames.iter().enumerate().step_by(7) {
-            assert_eq!(known.of((plan.split, frame), ""), FrameState::Ahead(position));
+            assert_eq!(known.state_of((plan.split, frame), ""), FrameState::Pending(position));
         }
     }
 }

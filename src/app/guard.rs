@@ -1,6 +1,6 @@
 //! Runs a window and handles panics of its thread.
 
-use super::exit::{Exit, Leave};
+use super::exit::{Exit, ExitReason};
 use super::panic_report::PanicReport;
 use super::rescue::{Crash, CrashedThread};
 use super::window_error::WindowError;
@@ -37,7 +37,7 @@ pub fn run_window(
             None => Err("one run of the event loop created two windows".into()),
         };
         let run = || Ok(eframe::run_native("vbgs-studio", options(), Box::new(creator))?);
-        guarded(worker, exit, run)?;
+        run_guarded(worker, exit, run)?;
         if create.is_none() {
             return Ok(());
         }
@@ -51,7 +51,7 @@ pub fn run_window(
 ///
 /// # Errors
 /// [`WindowError::Crashed`] with the path of the rescued scene, or the error of `window`.
-pub fn guarded(
+pub fn run_guarded(
     worker: &Worker,
     exit: &Exit,
     window: impl FnOnce() -> Result<(), WindowError>,
@@ -61,7 +61,7 @@ pub fn guarded(
         Ok(ended) => ended,
         // The device cannot be polled here: it was dropped with the window, which polled it last
         // (`Studio::drop`).
-        Err(_) if exit.why() == Leave::DeviceLost => Ok(()),
+        Err(_) if exit.reason() == ExitReason::DeviceLost => Ok(()),
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,
             panic: PanicReport::of(&*payload),

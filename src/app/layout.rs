@@ -71,7 +71,7 @@ impl WindowLayout {
         let found = match &read {
             _ if notice.is_some() => return (read, notice),
             Self { version, .. } if *version != VERSION => format!("version {version}"),
-            _ if !is_whole(&read.tree) => {
+            _ if !is_valid(&read.tree) => {
                 "a layout that lacks a panel or holds one twice".to_owned()
             }
             _ => return (read, None),
@@ -87,14 +87,14 @@ impl WindowLayout {
     }
 
     /// Activates the tab of a panel.
-    pub fn show(&mut self, tab: SideTab) {
+    pub fn activate(&mut self, tab: SideTab) {
         let is_it =
             |tile: &Tile<DockPane>| matches!(tile, Tile::Pane(DockPane::Panel(of)) if *of == tab);
         self.tree.make_active(|_, tile| is_it(tile));
     }
 
     /// Resizes the tiles to `size` (points): panels keep their size, the viewport takes the rest.
-    pub fn fit(&mut self, size: Vec2, gap: f32) {
+    pub fn resize(&mut self, size: Vec2, gap: f32) {
         let Some(mut child) = self.tree.tiles.find_pane(&DockPane::Picture) else { return };
         let mut path = Vec::new();
         while let Some(parent) = self.tree.tiles.parent_of(child) {
@@ -111,7 +111,7 @@ impl WindowLayout {
                 let others: Vec<TileId> =
                     linear.children.iter().copied().filter(|&id| id != child).collect();
                 let gaps = gap * others.len() as f32;
-                *length = fit_beside(&mut linear.shares, child, &others, *length - gaps);
+                *length = fit_shares(&mut linear.shares, child, &others, *length - gaps);
             }
         }
     }
@@ -119,7 +119,7 @@ impl WindowLayout {
 
 /// Sets the shares of a container in points: `others` keep theirs as far as there is room, `child` gets the
 /// rest, which is returned.
-fn fit_beside(
+fn fit_shares(
     shares: &mut egui_tiles::Shares,
     child: TileId,
     others: &[TileId],
@@ -145,7 +145,7 @@ fn fit_beside(
 }
 
 /// True if the tree holds every pane exactly once, with the viewport visible and every tile reachable.
-pub fn is_whole(tree: &Tree<DockPane>) -> bool {
+pub fn is_valid(tree: &Tree<DockPane>) -> bool {
     let Some(root) = tree.root() else { return false };
     let (mut seen, mut panes, mut waiting) = (HashSet::new(), BTreeSet::new(), vec![root]);
     while let Some(id) = waiting.pop() {
@@ -160,11 +160,11 @@ pub fn is_whole(tree: &Tree<DockPane>) -> bool {
             Some(Tile::Container(container)) => waiting.extend(container.children()),
         }
     }
-    panes == DockPane::all() && !is_hidden(tree)
+    panes == DockPane::all() && !is_picture_hideable(tree)
 }
 
 /// True if the viewport is one of several tabs, so that another tab can hide it.
-fn is_hidden(tree: &Tree<DockPane>) -> bool {
+fn is_picture_hideable(tree: &Tree<DockPane>) -> bool {
     let picture = tree.tiles.find_pane(&DockPane::Picture);
     let ancestors = std::iter::successors(picture, |&id| tree.tiles.parent_of(id)).skip(1);
     let mut containers = ancestors.filter_map(|id| tree.tiles.get_container(id));
@@ -193,8 +193,8 @@ mod tests {
     #[test]
     fn layouts_survive_a_restart() {
         let mut layout = WindowLayout { shows_frames: false, ..WindowLayout::default() };
-        layout.show(SideTab::Inspector);
-        layout.fit(Vec2::new(1000.0, 600.0), 0.0);
+        layout.activate(SideTab::Inspector);
+        layout.resize(Vec2::new(1000.0, 600.0), 0.0);
         let (read, notice) = WindowLayout::from_text(&layout.to_text().unwrap());
         assert_eq!((read, notice), (layout, None));
     }
@@ -236,7 +236,7 @@ mod tests {
         let mut layout = WindowLayout::default();
         let panel = DockPane::Panel(SideTab::Quality);
         for (width, expected) in [(1280.0, 370.0), (2000.0, 370.0), (700.0, 294.0)] {
-            layout.fit(Vec2::new(width, 600.0), 0.0);
+            layout.resize(Vec2::new(width, 600.0), 0.0);
             assert_eq!(width_of(&layout, panel), expected, "{width}");
             assert_eq!(width_of(&layout, DockPane::Picture), width - expected, "{width}");
         }
@@ -244,7 +244,7 @@ mod tests {
         let id = layout.tree.tiles.find_pane(&panel).unwrap();
         let root = layout.tree.root().unwrap();
         layout.tree.move_tile_to_container(id, root, 0, false);
-        layout.fit(Vec2::new(2000.0, 600.0), 0.0);
+        layout.resize(Vec2::new(2000.0, 600.0), 0.0);
         assert_eq!(width_of(&layout, panel), NEW_SHARE * 2000.0);
         let others = width_of(&layout, DockPane::Panel(SideTab::Scene));
         assert_eq!(width_of(&layout, DockPane::Picture), 2000.0 - others - NEW_SHARE * 2000.0);

@@ -73,8 +73,8 @@ mod window_waker;
 mod wording;
 pub mod worker;
 
-pub use exit::{Exit, Leave};
-pub use guard::{guarded, run_window};
+pub use exit::{Exit, ExitReason};
+pub use guard::{run_guarded, run_window};
 pub use painting::Painting;
 pub use studio::Studio;
 pub use window::run;

@@ -67,7 +67,7 @@ pub fn open(
         Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
-            let opened = Session::new(dataset, training.request()?, Selection::everything())?;
+            let opened = Session::new(dataset, training.request()?, Selection::all_frames())?;
             Ok(session(opened, serial, Some(path)))
         }
     }
@@ -90,8 +90,8 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
         "colour is sampled with the published Kinect calibration; for another camera, drop a calibration file here".to_owned(),
     ));
     let split = &dataset.splits[session.plan().split];
-    let color_camera = session.config().method.any().color_camera();
-    let scaled = color_camera.and_then(|camera| split.scaling(&camera).ok().flatten());
+    let color_camera = session.config().method.as_any().color_camera();
+    let scaled = color_camera.and_then(|camera| split.camera_scaling(&camera).ok().flatten());
     let scaled = scaled.map(|scaled| (NoticeKind::Info, scaled.to_string()));
     let notices = notes.chain(warnings).chain(assumed).chain(scaled).collect();
     let opened = Opened {
@@ -121,7 +121,7 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
             // At rest pending photographs are part of the drawn scene.
             session.settle();
             // Dropped, because the frame reports already contain them.
-            session.take_doubts();
+            session.take_outlier_warnings();
             session.splats()
         }
     };
@@ -207,18 +207,18 @@ pub struct BareSplats {
     pub splats: SplatSet,
     /// Origin of the positions, in the world coordinates of the file's dataset.
     pub local_origin: DVec3,
-    pub told: Vec<(NoticeKind, String)>,
+    pub notices: Vec<(NoticeKind, String)>,
 }
 
-pub fn splats_of(path: &Path) -> Result<BareSplats, OpenError> {
+pub fn read_splats(path: &Path) -> Result<BareSplats, OpenError> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
         let splats = drawable(&run.splats()?);
-        return Ok(BareSplats { splats, local_origin: run.local_origin(), told: Vec::new() });
+        return Ok(BareSplats { splats, local_origin: run.local_origin(), notices: Vec::new() });
     }
     let model = export::read(path)?;
     let told = notices_of(&model, path);
-    Ok(BareSplats { splats: model.splats, local_origin: model.local_origin, told })
+    Ok(BareSplats { splats: model.splats, local_origin: model.local_origin, notices: told })
 }
 
 fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {

@@ -47,7 +47,7 @@ impl Palette {
             return change;
         }
         // Another range changes the colour of every splat, even of unchanged ones.
-        let all_differ = self.moves_range();
+        let all_differ = self.update_range();
         match changed {
             Some(ids) if !all_differ => self.color(ids),
             _ => self.color_all(),
@@ -55,14 +55,14 @@ impl Palette {
     }
 
     /// Selects the attribute that colours the splats; returns the change for painters, if any.
-    pub fn choose(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
+    pub fn set_attribute(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
         if attribute == self.attribute {
             return None;
         }
         self.attribute = attribute;
         if attribute.is_some() {
             self.attributes.resize(self.learned.len(), ComponentAttributes::default());
-            self.moves_range();
+            self.update_range();
             return Some(self.color_all());
         }
         // A second copy of the scene is stored only while it is displayed.
@@ -74,7 +74,7 @@ impl Palette {
     }
 
     /// Sets whether attributes are stored even if they colour nothing.
-    pub fn keep_known(&mut self, is_asked: bool) {
+    pub fn set_stores_attributes(&mut self, is_asked: bool) {
         self.is_asked = is_asked;
         if !is_asked && self.attribute.is_none() {
             self.attributes = Vec::new();
@@ -82,7 +82,7 @@ impl Palette {
     }
 
     /// Attributes of each splat: empty if not requested, default values until received.
-    pub fn known(&self) -> &[ComponentAttributes] {
+    pub fn attributes(&self) -> &[ComponentAttributes] {
         &self.attributes
     }
 
@@ -103,10 +103,10 @@ impl Palette {
     }
 
     /// Updates the range if the values have outgrown it; true if it changed.
-    fn moves_range(&mut self) -> bool {
+    fn update_range(&mut self) -> bool {
         let fresh = self.attribute.and_then(|a| Range::of(a, &self.attributes));
         let stays = match (&self.range, &fresh) {
-            (Some(range), Some(fresh)) => range.is_close_to(fresh),
+            (Some(range), Some(fresh)) => range.is_similar_to(fresh),
             (range, fresh) => range.is_none() && fresh.is_none(),
         };
         if !stays {
@@ -155,14 +155,14 @@ mod tests {
         let mut palette = Palette::default();
         palette.change(all(3).into());
         assert!(palette.legend().is_none());
-        let unknown = palette.choose(Some(Attribute::Birth)).unwrap();
+        let unknown = palette.set_attribute(Some(Attribute::Birth)).unwrap();
         assert!(matches!(unknown, SplatChange::All(s) if s.iter().all(|s| s.color == UNKNOWN)));
-        assert!(palette.choose(Some(Attribute::Birth)).is_none());
+        assert!(palette.set_attribute(Some(Attribute::Birth)).is_none());
         let attributes = vec![born(Some(0)), born(None), born(Some(10))];
         palette.change(SplatUpdate { change: all(3), attributes, n_frames: 1 });
         let colors: Vec<_> = palette.splats().iter().map(|s| s.color).collect();
         assert_eq!(colors, [ramp(0.0), UNKNOWN, ramp(1.0)]);
-        palette.choose(None);
+        palette.set_attribute(None);
         assert!(palette.splats().iter().all(|s| s.color == [0.5, 0.2, 0.1]));
     }
 
@@ -170,7 +170,7 @@ mod tests {
     fn a_small_change_stays_small_while_the_range_holds() {
         let mut palette = Palette::default();
         palette.change(all(4).into());
-        palette.choose(Some(Attribute::Birth));
+        palette.set_attribute(Some(Attribute::Birth));
         let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
         palette.change(SplatUpdate { change: all(4), attributes, n_frames: 1 });
         let change = |palette: &mut Palette, id, frame| {

@@ -37,7 +37,7 @@ impl fmt::Display for PanicReport {
 
 impl PanicReport {
     /// Installs a hook that records panics and then calls the previous hook.
-    pub fn listen() {
+    pub fn install_hook() {
         static ONCE: Once = Once::new();
         // Every worker calls this, and each further hook would record every panic again.
         ONCE.call_once(|| {
@@ -50,7 +50,7 @@ impl PanicReport {
     }
 
     /// Notice for the user if this panic ended `what`, a task beside training.
-    pub fn ended(&self, what: &str) -> String {
+    pub fn failure_notice(&self, what: &str) -> String {
         format!(
             "{what} failed because of a bug in this program, please report it: {self}; nothing else is affected"
         )
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn message_and_place_are_known_even_of_another_threads_panic() {
-        PanicReport::listen();
+        PanicReport::install_hook();
         let here = catch_unwind(|| panic!("report test: {}", 7)).unwrap_err();
         let report = PanicReport::of(&*here);
         assert_eq!(report.message, "report test: 7");

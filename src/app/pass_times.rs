@@ -31,7 +31,7 @@ impl PassTimes {
         if !tracing::enabled!(tracing::Level::DEBUG) {
             return;
         }
-        let now = thread_times::own();
+        let now = thread_times::current_thread_time();
         if let (RunState::Training, Some(before), Some(now)) = (self.state, self.worked, now) {
             let ms = |end: Duration| 1e3 * end.saturating_sub(before).as_secs_f64();
             let layout = self.laid_out.take().map_or(0.0, ms);
@@ -43,7 +43,7 @@ impl PassTimes {
         }
         tracing::debug!("shown: {}", state.label());
         if self.state == RunState::Training {
-            self.tell();
+            self.log_times();
         }
         self.state = state;
     }
@@ -55,11 +55,11 @@ impl PassTimes {
             tracing::info!("window after {} ms", started.elapsed().as_millis());
         }
         if tracing::enabled!(tracing::Level::DEBUG) {
-            self.laid_out = thread_times::own();
+            self.laid_out = thread_times::current_thread_time();
         }
     }
 
-    fn tell(&mut self) {
+    fn log_times(&mut self) {
         let passes = std::mem::take(&mut self.passes);
         let [all, layout] = [|pass: &PassMs| pass.all, |pass: &PassMs| pass.layout]
             .map(|part| passes.iter().map(part).collect::<Vec<_>>());

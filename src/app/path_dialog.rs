@@ -7,7 +7,7 @@
 use super::background_job::BackgroundJob;
 use super::file_proposal::FileProposal;
 use super::panels::explained::named;
-use super::path_look::{Occupant, PathLook};
+use super::path_look::{Occupant, PathCheck};
 use super::worker::Waker;
 use crate::export::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
@@ -96,7 +96,7 @@ pub struct PathDialog {
     no_native: bool,
     /// Path whose replacement a native dialog has confirmed.
     approved: Option<PathBuf>,
-    looking: Option<PathLook>,
+    looking: Option<PathCheck>,
     /// Existing file or folder whose replacement is to be confirmed.
     replacing: Option<(PathBuf, Occupant)>,
     problem: Option<String>,
@@ -192,15 +192,15 @@ impl PathDialog {
                 // Below everything else, because it appears later: buttons must not move under the
                 // pointer.
                 if let Some(look) = &self.looking {
-                    look.tell(ui);
+                    look.show_waiting(ui);
                 }
             });
-        if let Some(answer) = self.take_look() {
+        if let Some(answer) = self.take_path_check() {
             return Some(answer);
         }
         // Before the dialog, which the Escape of this prompt must not close as well.
         if self.replacing.is_some() {
-            return self.ask_to_replace(ui);
+            return self.prompt_replacement(ui);
         }
         if confirmed {
             return self.confirm(waker);
@@ -224,7 +224,7 @@ impl PathDialog {
         if !self.purpose.writes() {
             return Some(self.answer(path));
         }
-        match PathLook::start(path.clone(), waker.clone()) {
+        match PathCheck::start(path.clone(), waker.clone()) {
             Ok(look) => self.looking = Some(look),
             Err(error) => {
                 let path = path.display();
@@ -237,7 +237,7 @@ impl PathDialog {
     }
 
     /// Takes the result of a check: accepts the path, or prompts for the replacement of what exists.
-    fn take_look(&mut self) -> Option<PathAnswer> {
+    fn take_path_check(&mut self) -> Option<PathAnswer> {
         let looked = self.looking.as_ref()?.take()?;
         let path = self.looking.take()?.path;
         // The user has entered another path meanwhile.
@@ -246,8 +246,11 @@ impl PathDialog {
         }
         match looked {
             Err(panic) => {
-                self.problem =
-                    Some(format!("{}: {}", path.display(), panic.ended("checking this path")));
+                self.problem = Some(format!(
+                    "{}: {}",
+                    path.display(),
+                    panic.failure_notice("checking this path")
+                ));
             }
             Ok(Occupant::Folder) if self.purpose != Purpose::Film => {
                 let path = path.display();
@@ -269,7 +272,7 @@ impl PathDialog {
         PathAnswer::Path(path)
     }
 
-    fn ask_to_replace(&mut self, ui: &Ui) -> Option<PathAnswer> {
+    fn prompt_replacement(&mut self, ui: &Ui) -> Option<PathAnswer> {
         let (path, occupant) = self.replacing.clone()?;
         let (mut replace, mut keep) = (false, false);
         let response = Modal::new(Id::unique("replace")).show(ui.ctx(), |ui| {
@@ -378,7 +381,7 @@ impl PathDialog {
     }
 
     fn take_picked(&mut self) {
-        let Some(answer) = self.native.as_ref().and_then(BackgroundJob::take) else { return };
+        let Some(answer) = self.native.as_ref().and_then(BackgroundJob::poll) else { return };
         self.native = None;
         // A cancelled dialog, a missing portal and a panic have the same result, so the hint covers all
         // of them.

@@ -115,7 +115,7 @@ impl PathEditor {
 
     /// Advances the position by `seconds` and returns the camera there, if playing. A loop repeats;
     /// another path stops at its end.
-    pub fn play(&mut self, seconds: f64) -> Option<Keyframe> {
+    pub fn advance(&mut self, seconds: f64) -> Option<Keyframe> {
         let path = self.paced()?.path;
         if !self.is_playing {
             return None;
@@ -170,13 +170,13 @@ mod tests {
     fn playing_ends_at_the_end_or_goes_round() {
         let mut editor = PathEditor::default();
         (0..2).for_each(|i| editor.add(camera(f64::from(i))));
-        assert_eq!(editor.play(1.0), None, "not before playback starts");
+        assert_eq!(editor.advance(1.0), None, "not before playback starts");
         editor.is_playing = true;
-        assert!(editor.play(1.5).is_some() && editor.is_playing);
-        assert_eq!(editor.play(1.5).map(|k| k.pose), Some(camera(1.0).pose));
+        assert!(editor.advance(1.5).is_some() && editor.is_playing);
+        assert_eq!(editor.advance(1.5).map(|k| k.pose), Some(camera(1.0).pose));
         assert_eq!((editor.is_playing, editor.moment), (false, 2.0));
         (editor.is_loop, editor.is_playing) = (true, true);
-        editor.play(3.0);
+        editor.advance(3.0);
         assert_eq!((editor.is_playing, editor.moment), (true, 1.0));
     }
 

@@ -18,14 +18,14 @@ pub enum Occupant {
 }
 
 /// Check of a path, which may take as long as its drive needs.
-pub struct PathLook {
+pub struct PathCheck {
     pub path: PathBuf,
     since: Instant,
     job: BackgroundJob<Occupant>,
 }
 
 /// Time after which the dialog shows what it waits for.
-const SAID_AFTER: Duration = Duration::from_secs(1);
+const HINT_DELAY: Duration = Duration::from_secs(1);
 
 impl Occupant {
     fn of(path: &Path) -> Self {
@@ -38,7 +38,7 @@ impl Occupant {
     }
 }
 
-impl PathLook {
+impl PathCheck {
     /// Starts the check; `waker` is called when it is done.
     ///
     /// # Errors
@@ -51,12 +51,12 @@ impl PathLook {
 
     /// Takes the result, once.
     pub fn take(&self) -> Option<Result<Occupant, PanicReport>> {
-        self.job.take()
+        self.job.poll()
     }
 
     /// Shows what the dialog waits for, if that takes long.
-    pub fn tell(&self, ui: &mut Ui) {
-        match SAID_AFTER.checked_sub(self.since.elapsed()) {
+    pub fn show_waiting(&self, ui: &mut Ui) {
+        match HINT_DELAY.checked_sub(self.since.elapsed()) {
             Some(rest) => ui.ctx().request_repaint_after(rest),
             None => {
                 let folder = self.path.parent().unwrap_or(&self.path).display();

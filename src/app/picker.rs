@@ -16,7 +16,7 @@ pub struct Picker(Option<BackgroundJob<Option<u32>>>);
 
 impl Picker {
     /// Starts to pick the splat at a position of the viewport, pixels; replaces a pick in progress.
-    pub fn ask(
+    pub fn start_pick(
         &mut self,
         splats: Arc<SplatSet>,
         camera: Camera,
@@ -33,7 +33,7 @@ impl Picker {
 
     /// Takes the result, once: the splat, or `None` if there is none at that position.
     pub fn take(&mut self) -> Option<Result<Option<u32>, PanicReport>> {
-        let answer = self.0.as_ref()?.take()?;
+        let answer = self.0.as_ref()?.poll()?;
         self.0 = None;
         Some(answer)
     }

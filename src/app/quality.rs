@@ -128,7 +128,7 @@ impl QualityMonitor {
         };
         let at = self.history.last().filter(is_new)?;
         (all > 0 && done == all)
-            .then(|| point(&self.views, (at.frames, at.seconds, at.components)))?
+            .then(|| mean_quality(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
     /// Number of views from the side measured after `frames` frames, and of those to measure.
@@ -143,7 +143,7 @@ impl QualityMonitor {
         let (done, all) = self.side_progress(frames);
         let at =
             self.history.last().map_or((frames, 0.0, 0), |p| (frames, p.seconds, p.components));
-        (done == all).then(|| point(&self.side, at))?
+        (done == all).then(|| mean_quality(&self.side, at))?
     }
 
     /// Retention of frames that were trained on.
@@ -174,25 +174,26 @@ impl QualityMonitor {
         splats: &Arc<SplatSet>,
     ) {
         let Some(opened) = &snapshot.opened else { return };
-        self.turn_to(opened, method);
+        self.set_subject(opened, method);
         // The scene differs after the same number of frames: pending photographs were included at rest,
         // or a frame could not be placed.
-        let is_other = snapshot.settled || self.measured_at == Some(snapshot.frames_done);
-        if snapshot.settled != self.settled && is_other {
+        let is_other =
+            snapshot.includes_pending_photographs || self.measured_at == Some(snapshot.frames_done);
+        if snapshot.includes_pending_photographs != self.settled && is_other {
             (self.measured_at, self.side_at) = (None, None);
-            self.retention.measure_again();
+            self.retention.invalidate();
         }
-        self.settled = snapshot.settled;
+        self.settled = snapshot.includes_pending_photographs;
         self.take_answer();
         let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         self.at_rest = rests.then_some(snapshot.frames_done);
-        if let Some((purpose, views, rest)) = self.due(context, snapshot, every) {
-            self.ask(opened, snapshot, (purpose, views), splats);
+        if let Some((purpose, views, rest)) = self.next_measurement(context, snapshot, every) {
+            self.request_measurement(opened, snapshot, (purpose, views), splats);
             self.rest_until = Instant::now() + rest;
         }
     }
 
-    fn turn_to(&mut self, opened: &Opened, method: RenderMethod) {
+    fn set_subject(&mut self, opened: &Opened, method: RenderMethod) {
         let black = [0.0; 3];
         let render = RenderOptions::evaluation(method, black);
         let options = EvalOptions {
@@ -230,7 +231,7 @@ impl QualityMonitor {
                 let psnr = |view| scores.iter().find(|s| s.index == view).map(|s| s.psnr);
                 let followed = positions(query.at.0).into_iter().zip(query.views);
                 let known = followed.filter_map(|(position, view)| Some((position, psnr(view)?)));
-                self.retention.note(query.at.0, known);
+                self.retention.add_measurements(query.at.0, known);
             }
             Ok(scores) if query.purpose == QualityPurpose::FromTheSide => {
                 self.problem = None;
@@ -246,7 +247,7 @@ impl QualityMonitor {
                     (self.measured_at, self.n_measured) = (Some(query.at.0), 0);
                 }
                 if self.n_measured == 0 {
-                    self.history.extend(point(&scores, query.at));
+                    self.history.extend(mean_quality(&scores, query.at));
                 }
                 self.n_measured += query.views.len();
                 self.views.retain(|known| scores.iter().all(|new| new.index != known.index));
@@ -257,7 +258,7 @@ impl QualityMonitor {
     }
 
     /// Views to measure now, and the minimum time until the next measurement.
-    fn due(
+    fn next_measurement(
         &self,
         context: &Context,
         snapshot: &Snapshot,
@@ -312,8 +313,8 @@ impl QualityMonitor {
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
         let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
         let is_due = match snapshot.state {
-            RunState::Training => self.retention.is_older_than(self.measured_at?),
-            _ => self.retention.is_older_than(snapshot.frames_done),
+            RunState::Training => self.retention.measured_before(self.measured_at?),
+            _ => self.retention.measured_before(snapshot.frames_done),
         };
         let frame = |position: usize| plan.frames.get(position).copied();
         is_due.then(|| positions(snapshot.frames_done).into_iter().map_while(frame).collect())
@@ -332,7 +333,7 @@ impl QualityMonitor {
         self.evaluation.as_ref()?.from_the_side.first()
     }
 
-    fn ask(
+    fn request_measurement(
         &mut self,
         opened: &Opened,
         snapshot: &Snapshot,
@@ -362,7 +363,7 @@ impl QualityMonitor {
             options,
             near_rule: NearRule::of(opened.method.as_ref().map(Method::preset)),
             at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
-            settled: snapshot.settled,
+            settled: snapshot.includes_pending_photographs,
         };
         if self.thread.is_none() {
             match start(self.waker.clone()) {
@@ -376,7 +377,7 @@ impl QualityMonitor {
             }
         }
         if let Some(thread) = &self.thread {
-            thread.ask(query, Announce::Wake);
+            thread.send_request(query, Announce::Wake);
         }
     }
 }
@@ -390,7 +391,7 @@ fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
 }
 
 /// Means over views; `None` if there are none.
-fn point(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
+fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
     let mean = |value: &dyn Fn(&ViewReport) -> Option<f64>| {
         let values: Vec<f64> = views.iter().filter_map(value).collect();
         (!values.is_empty()).then(|| mean_std(&values).0)

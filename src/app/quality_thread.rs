@@ -63,7 +63,7 @@ pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAn
         let QualityQuery { dataset, split, views, .. } = &query;
         let options = query.options_for(splats);
         let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
-        let scores = measured(|| {
+        let scores = catch_measurement(|| {
             let (_, scores) = alone.install(measure).map_err(|error| error.to_string())?;
             Ok(scores)
         });
@@ -73,11 +73,12 @@ pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAn
 
 /// Returns the metrics, or the reason of a failure. A panic is caught: a metric is no reason to close
 /// the window, and no state of the measurement outlives it.
-fn measured(
+fn catch_measurement(
     measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,
 ) -> Result<Vec<ViewReport>, String> {
-    catch_unwind(AssertUnwindSafe(measure))
-        .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).ended("measuring the quality")))
+    catch_unwind(AssertUnwindSafe(measure)).unwrap_or_else(|panic| {
+        Err(PanicReport::of(&*panic).failure_notice("measuring the quality"))
+    })
 }
 
 #[cfg(test)]
@@ -86,10 +87,10 @@ mod tests {
 
     #[test]
     fn a_panic_of_measuring_is_a_problem_that_is_told() {
-        let problem = measured(|| panic!("injected into measuring")).unwrap_err();
+        let problem = catch_measurement(|| panic!("injected into measuring")).unwrap_err();
         for part in ["injected into measuring", "the quality", "report it"] {
             assert!(problem.contains(part), "{part:?} is missing in: {problem}");
         }
-        assert_eq!(measured(|| Ok(Vec::new())).unwrap().len(), 0);
+        assert_eq!(catch_measurement(|| Ok(Vec::new())).unwrap().len(), 0);
     }
 }

@@ -29,17 +29,21 @@ impl Retention {
     }
 
     /// True if the latest measurement was made before `frames_done` frames.
-    pub fn is_older_than(&self, frames_done: usize) -> bool {
+    pub fn measured_before(&self, frames_done: usize) -> bool {
         self.measured_at.is_none_or(|at| at < frames_done)
     }
 
     /// Discards the time of the latest measurement, because the scene has changed.
-    pub fn measure_again(&mut self) {
+    pub fn invalidate(&mut self) {
         self.measured_at = None;
     }
 
     /// Adds the PSNR of frames, by position, after `frames_done` trained frames.
-    pub fn note(&mut self, frames_done: usize, measured: impl IntoIterator<Item = (usize, f64)>) {
+    pub fn add_measurements(
+        &mut self,
+        frames_done: usize,
+        measured: impl IntoIterator<Item = (usize, f64)>,
+    ) {
         self.measured_at = Some(frames_done);
         for (position, psnr) in measured {
             let at = match self.frames.iter().position(|frame| frame.position == position) {
@@ -76,10 +80,10 @@ mod tests {
     #[test]
     fn curves_begin_when_their_frame_is_trained() {
         let mut retention = Retention::default();
-        assert!(retention.is_older_than(1));
-        retention.note(5, [(0, 30.0)]);
-        retention.note(12, [(0, 29.0), (10, 31.0)]);
-        assert!(!retention.is_older_than(12) && retention.is_older_than(13));
+        assert!(retention.measured_before(1));
+        retention.add_measurements(5, [(0, 30.0)]);
+        retention.add_measurements(12, [(0, 29.0), (10, 31.0)]);
+        assert!(!retention.measured_before(12) && retention.measured_before(13));
         let [first, second] = retention.frames() else { panic!("two frames") };
         assert_eq!(first.psnr, [[5.0, 30.0], [12.0, 29.0]]);
         assert_eq!((second.position, second.psnr.len()), (10, 1));

@@ -74,7 +74,13 @@ impl SplatSelection {
                     (false, false) => PickPurpose::Select,
                 };
                 self.asked = Some((purpose, request.camera, pixel));
-                self.picker.ask(splats.clone(), request.camera, pixel, options, waker.clone())
+                self.picker.start_pick(
+                    splats.clone(),
+                    request.camera,
+                    pixel,
+                    options,
+                    waker.clone(),
+                )
             }
             None => Ok(()),
         }
@@ -111,7 +117,7 @@ fn draw(inspected: &Inspected, ui: &Ui, rect: Rect, request: &PictureRequest) {
     let options = &request.options;
     for (radius, width) in RIMS {
         let lines =
-            outline(inspected.splat(), &request.camera, options.method, &options.look, radius);
+            outline(inspected.splat(), &request.camera, options.method, &options.style, radius);
         for line in lines {
             painter.line_segment(line.map(point), Stroke::new(width, LIGHT));
         }

@@ -1,6 +1,6 @@
 //! Properties of a session in the scene panel.
 
-use super::panels::legend::number;
+use super::panels::legend::format_number;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::Sensor;
@@ -28,7 +28,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     }
     let config = session.config();
     info.push(("Preset".to_owned(), config.method.preset().to_string()));
-    match config.method.any().component_limit() {
+    match config.method.as_any().component_limit() {
         ComponentLimit::Fixed(n) => {
             info.push(("Components".to_owned(), n.to_string()));
             info.push(("Range from".to_owned(), config.position_range_source.clone()));
@@ -41,7 +41,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     info.extend(config.method.scene().into_iter().flat_map(scene_info));
     let is_assumed = config.method.assumes_calibration(dataset);
     info.extend(origin_info(dataset.local_origin()));
-    let calibration = calibration(config.method.any().calibration(), is_assumed);
+    let calibration = calibration(config.method.as_any().calibration(), is_assumed);
     info.push(("Calibration".to_owned(), calibration.to_owned()));
     info
 }
@@ -54,7 +54,7 @@ pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
 
 fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
-    let h = number(engine.h);
+    let h = format_number(engine.h);
     let scale = match scale {
         StructuralScale::Pixels(n) => format!("{h} world units (requested: {n} pixels)"),
         StructuralScale::World(_) => format!("{h} world units"),

@@ -66,14 +66,14 @@ impl SettingsFile {
     pub fn open(&self) -> FoundSettings {
         let (parts, problem) = match read(&self.file) {
             Ok(parts) => (Some(parts), None),
-            Err(Unusable::Missing) => self.take_over_former(),
+            Err(Unusable::Missing) => self.import_former_settings(),
             Err(unusable) => self.replace(&unusable),
         };
         let Some(parts) = parts else {
             return FoundSettings { adapter: None, problems: problem.into_iter().collect() };
         };
         let adapter = parts.get(ADAPTER).map(|name| AdapterChoice::parse(name));
-        let problems = problem.into_iter().chain(self.keep_unread_parts(&parts)).collect();
+        let problems = problem.into_iter().chain(self.back_up_unreadable_parts(&parts)).collect();
         FoundSettings { adapter, problems }
     }
 
@@ -142,7 +142,7 @@ impl SettingsFile {
     }
 
     /// Copies the settings of an older version, whose files remain.
-    fn take_over_former(&self) -> (Option<Parts>, Option<String>) {
+    fn import_former_settings(&self) -> (Option<Parts>, Option<String>) {
         let Some(former) = &self.former else { return (None, None) };
         let adapter = std::fs::read_to_string(former.join(FORMER_ADAPTER_FILE)).ok();
         let adapter = adapter.and_then(|text| ron::from_str::<String>(&text).ok());
@@ -177,7 +177,7 @@ impl SettingsFile {
 
     /// Copies the whole file if a part cannot be read, because windows use the default of that part,
     /// report it and overwrite it.
-    fn keep_unread_parts(&self, parts: &Parts) -> Option<String> {
+    fn back_up_unreadable_parts(&self, parts: &Parts) -> Option<String> {
         let stored = StoredSettings::read(|part| parts.get(part).cloned());
         if stored.problems.is_empty() {
             return None;

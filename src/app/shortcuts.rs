@@ -19,7 +19,7 @@ impl UiCommand {
             | UiCommand::CompareModel
             | UiCommand::RemoveModel
             | UiCommand::ResetLayout
-            | UiCommand::BringBack
+            | UiCommand::RestoreDeleted
             | UiCommand::CropBox
             | UiCommand::CopyCommandLine
             | UiCommand::SavePicture
@@ -37,7 +37,7 @@ impl UiCommand {
                 const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] }
             }
             UiCommand::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
-            UiCommand::RideAlong => const { &[plain(Key::V)] },
+            UiCommand::AutoCamera => const { &[plain(Key::V)] },
             UiCommand::Measure => const { &[plain(Key::M)] },
             UiCommand::BoxSelect => const { &[plain(Key::B)] },
             UiCommand::HideSelected => const { &[plain(Key::K)] },
@@ -75,7 +75,7 @@ impl UiCommand {
 
     /// True if a focused control uses one of its keys: to be pressed, to change its value, or to move
     /// the focus.
-    pub fn is_of_controls(self) -> bool {
+    pub fn conflicts_with_controls(self) -> bool {
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];
         self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
     }

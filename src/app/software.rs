@@ -46,7 +46,7 @@ impl Effort {
     }
 
     /// True if pictures of both efforts have the same resolution.
-    fn looks_like(self, other: Self) -> bool {
+    fn has_same_scale(self, other: Self) -> bool {
         self.scale() == other.scale()
     }
 }
@@ -93,9 +93,14 @@ impl SoftwarePainter {
         let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
             let started = Instant::now();
             let mut render = || {
-                let before = thread_times::own();
+                let before = thread_times::current_thread_time();
                 let picture = picture(&mut renderer, splats, &request, effort);
-                (picture, thread_times::own().zip(before).map(|(now, before)| now - before))
+                (
+                    picture,
+                    thread_times::current_thread_time()
+                        .zip(before)
+                        .map(|(now, before)| now - before),
+                )
             };
             let (picture, worked) =
                 if effort.is_shared() { alone.install(render) } else { render() };
@@ -158,7 +163,7 @@ impl SoftwarePainter {
                 }
             }
         }
-        self.ask(ui, request, effort);
+        self.request_picture(ui, request, effort);
         // A picture without splats is not painted: it would only fill the cleared window again, which
         // is expensive on a software adapter. A comparison may still show a photograph.
         if let Some(texture) = &self.texture
@@ -174,9 +179,9 @@ impl SoftwarePainter {
         self.n_drawn
     }
 
-    fn ask(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
+    fn request_picture(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
         let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
-        let refine = self.asked.as_ref().is_none_or(|(_, asked)| !asked.looks_like(effort));
+        let refine = self.asked.as_ref().is_none_or(|(_, asked)| !asked.has_same_scale(effort));
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which tries again
         }
@@ -198,7 +203,7 @@ impl SoftwarePainter {
             Effort::Shared { .. } if !moved && has_picture => Announce::Quietly,
             _ => Announce::Wake,
         };
-        self.thread.ask((request.clone(), effort), announce);
+        self.thread.send_request((request.clone(), effort), announce);
         self.asked = Some((request.clone(), effort));
         self.asked_at = Instant::now();
         self.is_stale = false;

@@ -144,7 +144,7 @@ impl Opened {
 
     /// Camera that took the photographs, if it is not the depth camera.
     pub fn color_camera(&self) -> Option<ColorCamera> {
-        self.method.as_ref()?.any().color_camera()
+        self.method.as_ref()?.as_any().color_camera()
     }
 }
 
@@ -217,7 +217,7 @@ pub struct Snapshot {
     /// Number of frames in the run.
     pub n_frames: usize,
     /// True if pending photographs are part of the drawn scene.
-    pub settled: bool,
+    pub includes_pending_photographs: bool,
     /// Number of components, used or not.
     pub components: usize,
     /// Number of components with statistics.
@@ -225,7 +225,7 @@ pub struct Snapshot {
     /// Skipped frames.
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.
-    pub doubts: Arc<Vec<String>>,
+    pub outlier_reports: Arc<Vec<String>>,
     /// Trained frames per second of wall time, over the latest frames.
     pub frames_per_s: f64,
     /// Training time, seconds, including waits for frames.
@@ -235,7 +235,7 @@ pub struct Snapshot {
     /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
     /// True if the program was terminated and training was stored; windows then close.
-    pub is_left_behind: bool,
+    pub is_terminated: bool,
     /// Outcome of the latest file.
     pub latest_write: Option<WriteOutcome>,
     /// Details of the selected splat, if any.

@@ -46,11 +46,15 @@ impl StillJob {
     /// Takes the notice about a finished picture, once.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let (path, job) = self.0.as_ref()?;
-        let said = match job.take()? {
+        let said = match job.poll()? {
             Ok(Ok(path)) => (NoticeKind::Info, format!("Wrote {}", path.display())),
             Ok(Err(error)) => (NoticeKind::Error, error),
             Err(panic) => {
-                let text = format!("{}: {}", path.display(), panic.ended("rendering the picture"));
+                let text = format!(
+                    "{}: {}",
+                    path.display(),
+                    panic.failure_notice("rendering the picture")
+                );
                 (NoticeKind::Error, text)
             }
         };

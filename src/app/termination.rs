@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Longest time for which the watcher outlives the worker.
-const LOOK: Duration = Duration::from_secs(10);
+const POLL_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Watches for a termination while the worker lives. `is_asked` waits for at most the given time and
 /// returns true once the program is to end. Training is then stopped and stored for the next window,
@@ -22,10 +22,10 @@ pub fn watch(
     watcher.spawn(move || {
         // The worker is not held meanwhile, because dropping it joins its thread.
         while worker.strong_count() > 0 {
-            if is_asked(LOOK) {
+            if is_asked(POLL_INTERVAL) {
                 if let Some(worker) = worker.upgrade() {
                     // A notice, which is logged, states the outcome.
-                    let _ = worker.leave_behind();
+                    let _ = worker.store_for_next_window();
                 }
                 return;
             }

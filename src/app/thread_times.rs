@@ -38,7 +38,7 @@ impl ThreadTimes {
                 self.known.entry(number).or_insert_with(|| is_window || draws(&task.path()));
             if *draws {
                 // A thread may end between listing and reading.
-                sum += worked(&task.path()).unwrap_or_default();
+                sum += thread_time(&task.path()).unwrap_or_default();
             }
         }
         (!sum.is_zero()).then_some(sum)
@@ -46,8 +46,8 @@ impl ThreadTimes {
 }
 
 /// CPU time of the calling thread since its start; `None` if the system does not provide it.
-pub fn own() -> Option<Duration> {
-    worked(Path::new("/proc/thread-self"))
+pub fn current_thread_time() -> Option<Duration> {
+    thread_time(Path::new("/proc/thread-self"))
 }
 
 fn draws(task: &Path) -> bool {
@@ -56,7 +56,7 @@ fn draws(task: &Path) -> bool {
 }
 
 /// CPU time: the first number of `schedstat`, ns.
-fn worked(task: &Path) -> Option<Duration> {
+fn thread_time(task: &Path) -> Option<Duration> {
     let text = std::fs::read_to_string(task.join("schedstat")).ok()?;
     text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
 }

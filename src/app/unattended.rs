@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Poll interval.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Run without a window.
 pub struct Unattended(Arc<Worker>);
@@ -34,7 +34,7 @@ impl Unattended {
         self.0.send(WorkerOrder::Follow(false));
         // Polled, because the waker belongs to windows and there is none.
         while self.0.is_alive() && self.0.snapshot().state == RunState::Training {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         // Number 0 is free: windows count from 1.
         self.0.send(WorkerOrder::Save(0, folder.join("checkpoint.vbgs")));
@@ -48,7 +48,7 @@ impl Unattended {
         let done = WorkerOrder::Report(NoticeKind::Info, DONE.to_owned());
         self.0.send(done);
         while self.0.is_alive() && self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         let snapshot = self.0.snapshot();
         let fresh = snapshot.notices.iter().filter(|n| n.serial > before && n.text != DONE);
@@ -90,7 +90,7 @@ mod tests {
         worker.send(WorkerOrder::Open(Subject::Path(room)));
         worker.send(WorkerOrder::Train);
         while worker.snapshot().frames_done == 0 {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         let notices = Unattended::new(worker.clone()).finish(folder.path());
         assert_eq!(worker.snapshot().frames_done, 3);

@@ -108,7 +108,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
     }
 
     /// Submits a request; replaces one that still waits.
-    pub fn ask(&self, request: Q, announce: Announce) {
+    pub fn send_request(&self, request: Q, announce: Announce) {
         self.requests.lock().request = Some((request, announce));
         self.requests.wake.notify_one();
     }
@@ -178,7 +178,7 @@ mod tests {
             ViewThread::start("test", waker, |splats: &SplatSet, q: usize| (q, splats.len()))
                 .unwrap();
         thread.change(SplatChange::all(vec![Splat::default(); 3]));
-        thread.ask(7, Announce::Wake);
+        thread.send_request(7, Announce::Wake);
         wakes.recv_timeout(Duration::from_secs(10)).unwrap();
         assert_eq!(thread.take(), Some((7, 3)));
         assert!(thread.take().is_none() && !thread.is_busy());
@@ -192,7 +192,7 @@ mod tests {
         });
         let work = |_: &SplatSet, (): ()| -> usize { panic!("no picture") };
         let thread = ViewThread::start("test", waker, work).unwrap();
-        thread.ask((), Announce::Quietly);
+        thread.send_request((), Announce::Quietly);
         wakes.recv_timeout(Duration::from_secs(10)).unwrap();
         let panic = catch_unwind(AssertUnwindSafe(|| thread.take())).unwrap_err();
         assert_eq!(panic.downcast_ref(), Some(&"no picture"));

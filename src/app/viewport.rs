@@ -1,7 +1,7 @@
 //! Painting with a real GPU: passes eframe's device to `render::gpu` and draws the result in the
 //! window's render pass. The only file of the window that uses wgpu.
 
-use super::drawing::{DrawSample, DrawStage, Drawer};
+use super::drawing::{DrawSample, DrawStage, ViewRenderer};
 use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
 use super::viewer::compared_model::ComparedModel;
@@ -14,13 +14,13 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::finish::Finish;
 use crate::render::gpu::GpuError;
-use crate::render::gpu::adapters::{self, AdapterChoice, AdapterFacts};
-use crate::render::gpu::composite::{Compositor, Second};
+use crate::render::gpu::adapters::{self, AdapterChoice, AdapterInfo};
+use crate::render::gpu::composite::{Compositor, SecondImage};
 use crate::render::gpu::context::GpuCaps;
 use crate::render::gpu::faults::GpuFaults;
 use crate::render::gpu::photo::PhotoTexture;
 use crate::render::gpu::renderer::SplatRenderer;
-use crate::render::gpu::scene::{GpuScene, OrderOf};
+use crate::render::gpu::scene::{ComparedImage, GpuScene};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
 use eframe::egui::{PaintCallback, PaintCallbackInfo, Rect, Ui};
 use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
@@ -48,7 +48,7 @@ pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguratio
 /// Selects the chosen adapter, if it can draw the window.
 fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     Arc::new(move |adapters, surface| {
-        let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
+        let facts: Vec<AdapterInfo> = adapters.iter().map(AdapterInfo::new).collect();
         // `choose` returns `None` only for `Auto`, which sets no selector.
         let chosen = adapters::choose(&choice, &facts).map_err(|e| e.to_string())?.unwrap_or(0);
         let adapter = adapters.get(chosen).ok_or("no adapter found")?;
@@ -63,17 +63,17 @@ fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
 
 /// Caveat about the adapter that draws the window, if any.
 pub fn caveat(state: &RenderState) -> Option<String> {
-    AdapterFacts::new(&state.adapter).caveat()
+    AdapterInfo::new(&state.adapter).warning()
 }
 
 /// Available adapters, and the one that draws.
-pub fn adapters(state: &RenderState) -> (Vec<AdapterFacts>, AdapterFacts) {
-    let there = state.available_adapters.iter().map(AdapterFacts::new).collect();
-    (there, AdapterFacts::new(&state.adapter))
+pub fn adapters(state: &RenderState) -> (Vec<AdapterInfo>, AdapterInfo) {
+    let there = state.available_adapters.iter().map(AdapterInfo::new).collect();
+    (there, AdapterInfo::new(&state.adapter))
 }
 
 /// Collects errors of the device from the start; without a handler wgpu panics.
-pub fn watch(state: &RenderState) -> GpuFaults {
+pub fn collect_faults(state: &RenderState) -> GpuFaults {
     let faults = GpuFaults::default();
     faults.watch(&state.device);
     faults
@@ -103,7 +103,7 @@ pub struct GpuViewPainter {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: GpuFaults,
-    drawer: Drawer,
+    drawer: ViewRenderer,
     scene: GpuScene,
     renderer: SplatRenderer,
     /// For the second picture of a comparison; created when first needed.
@@ -168,12 +168,16 @@ impl GpuViewPainter {
         let sorter = ViewThread::start("sorting", waker, sort)?;
         Ok(Self {
             scene: GpuScene::new(&device, &queue, &[])?,
-            renderer: SplatRenderer::new(&device, &queue, OrderOf::First)?,
+            renderer: SplatRenderer::new(&device, &queue, ComparedImage::First)?,
             second: None,
             photo: None,
             model: None,
             compositor: Arc::new(Mutex::new(Compositor::new(&device, state.target_format))),
-            drawer: if capabilities.has_timestamps { Drawer::Gpu } else { Drawer::UntimedGpu },
+            drawer: if capabilities.has_timestamps {
+                ViewRenderer::Gpu
+            } else {
+                ViewRenderer::UntimedGpu
+            },
             device,
             queue,
             faults,
@@ -186,7 +190,7 @@ impl GpuViewPainter {
         })
     }
 
-    pub fn drawer(&self) -> Drawer {
+    pub fn drawer(&self) -> ViewRenderer {
         self.drawer
     }
 
@@ -225,13 +229,13 @@ impl GpuViewPainter {
     ) -> Result<DrawSample, ViewPaintError> {
         // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault
         // does not state its source.
-        if let Some(fault) = self.faults.take().into_iter().next() {
+        if let Some(fault) = self.faults.take_new().into_iter().next() {
             return Err(ViewPaintError::Fault(fault.message));
         }
         // Uploaded before the order is set, which is rejected if it refers to splats that do not exist
         // yet.
         let mut sample = DrawSample::new(self.upload(splats)?);
-        self.turn_to_model(request)?;
+        self.update_second_model(request)?;
         self.sort(request);
         sample.add(DrawStage::Order, self.sort_ms);
         self.draw(request, &mut sample)?;
@@ -259,7 +263,7 @@ impl GpuViewPainter {
         match request.second.as_ref().map(|second| &second.partner) {
             Some(Partner::Splats(options)) => {
                 if self.second.is_none() {
-                    self.second = Some(SplatRenderer::new(device, queue, OrderOf::Second)?);
+                    self.second = Some(SplatRenderer::new(device, queue, ComparedImage::Second)?);
                 }
                 if let Some(second) = &mut self.second {
                     draw(second, scene, options)?;
@@ -296,7 +300,7 @@ impl GpuViewPainter {
                 }
                 Partner::Photo(_) => (self.photo.as_ref()?.1.view(), Finish::NONE),
             };
-            Some(Second { view, finish, area: second.area, how: second.how })
+            Some(SecondImage { view, finish, area: second.area, how: second.how })
         });
         let image = self.renderer.target();
         let background = request.options.background;
@@ -325,7 +329,7 @@ impl GpuViewPainter {
     }
 
     /// Uploads the requested second model, or releases one that is not requested.
-    fn turn_to_model(&mut self, request: &PictureRequest) -> Result<(), GpuError> {
+    fn update_second_model(&mut self, request: &PictureRequest) -> Result<(), GpuError> {
         let asked = match &request.second {
             Some(ComparedPicture { partner: Partner::Model(model, _), .. }) => model,
             _ => {
@@ -338,7 +342,7 @@ impl GpuViewPainter {
             self.model = Some(GpuModel {
                 model: asked.clone(),
                 scene: GpuScene::new(device, queue, &asked.splats)?,
-                renderer: SplatRenderer::new(device, queue, OrderOf::First)?,
+                renderer: SplatRenderer::new(device, queue, ComparedImage::First)?,
             });
             // An order computed for it before was released with its scene.
             self.is_stale = true;
@@ -355,17 +359,17 @@ impl GpuViewPainter {
         // (`rendering.md`, Uploads).
         if let Some(sorted) = self.sorter.take() {
             self.sort_ms = Some(sorted.ms);
-            let set = self.scene.set_order(&self.queue, OrderOf::First, &sorted.first);
+            let set = self.scene.set_order(&self.queue, ComparedImage::First, &sorted.first);
             // Fails if the scene has shrunk meanwhile: a new order is needed.
             self.is_stale |= set.is_err();
             let set = match (&sorted.second, &mut self.model) {
                 (Some((Partner::Splats(_), order)), _) => {
-                    self.scene.set_order(&self.queue, OrderOf::Second, order)
+                    self.scene.set_order(&self.queue, ComparedImage::Second, order)
                 }
                 (Some((Partner::Model(of, _), order)), Some(there))
                     if Arc::ptr_eq(of, &there.model) =>
                 {
-                    there.scene.set_order(&self.queue, OrderOf::First, order)
+                    there.scene.set_order(&self.queue, ComparedImage::First, order)
                 }
                 _ => Ok(()),
             };
@@ -374,7 +378,7 @@ impl GpuViewPainter {
         // Not while the sorter is busy: its answer wakes the window, which then requests the newest
         // view.
         if (self.is_stale || self.sorted_for.as_ref() != Some(&asked)) && !self.sorter.is_busy() {
-            self.sorter.ask(asked.clone(), Announce::Wake);
+            self.sorter.send_request(asked.clone(), Announce::Wake);
             self.sorted_for = Some(asked);
             self.is_stale = false;
         }
@@ -419,7 +423,7 @@ impl CallbackTrait for PaintWindow {
         _: &mut CallbackResources,
     ) -> Vec<wgpu::CommandBuffer> {
         let mut window = self.window.lock().unwrap_or_else(PoisonError::into_inner);
-        let list = window.turn_to(&self.pass, screen.size_in_pixels);
+        let list = window.update_to_pass(&self.pass, screen.size_in_pixels);
         window.painter.draw(device, encoder, screen.size_in_pixels, &list);
         Vec::new()
     }

@@ -1,7 +1,7 @@
 //! Windows around one trainer: a lost device or another adapter ends a window, and the next one shows
 //! the same run.
 
-use super::exit::{Exit, Leave};
+use super::exit::{Exit, ExitReason};
 use super::guard::run_window;
 use super::painting::Painting;
 use super::settings_file::SettingsFile;
@@ -29,19 +29,19 @@ const WELL_AFTER: Duration = Duration::from_secs(60);
 /// and whether there ever was a window.
 fn keep_open(
     mut adapter: AdapterChoice,
-    mut open: impl FnMut(&AdapterChoice) -> Result<(Leave, Duration), WindowError>,
+    mut open: impl FnMut(&AdapterChoice) -> Result<(ExitReason, Duration), WindowError>,
     mut tell: impl FnMut(NoticeKind, String),
 ) -> Result<(), (WindowError, bool)> {
     let mut losses = 0;
     let mut ever_open = false;
     loop {
         let failure = match open(&adapter) {
-            Ok((Leave::Closed, _)) => return Ok(()),
-            Ok((Leave::Adapter(chosen), _)) => {
+            Ok((ExitReason::Closed, _)) => return Ok(()),
+            Ok((ExitReason::Adapter(chosen), _)) => {
                 (adapter, losses, ever_open) = (chosen, 0, true);
                 continue;
             }
-            Ok((Leave::DeviceLost, lived)) => {
+            Ok((ExitReason::DeviceLost, lived)) => {
                 ever_open = true;
                 // Counted from 1 after a stable window: a long run may lose its device occasionally,
                 // but one that is lost at every start will be lost again.
@@ -119,7 +119,7 @@ pub fn run(
         },
         Err((error @ WindowError::Crashed(_), _)) => Err(error),
         // The error owns the worker, because dropping it would end training.
-        Err((error, ever_open)) if ever_open && host.is_at_work() => {
+        Err((error, ever_open)) if ever_open && host.has_run() => {
             Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
         }
         Err((error, _)) => Err(error),
@@ -144,7 +144,7 @@ impl Host {
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
-    fn is_at_work(&self) -> bool {
+    fn has_run(&self) -> bool {
         !matches!(
             self.worker.snapshot().state,
             RunState::Empty | RunState::Loading | RunState::Waiting
@@ -157,8 +157,8 @@ impl Host {
         first: &mut Vec<WorkerOrder>,
         adapter: &AdapterChoice,
         settings: Option<&SettingsFile>,
-    ) -> Result<Leave, WindowError> {
-        let exit = self.exit.borrow().of_next();
+    ) -> Result<ExitReason, WindowError> {
+        let exit = self.exit.borrow().for_next_window();
         self.exit.replace(exit.clone());
         let (word, worker, waker) = (exit.clone(), self.worker.clone(), self.waker.clone());
         let (started, shown) = (self.started, self.shown.clone());
@@ -166,7 +166,7 @@ impl Host {
         let orders = first.clone();
         let create = move |creation: &eframe::CreationContext<'_>| {
             waker.open(creation.egui_ctx.clone());
-            tell_caveat(creation, &worker, &shown);
+            report_caveat(creation, &worker, &shown);
             let studio = Studio::attach(creation, worker, orders, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
@@ -178,12 +178,12 @@ impl Host {
         ended?;
         // For the next window everything is open; it lacks only the splats.
         *first = vec![WorkerOrder::Deliver];
-        Ok(exit.why())
+        Ok(exit.reason())
     }
 }
 
 /// Reports a caveat of the adapter, once.
-fn tell_caveat(
+fn report_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
     shown: &Mutex<Option<String>>,
@@ -235,7 +235,7 @@ mod tests {
     /// number of notices.
     fn windows(
         first: &str,
-        ends: Vec<Result<(Leave, Duration), WindowError>>,
+        ends: Vec<Result<(ExitReason, Duration), WindowError>>,
     ) -> (Vec<String>, Result<(), bool>, usize) {
         let (mut asked, mut told) = (Vec::new(), 0);
         let mut ends = ends.into_iter();
@@ -248,12 +248,12 @@ mod tests {
         (asked, ended, told)
     }
 
-    fn lost(lived_s: u64) -> Result<(Leave, Duration), WindowError> {
-        Ok((Leave::DeviceLost, Duration::from_secs(lived_s)))
+    fn lost(lived_s: u64) -> Result<(ExitReason, Duration), WindowError> {
+        Ok((ExitReason::DeviceLost, Duration::from_secs(lived_s)))
     }
 
-    fn closed() -> Result<(Leave, Duration), WindowError> {
-        Ok((Leave::Closed, Duration::ZERO))
+    fn closed() -> Result<(ExitReason, Duration), WindowError> {
+        Ok((ExitReason::Closed, Duration::ZERO))
     }
 
     #[test]
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn another_adapter_is_opened_and_left_again_if_it_fails() {
-        let chosen = Ok((Leave::Adapter(AdapterChoice::Index(7)), Duration::ZERO));
+        let chosen = Ok((ExitReason::Adapter(AdapterChoice::Index(7)), Duration::ZERO));
         let (asked, ended, told) =
             windows("auto", vec![chosen, Err(WindowError::NoDisplay), closed()]);
         assert_eq!(

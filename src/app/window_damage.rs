@@ -47,7 +47,7 @@ impl WindowDamage {
         damage
     }
 
-    pub fn places(&self) -> &[Rect] {
+    pub fn regions(&self) -> &[Rect] {
         &self.0
     }
 

@@ -43,13 +43,13 @@ impl KeptWindow {
     }
 
     /// Discards the image: the next pass draws all of it.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.shown = None;
         self.changes.clear();
     }
 
     /// Returns what to draw so that a window of `size` (columns, rows) shows `pass`.
-    pub fn turn_to(&mut self, pass: &Arc<WindowPass>, size: [u32; 2]) -> MeshList {
+    pub fn update_to_pass(&mut self, pass: &Arc<WindowPass>, size: [u32; 2]) -> MeshList {
         let before = self.shown.replace(pass.clone());
         let changes = std::mem::take(&mut self.changes);
         let comparable = before.filter(|before| {
@@ -61,7 +61,7 @@ impl KeptWindow {
         let places = match comparable {
             None => vec![whole],
             Some(before) => WindowDamage::between(&before.primitives, &pass.primitives, &changes)
-                .places()
+                .regions()
                 .iter()
                 .map(|place| pixels(*place, pass.pixels_per_point, size))
                 .collect(),

@@ -93,7 +93,7 @@ impl Plugin for WindowPainter {
         let pixels_per_point = output.pixels_per_point;
         let primitives = context.tessellate(shapes, pixels_per_point);
         if !self.bind_textures(&mut window, &primitives) {
-            window.forget();
+            window.invalidate();
             output.shapes = primitives.into_iter().map(shape).collect();
             return;
         }

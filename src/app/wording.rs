@@ -10,20 +10,20 @@ pub fn warning(warning: &TrainingWarning) -> String {
         TrainingWarning::OverBudget { points } => format!(
             "{points} points found no component within the budget and were left out; raise the Budget in Settings, or widen the Structural scale if depth is noisy"
         ),
-        TrainingWarning::Coarsened { asked, scale } => format!(
+        TrainingWarning::Coarsened { requested: asked, scale } => format!(
             "the budget is far too small for a structural scale of {asked}, which was raised to {scale}; raise the Budget in Settings, or start with that Structural scale, which is faster"
         ),
-        TrainingWarning::OutOfReach { points } => format!(
+        TrainingWarning::TooFarFromOrigin { points } => format!(
             "{points} points lie more than a million structural scales from the scene's origin and were left out: a pose is wrong, or depth is in another unit; correct it, or widen the Structural scale in Settings"
         ),
-        TrainingWarning::Repaired { splats } => format!(
+        TrainingWarning::PrecisionReset { splats } => format!(
             "photometric updates of {splats} splats were numerically unstable and were discarded; these splats are estimated from points only. Photometric in Settings turns these updates off"
         ),
     }
 }
 
 /// Agreement of a recording's poses with its depth.
-pub fn poses(check: &PoseCheck) -> String {
+pub fn pose_agreement(check: &PoseCheck) -> String {
     let PoseTrial { agreement, poses, .. } = check.opened;
     let percent = 100.0 * agreement;
     format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
@@ -32,7 +32,7 @@ pub fn poses(check: &PoseCheck) -> String {
 /// Warning and advice if poses or depth do not follow the recording's layout.
 pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     let PoseCheck { opened, best, .. } = check;
-    if !check.is_doubtful() {
+    if !check.has_better_reading() {
         return None;
     }
     let axes = (best.poses != opened.poses)
@@ -76,18 +76,21 @@ mod tests {
         let opened =
             PoseTrial { poses: PoseConvention::Opencv, unit: 1.0, agreement: 0.12, error: 0.5 };
         let best = PoseTrial { poses: PoseConvention::Opengl, agreement: 0.96, ..opened };
-        let check = PoseCheck { pairs: 8, opened, is_asked: false, best };
+        let check = PoseCheck { pairs: 8, opened, is_user_set: false, best };
         let text = pose_warning(&check).unwrap();
         assert!(text.contains("opengl, not opencv") && text.contains("96 %"), "{text}");
         assert!(!text.contains("--"), "the window has no options: {text}");
         assert_eq!(pose_warning(&PoseCheck { best: opened, ..check.clone() }), None);
-        assert_eq!(poses(&check), "12 % of depth agrees with neighbouring frames (opencv)");
+        assert_eq!(
+            pose_agreement(&check),
+            "12 % of depth agrees with neighbouring frames (opencv)"
+        );
     }
 
     #[test]
     fn the_order_of_a_run_is_told_with_what_it_leaves_out() {
         let plan = Plan { split: 0, frames: vec![1, 2], held_out: None };
-        let text = run_order(&Selection::everything(), &plan);
+        let text = run_order(&Selection::all_frames(), &plan);
         assert_eq!(text, "In the dataset's order, every frame");
         let held_out = Some("every 8th frame".to_owned());
         let selection = Selection {
@@ -96,7 +99,7 @@ mod tests {
             shard: "2/3".parse().ok(),
             max_frames: Some(40),
             passes: 2,
-            ..Selection::everything()
+            ..Selection::all_frames()
         };
         assert_eq!(
             run_order(&selection, &Plan { held_out, ..plan }),
@@ -108,9 +111,9 @@ mod tests {
     fn the_window_speaks_of_no_options() {
         for value in [
             TrainingWarning::OverBudget { points: 3 },
-            TrainingWarning::Coarsened { asked: 0.01, scale: 0.0141421 },
-            TrainingWarning::OutOfReach { points: 4 },
-            TrainingWarning::Repaired { splats: 5 },
+            TrainingWarning::Coarsened { requested: 0.01, scale: 0.0141421 },
+            TrainingWarning::TooFarFromOrigin { points: 4 },
+            TrainingWarning::PrecisionReset { splats: 5 },
         ] {
             let text = warning(&value);
             assert!(!text.contains("--") && text.contains("Settings"), "{text}");

@@ -116,7 +116,7 @@ struct ProtocolRun<'a> {
 impl ProtocolRun<'_> {
     /// The rows in the run's file if they are of this very run, else those of a new one.
     fn kept_or_new(&self, kept: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
-        let selection = Selection { max_frames: Some(self.frames), ..Selection::everything() };
+        let selection = Selection { max_frames: Some(self.frames), ..Selection::all_frames() };
         let asked: MethodRequest = match self.preset {
             "paper" => PaperConfig { seed: self.seed, ..PaperConfig::paper() }.into(),
             _ => SceneOverrides::default().into(),
@@ -136,7 +136,7 @@ impl ProtocolRun<'_> {
         let splats = session.stored_splats();
         let median = |times: Vec<f64>| Spread::of(times).median;
         let frames = session.frames();
-        let color_camera = session.config().method.any().color_camera();
+        let color_camera = session.config().method.as_any().color_camera();
         let drawn = splats.view().splats().iter().filter(|splat| splat.is_drawable()).count();
         let row = |method: RenderMethod| -> Result<ProtocolRow, BenchError> {
             let render = RenderOptions::evaluation(method, [0.0; 3]);

@@ -32,7 +32,7 @@ impl CameraUnknowns {
     }
 
     /// Parameters of another camera relative to the same start.
-    pub fn of_same_start(&self, other: &ColorCamera) -> [f64; N] {
+    pub fn parameters_of(&self, other: &ColorCamera) -> [f64; N] {
         let ([x, y, _], [cx, cy]) = (other.offset, other.principal);
         let roll = other.rotation[2] - self.start.rotation[2];
         [x, y, roll, (other.focal[0] / self.start.focal[0]).ln(), cx, cy]
@@ -79,9 +79,9 @@ pub(super) struct Projector {
 /// Projection of a point with its Jacobians.
 pub(super) struct ProjectedPoint {
     pub at: [f64; 2],
-    pub slope: [[f64; N]; 2],
+    pub jacobian: [[f64; N]; 2],
     /// Derivative of pixel x and y by the point's position in the depth camera's frame.
-    pub by_place: [DVec3; 2],
+    pub position_jacobian: [DVec3; 2],
 }
 
 impl Projector {
@@ -99,8 +99,11 @@ impl Projector {
             return None;
         }
         let slant = [p.x / p.z, p.y / p.z];
-        let mut projected =
-            ProjectedPoint { at: [0.0; 2], slope: [[0.0; N]; 2], by_place: [DVec3::ZERO; 2] };
+        let mut projected = ProjectedPoint {
+            at: [0.0; 2],
+            jacobian: [[0.0; N]; 2],
+            position_jacobian: [DVec3::ZERO; 2],
+        };
         for i in 0..2 {
             let from_centre = self.focal[i] * slant[i];
             projected.at[i] = from_centre + self.principal[i];
@@ -110,9 +113,9 @@ impl Projector {
             let by_point = self.turn.transpose() * by_place;
             // Rotating the camera rotates points the other way: dp = p × ẑ.
             let by_roll = by_place.dot(p.cross(DVec3::Z));
-            projected.slope[i] = [-by_point.x, -by_point.y, by_roll, from_centre, 0.0, 0.0];
-            projected.slope[i][4 + i] = 1.0;
-            projected.by_place[i] = by_point;
+            projected.jacobian[i] = [-by_point.x, -by_point.y, by_roll, from_centre, 0.0, 0.0];
+            projected.jacobian[i][4 + i] = 1.0;
+            projected.position_jacobian[i] = by_point;
         }
         Some(projected)
     }
@@ -156,7 +159,7 @@ mod tests {
             let (low, high) = (at(-1.0), at(1.0));
             for i in 0..2 {
                 let expected = (high[i] - low[i]) / (2.0 * step);
-                let error = (projected.slope[i][j] - expected).abs();
+                let error = (projected.jacobian[i][j] - expected).abs();
                 assert!(error < 1e-5 * expected.abs().max(1.0), "{j}: {expected}");
             }
         }

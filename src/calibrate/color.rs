@@ -8,7 +8,7 @@ use super::exposure::Patch;
 use super::matches::{MatchedPoint, Matches};
 use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
-use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, parts};
+use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, split_twist};
 use glam::DVec3;
 
 #[derive(Clone, Copy)]
@@ -22,7 +22,7 @@ pub(super) struct Photos<'a> {
 
 /// Colour residual of a point: its colour in its own view minus that in another view.
 #[derive(Clone, Copy)]
-pub(super) struct ColorOffset {
+pub(super) struct ColorResidual {
     /// Index of the point in its component.
     pub index: usize,
     pub view: usize,
@@ -32,14 +32,18 @@ pub(super) struct ColorOffset {
 }
 
 /// Sampled colour with its Jacobian by the unknowns and the view's pose.
-struct SeenColor {
+struct SampledColor {
     color: [f64; 3],
     slope: [[f64; WITH_POSE]; 3],
 }
 
 /// Returns the measured position of a matched point in its depth camera's frame under the current depth
 /// calibration, and its derivatives by depth offset and scale.
-fn measured(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, [DVec3; 2]) {
+fn measured_position(
+    matches: &Matches,
+    sample: &MatchedPoint,
+    at: &Estimate,
+) -> (DVec3, [DVec3; 2]) {
     let depth = &matches.depth;
     let [offset, scale] = depth.values;
     let local = sample.local;
@@ -52,33 +56,33 @@ fn measured(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, 
 
 /// Transforms a position by the pose correction of its view. Moving the camera moves points the opposite
 /// way in its frame.
-fn placed(place: DVec3, view: usize, at: &Estimate) -> DVec3 {
-    let [shift, turn] = parts(&at.poses[view]);
+fn pose_corrected(place: DVec3, view: usize, at: &Estimate) -> DVec3 {
+    let [shift, turn] = split_twist(&at.poses[view]);
     place - shift - turn.cross(place)
 }
 
 /// Samples a view's photograph at a position in the frame of its depth camera; `by_depth` holds the
 /// position's derivatives by depth offset and scale.
-fn seen(
+fn sample_color(
     photos: &Photos,
     at: (&Projector, &Estimate),
     view: usize,
     (place, by_depth): (DVec3, [DVec3; 2]),
-) -> Option<SeenColor> {
+) -> Option<SampledColor> {
     let (projector, estimate) = at;
-    let [_, turn] = parts(&estimate.poses[view]);
+    let [_, turn] = split_twist(&estimate.poses[view]);
     let by_depth = by_depth.map(|by| by - turn.cross(by));
-    let projected = projector.project(placed(place, view, estimate))?;
+    let projected = projector.project(pose_corrected(place, view, estimate))?;
     let texel = photos.images[view].sample(photos.level, projected.at)?;
     // A gain scales derivatives like colours.
     let gain = photos.gains[view];
     let (mut color, mut slope) = ([0.0; 3], [[0.0; WITH_POSE]; 3]);
     let [across, down] = [0, 1].map(|axis| {
         // Derivative of the pixel by all unknowns.
-        let by_place = projected.by_place[axis];
+        let by_place = projected.position_jacobian[axis];
         let mut slope = [0.0; WITH_POSE];
         slope[..CAMERA].copy_from_slice(&by_depth.map(|by| by_place.dot(by)));
-        slope[CAMERA..N].copy_from_slice(&projected.slope[axis]);
+        slope[CAMERA..N].copy_from_slice(&projected.jacobian[axis]);
         slope[N..N + 3].copy_from_slice(&(-by_place).to_array());
         slope[N + 3..].copy_from_slice(&(-place.cross(by_place)).to_array());
         slope
@@ -90,41 +94,41 @@ fn seen(
             slope[i][j] = gain[i] * (by_column * across[j] + by_row * down[j]);
         }
     }
-    Some(SeenColor { color, slope })
+    Some(SampledColor { color, slope })
 }
 
 /// Computes the colour residuals of a component's points, each against the next view that sees the
 /// component. Against the component's mean, texture itself would be a residual; it is smallest where
 /// photographs are smoothest, which biases the camera.
-pub(super) fn color_offsets(
+pub(super) fn color_residuals(
     matches: &Matches,
     photos: &Photos,
     run: &[MatchedPoint],
     at: (&Projector, &Estimate),
-    out: &mut Vec<ColorOffset>,
+    out: &mut Vec<ColorResidual>,
 ) {
     out.clear();
     for (index, sample) in run.iter().enumerate() {
         let view = sample.view as usize;
         // Sorted by view; the last view is compared with the first.
         let other = run[index..].iter().find(|s| s.view != sample.view).unwrap_or(&run[0]).view;
-        let (place, by_depth) = measured(matches, sample, at.1);
+        let (place, by_depth) = measured_position(matches, sample, at.1);
         let [own, its] = [view, other as usize].map(|view| matches.poses[view]);
         let across = |direction: DVec3| its.rotation * (own.rotation.transpose() * direction);
         let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
-        let here = seen(photos, at, view, (place, by_depth));
-        let there = seen(photos, at, other as usize, (there, by_depth.map(across)));
+        let here = sample_color(photos, at, view, (place, by_depth));
+        let there = sample_color(photos, at, other as usize, (there, by_depth.map(across)));
         let (Some(here), Some(there)) = (here, there) else { continue };
         let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
         let mut slope = here.slope;
         for (slope, there) in slope.iter_mut().zip(there.slope) {
             slope.iter_mut().zip(&there[..N]).for_each(|(slope, there)| *slope -= there);
         }
-        out.push(ColorOffset { index, view, color, slope });
+        out.push(ColorResidual { index, view, color, slope });
     }
 }
 
-impl ColorOffset {
+impl ColorResidual {
     pub fn square(&self) -> f64 {
         self.color.iter().map(|c| c * c).sum()
     }
@@ -140,13 +144,17 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
     let projector = Projector::new(&at.unknowns.camera);
     let mut patches = Vec::new();
     for component in 0..matches.len() {
-        for run in matches.of(component).chunk_by(|a, b| a.view == b.view) {
+        for run in matches.points_of(component).chunk_by(|a, b| a.view == b.view) {
             let view = run[0].view;
             let image = &photos.images[view as usize];
             let mut patch = Patch::new(component as u32, view);
             run.iter()
                 .filter_map(|s| {
-                    projector.project(placed(measured(matches, s, at).0, view as usize, at))
+                    projector.project(pose_corrected(
+                        measured_position(matches, s, at).0,
+                        view as usize,
+                        at,
+                    ))
                 })
                 .filter_map(|projected| image.sample(photos.level, projected.at))
                 .for_each(|texel| patch.add(texel.color));
@@ -157,12 +165,12 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
 }
 
 /// Root mean square image shift, pixels, per unit change of each camera unknown.
-pub(super) fn shifts(matches: &Matches, at: &Unknowns) -> [f64; N] {
+pub(super) fn rms_shift_per_unit(matches: &Matches, at: &Unknowns) -> [f64; N] {
     let projector = Projector::new(&at.camera);
     let (mut sum, mut n) = ([0.0; N], 0.0);
     for projected in matches.samples().iter().filter_map(|s| projector.project(s.local)) {
         n += 1.0;
-        let [u, v] = projected.slope;
+        let [u, v] = projected.jacobian;
         for (i, (u, v)) in u.iter().zip(v).enumerate() {
             sum[CAMERA + i] += u * u + v * v;
         }
@@ -171,7 +179,7 @@ pub(super) fn shifts(matches: &Matches, at: &Unknowns) -> [f64; N] {
 }
 
 /// Root mean square distance, pixels, between the projections of the points by two cameras.
-pub(super) fn distance(matches: &Matches, a: &Unknowns, b: &Unknowns) -> f64 {
+pub(super) fn rms_pixel_distance(matches: &Matches, a: &Unknowns, b: &Unknowns) -> f64 {
     let (a, b) = (Projector::new(&a.camera), Projector::new(&b.camera));
     let (mut sum, mut n) = (0.0, 0.0);
     for sample in matches.samples() {
@@ -194,7 +202,7 @@ mod tests {
         let mut moved = begin();
         moved.set(6, moved.get(6) + 3.0);
         moved.set(7, moved.get(7) - 4.0);
-        assert!((distance(&matches, &begin(), &moved) - 5.0).abs() < 1e-9);
-        assert!((shifts(&matches, &begin())[7] - 1.0).abs() < 1e-12);
+        assert!((rms_pixel_distance(&matches, &begin(), &moved) - 5.0).abs() < 1e-9);
+        assert!((rms_shift_per_unit(&matches, &begin())[7] - 1.0).abs() < 1e-12);
     }
 }

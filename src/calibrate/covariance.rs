@@ -32,7 +32,7 @@ impl Covariance {
     }
 
     /// Raises a variance to at least `least` and preserves correlations.
-    pub fn widen(&mut self, place: usize, least: f64) {
+    pub fn raise_variance(&mut self, place: usize, least: f64) {
         let factor = (least / self.variance(place)).max(1.0).sqrt();
         for other in 0..self.n {
             self.values[place * self.n + other] *= factor;
@@ -41,7 +41,7 @@ impl Covariance {
     }
 
     /// Adds an uncorrelated variance to one unknown.
-    pub fn blur(&mut self, place: usize, variance: f64) {
+    pub fn add_independent_variance(&mut self, place: usize, variance: f64) {
         self.own[place] += variance;
     }
 
@@ -55,7 +55,7 @@ impl Covariance {
 
     /// Largest shift of another unknown, in its standard errors, that follows when the unknown `place`
     /// shifts by `apart` (linear regression).
-    pub fn leaning(&self, place: usize, apart: f64) -> f64 {
+    pub fn largest_induced_shift(&self, place: usize, apart: f64) -> f64 {
         (0..self.n)
             .filter(|&other| other != place)
             .map(|other| {
@@ -67,7 +67,7 @@ impl Covariance {
 
     /// Mahalanobis distance of a difference of the first `apart.len()` unknowns; 0 if their covariance is
     /// not positive definite.
-    pub fn distance(&self, apart: &[f64]) -> f64 {
+    pub fn mahalanobis_distance(&self, apart: &[f64]) -> f64 {
         let m = apart.len();
         let mut block: Vec<f64> =
             self.values.chunks_exact(self.n).take(m).flat_map(|row| row[..m].to_vec()).collect();
@@ -89,24 +89,27 @@ mod tests {
         covariance.add(&[1.0, -1.0], 4.0);
         covariance.add(&[1.0, 1.0], 0.01);
         assert!((covariance.error(0) - 4.01_f64.sqrt()).abs() < 1e-12);
-        assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 0.01);
+        assert!((covariance.largest_induced_shift(0, 1.0) - 0.5).abs() < 0.01);
         // Half a standard error away individually, seven jointly.
-        assert!((covariance.distance(&[0.7, 0.7]) - 7.0).abs() < 1e-9);
-        assert!(covariance.distance(&[0.7, -0.7]) < 0.4);
+        assert!((covariance.mahalanobis_distance(&[0.7, 0.7]) - 7.0).abs() < 1e-9);
+        assert!(covariance.mahalanobis_distance(&[0.7, -0.7]) < 0.4);
     }
 
     #[test]
     fn variances_grow_with_and_without_their_correlations() {
         let mut covariance = Covariance::zero(2);
         covariance.add(&[1.0, 1.0], 1.0);
-        covariance.widen(0, 0.5);
+        covariance.raise_variance(0, 0.5);
         assert_eq!(covariance.error(0), 1.0, "a variance never decreases");
-        covariance.widen(0, 4.0);
+        covariance.raise_variance(0, 4.0);
         assert_eq!((covariance.error(0), covariance.error(1)), (2.0, 1.0));
-        assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 1e-12);
-        covariance.blur(0, 12.0);
+        assert!((covariance.largest_induced_shift(0, 1.0) - 0.5).abs() < 1e-12);
+        covariance.add_independent_variance(0, 12.0);
         assert_eq!(covariance.error(0), 4.0);
-        assert!((covariance.leaning(0, 1.0) - 0.5).abs() < 1e-12, "the regression is unchanged");
-        assert_eq!(Covariance::open(2).distance(&[1.0, 1.0]), 0.0);
+        assert!(
+            (covariance.largest_induced_shift(0, 1.0) - 0.5).abs() < 1e-12,
+            "the regression is unchanged"
+        );
+        assert_eq!(Covariance::open(2).mahalanobis_distance(&[1.0, 1.0]), 0.0);
     }
 }

@@ -9,20 +9,20 @@
 //! gradients relative to independent points.
 
 use super::camera::Projector;
-use super::color::{self, ColorOffset, Photos, color_offsets};
+use super::color::{self, ColorResidual, Photos, color_residuals};
 use super::exposure::exposure;
 use super::matches::Matches;
 use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::scatter::overdispersion;
-use super::thickness::{PlaneOffset, plane_offsets};
+use super::thickness::{PlaneResidual, plane_residuals};
 use super::unknowns::{Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
 use rayon::prelude::*;
 
 /// Components per partial sum; the sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
 /// Every `SAMPLED`-th component is used to estimate the median residual.
-const SAMPLED: usize = 5;
+const MEDIAN_SAMPLE_STRIDE: usize = 5;
 /// Residual, in medians, at which a point has weight ½.
 const OUTLYING: f64 = 4.0;
 /// Minimum residual variance of each kind: a tenth of the sensor noise, and one 8-bit step in three
@@ -30,7 +30,7 @@ const OUTLYING: f64 = 4.0;
 const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ResidualKind {
     /// Distance from the component's plane.
     Thickness,
     /// Colour difference between views.
@@ -53,15 +53,15 @@ pub(super) struct Evidence<'a> {
     /// Per kind: sum of weights at weighting time. Points leave the images as cameras move.
     points: [f64; 2],
     /// Per kind: squared residual at which a point has weight ½.
-    pub(super) knees: [f64; 2],
+    pub(super) half_weight_squares: [f64; 2],
     /// Overdispersion of the views relative to their equations, from the comparison of halves.
-    scatter: f64,
+    overdispersion: f64,
 }
 
 #[derive(Default)]
 struct Buffers {
-    planes: Vec<PlaneOffset>,
-    colors: Vec<ColorOffset>,
+    planes: Vec<PlaneResidual>,
+    colors: Vec<ColorResidual>,
 }
 
 impl<'a> Evidence<'a> {
@@ -74,22 +74,35 @@ impl<'a> Evidence<'a> {
     ) -> Self {
         let weights = [(); 2].map(|()| vec![1.0; matches.samples().len()]);
         let [information, points, knees] = [[1.0; 2]; 3];
-        Self { matches, images, level, gains, weights, information, points, knees, scatter: 1.0 }
+        Self {
+            matches,
+            images,
+            level,
+            gains,
+            weights,
+            information,
+            points,
+            half_weight_squares: knees,
+            overdispersion: 1.0,
+        }
     }
 
     /// Recomputes the robust weights of the points and the information of both kinds.
-    pub fn weigh(&mut self, at: &Estimate) {
+    pub fn update_weights(&mut self, at: &Estimate) {
         self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
-        self.knees =
-            self.usual(at).map(|usual| (OUTLYING * OUTLYING * usual).max(f64::MIN_POSITIVE));
-        let squares = self.squares(at);
-        for ((weights, squares), knee) in self.weights.iter_mut().zip(squares).zip(self.knees) {
+        self.half_weight_squares = self
+            .median_squares(at)
+            .map(|usual| (OUTLYING * OUTLYING * usual).max(f64::MIN_POSITIVE));
+        let squares = self.squared_residuals(at);
+        for ((weights, squares), knee) in
+            self.weights.iter_mut().zip(squares).zip(self.half_weight_squares)
+        {
             let weigh = |(weight, square): (&mut f32, Option<f64>)| {
                 *weight = square.map_or(1.0, |square| 1.0 / (1.0 + square / knee)) as f32;
             };
             weights.iter_mut().zip(squares).for_each(weigh);
         }
-        let views = self.by_view(at);
+        let views = self.equations_by_view(at);
         let [thickness, colors] =
             [0, 1].map(|k| views.iter().map(|both| both[k]).collect::<Vec<_>>());
         let [planes, seen] = [&thickness, &colors].map(NormalEquations::total);
@@ -99,19 +112,20 @@ impl<'a> Evidence<'a> {
             1.0 / overdispersion(&thickness).max(LEAST_VARIANCE[0]),
             witnesses / seen.variance().max(LEAST_VARIANCE[1]),
         ]
-        .map(|information| information / self.scatter);
+        .map(|information| information / self.overdispersion);
     }
 
     /// Change between two estimates: the image shift in pixels of the pyramid level, or the depth change
     /// relative to what sensor noise hides, whichever is larger.
-    pub fn moved(&self, from: &Unknowns, to: &Unknowns) -> f64 {
-        let shift = color::distance(&self.matches, from, to) / f64::from(1u32 << self.level);
-        let [offset, scale] = self.hidden();
+    pub fn change_in_pixels(&self, from: &Unknowns, to: &Unknowns) -> f64 {
+        let shift =
+            color::rms_pixel_distance(&self.matches, from, to) / f64::from(1u32 << self.level);
+        let [offset, scale] = self.quantisation_floor();
         let [nearer, larger] = [0, 1].map(|i| (to.depth[i] - from.depth[i]).abs());
         shift.max(nearer / offset).max(larger / scale)
     }
 
-    pub fn expose(&mut self, at: &Estimate) {
+    pub fn update_gains(&mut self, at: &Estimate) {
         let patches = color::patches(&self.matches, &self.photos(), at);
         self.gains = exposure(&patches, self.images.len()).gains;
     }
@@ -121,23 +135,28 @@ impl<'a> Evidence<'a> {
     }
 
     /// Computes the residuals of a component's points into `buffers`; returns the index of its first point.
-    fn look(&self, at: (&Projector, &Estimate), component: usize, buffers: &mut Buffers) -> usize {
+    fn compute_residuals(
+        &self,
+        at: (&Projector, &Estimate),
+        component: usize,
+        buffers: &mut Buffers,
+    ) -> usize {
         let first = self.matches.start_of(component);
-        let run = self.matches.of(component);
+        let run = self.matches.points_of(component);
         let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
-        plane_offsets(&self.matches, run, at.1, weight(0), &mut buffers.planes);
-        color_offsets(&self.matches, &self.photos(), run, at, &mut buffers.colors);
+        plane_residuals(&self.matches, run, at.1, weight(0), &mut buffers.planes);
+        color_residuals(&self.matches, &self.photos(), run, at, &mut buffers.colors);
         first
     }
 
     /// Median squared residual of each kind over a sample of the components.
-    fn usual(&self, at: &Estimate) -> [f64; 2] {
+    fn median_squares(&self, at: &Estimate) -> [f64; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
-        for component in (0..self.matches.len()).step_by(SAMPLED) {
-            self.look((&projector, at), component, &mut buffers);
+        for component in (0..self.matches.len()).step_by(MEDIAN_SAMPLE_STRIDE) {
+            self.compute_residuals((&projector, at), component, &mut buffers);
             found[0].extend(buffers.planes.iter().map(|p| p.off * p.off * p.precision));
-            found[1].extend(buffers.colors.iter().map(ColorOffset::square));
+            found[1].extend(buffers.colors.iter().map(ColorResidual::square));
         }
         found.map(|mut squares| {
             if squares.is_empty() {
@@ -149,7 +168,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// Squared residual of each kind for every point; `None` without a residual.
-    pub(super) fn squares(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
+    pub(super) fn squared_residuals(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let parts: Vec<[Vec<Option<f64>>; 2]> = (0..self.matches.len())
             .into_par_iter()
@@ -158,10 +177,10 @@ impl<'a> Evidence<'a> {
                 let mut buffers = Buffers::default();
                 let mut found = [Vec::new(), Vec::new()];
                 for component in components {
-                    let end = found[0].len() + self.matches.of(component).len();
+                    let end = found[0].len() + self.matches.points_of(component).len();
                     let first = found[0].len();
                     found.iter_mut().for_each(|squares| squares.resize(end, None));
-                    self.look((&projector, at), component, &mut buffers);
+                    self.compute_residuals((&projector, at), component, &mut buffers);
                     for (i, plane) in buffers.planes.iter().enumerate() {
                         found[0][first + i] = Some(plane.off * plane.off * plane.precision);
                     }
@@ -180,7 +199,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// Normal equations of each view and kind; residuals are relative to the means over all views.
-    pub fn by_view(&self, at: &Estimate) -> Vec<Both> {
+    pub fn equations_by_view(&self, at: &Estimate) -> Vec<Both> {
         let projector = Projector::new(&at.unknowns.camera);
         let n = self.matches.poses.len();
         let parts: Vec<Vec<Both>> = (0..self.matches.len())
@@ -189,7 +208,7 @@ impl<'a> Evidence<'a> {
             .map(|components| {
                 let (mut views, mut buffers) = (vec![NOTHING; n], Buffers::default());
                 for component in components {
-                    let first = self.look((&projector, at), component, &mut buffers);
+                    let first = self.compute_residuals((&projector, at), component, &mut buffers);
                     for (i, plane) in buffers.planes.iter().enumerate() {
                         let weight = f64::from(self.weights[0][first + i]);
                         plane.add(weight, &mut views[plane.view][0]);
@@ -212,18 +231,18 @@ impl<'a> Evidence<'a> {
     }
 
     /// Mean weighted squared residual of a kind.
-    pub fn variance(&self, at: &Estimate, kind: Kind) -> f64 {
-        let views = self.by_view(at);
+    pub fn variance(&self, at: &Estimate, kind: ResidualKind) -> f64 {
+        let views = self.equations_by_view(at);
         NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
     }
 
     /// Weighted sum of both kinds and the pose prior, for each view.
-    pub(super) fn counted(
+    pub(super) fn weighted_equations(
         &self,
         prior: &SensorPrior,
         at: &Estimate,
     ) -> Vec<NormalEquations<WITH_POSE>> {
-        let views = self.by_view(at);
+        let views = self.equations_by_view(at);
         // Normalised by the number of points: otherwise a camera would gain by losing points.
         let factors = [0, 1].map(|k| {
             let n: f64 = views.iter().map(|both| both[k].n).sum();
@@ -239,14 +258,14 @@ impl<'a> Evidence<'a> {
     }
 
     /// Divides the weight of all evidence by `times` from now on.
-    pub fn doubt(&mut self, times: f64) {
-        self.scatter *= times;
+    pub fn scale_down(&mut self, times: f64) {
+        self.overdispersion *= times;
         self.information = self.information.map(|information| information / times);
     }
 
     /// Shifts of depth offset and scale that quantisation hides: they move all points of a surface alike,
     /// so views do not disagree.
-    pub(super) fn hidden(&self) -> [f64; 2] {
+    pub(super) fn quantisation_floor(&self) -> [f64; 2] {
         let samples = self.matches.samples();
         let n = samples.len().max(1) as f64;
         let noise = samples.iter().map(|s| f64::from(s.point.noise)).sum::<f64>() / n;
@@ -270,7 +289,7 @@ mod tests {
         let mut at = Estimate::as_recorded(begin(), 2);
         at.unknowns.depth = [0.004, 1.003];
         at.poses[1] = [0.003, -0.002, 0.001, 0.002, 0.001, -0.003];
-        let views = evidence.by_view(&at);
+        let views = evidence.equations_by_view(&at);
         for k in 0..2 {
             let total = NormalEquations::total(views.iter().map(|both| &both[k]));
             assert!(total.cost > 0.1 && total.n == 512.0, "{k}: {} {}", total.cost, total.n);
@@ -282,7 +301,7 @@ mod tests {
                         Some(i) => moved.poses[1][i] += sign * step,
                         None => moved.unknowns.set(i, moved.unknowns.get(i) + sign * step),
                     }
-                    let views = evidence.by_view(&moved);
+                    let views = evidence.equations_by_view(&moved);
                     // A pose is fitted only to the residuals of its own view.
                     match i < N {
                         true => NormalEquations::total(views.iter().map(|both| &both[k])).cost,

@@ -60,14 +60,17 @@ pub(super) struct FittedExposure {
     /// component.
     pub errors: Vec<f64>,
     /// Relative reduction of the squared log-colour differences between views.
-    pub fall: f64,
+    pub relative_reduction: f64,
 }
 
 /// Fits gains by least squares of log colours over all pairs of views that share components. `patches` are
 /// sorted by component.
 pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
-    let mut found =
-        FittedExposure { gains: vec![[1.0; 3]; views], errors: vec![0.0; views], fall: 0.0 };
+    let mut found = FittedExposure {
+        gains: vec![[1.0; 3]; views],
+        errors: vec![0.0; views],
+        relative_reduction: 0.0,
+    };
     let (mut before, mut explained) = (0.0, 0.0);
     for channel in 0..3 {
         let equations = GainEquations::of(patches, channel, views);
@@ -81,7 +84,7 @@ pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
             found.errors[view] = errors[view].max(found.errors[view]);
         }
     }
-    found.fall = if before > 0.0 { explained / before } else { 0.0 };
+    found.relative_reduction = if before > 0.0 { explained / before } else { 0.0 };
     found
 }
 

@@ -1,7 +1,7 @@
 //! Search for the exposure of every frame.
 
 use super::exposure::{FittedExposure, Patch, exposure};
-use super::matches::thinned;
+use super::matches::prepare_subsampled;
 use super::value::CalibratedValue;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::FrameGain;
@@ -42,7 +42,7 @@ pub(super) fn search(
         let prepare = |preparer: &mut Preparer, &index: &usize| {
             // An unreadable frame gets no gain and does not stop the search.
             let frame = dataset.load(plan.split, index).ok()?;
-            thinned(preparer, &frame, &settings, step).ok()
+            prepare_subsampled(preparer, &frame, &settings, step).ok()
         };
         let frames: Vec<Option<Vec<SurfacePoint>>> =
             indices.par_iter().map_init(Preparer::new, prepare).collect();
@@ -56,7 +56,7 @@ pub(super) fn search(
     patches.sort_by_key(Patch::key);
     let exposure = exposure(&patches, found);
     let names = plan.frames.iter().map(|&i| dataset.splits[plan.split].frames[i].name.clone());
-    judge(&exposure, names.collect(), &before)
+    select_gains(&exposure, names.collect(), &before)
 }
 
 fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> Vec<Patch> {
@@ -73,7 +73,7 @@ fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> 
 }
 
 /// Decides which gains are written; returns them with a summary value.
-fn judge(
+fn select_gains(
     exposure: &FittedExposure,
     names: Vec<String>,
     before: &[[f64; 3]],
@@ -86,10 +86,10 @@ fn judge(
     // One number for all frames: a table of thousands of gains is not readable.
     let mut value = CalibratedValue::determined(name, spread(before), spread(&gains), error);
     if sure.len() < 2 {
-        value.keep("the frames share too few surfaces".to_owned());
-    } else if exposure.fall < MIN_FALL {
-        let fall = 100.0 * exposure.fall;
-        value.keep(format!("gains lower colour differences between frames by only {fall:.1} %"));
+        value.revert("the frames share too few surfaces".to_owned());
+    } else if exposure.relative_reduction < MIN_FALL {
+        let fall = 100.0 * exposure.relative_reduction;
+        value.revert(format!("gains lower colour differences between frames by only {fall:.1} %"));
     }
     let gains = if value.determined { gains } else { Vec::new() };
     let named =

@@ -1,7 +1,7 @@
 //! Minimisation of the evidence over the unknowns and poses, and the covariance of the minimum.
 
 use super::covariance::Covariance;
-use super::evidence::{Evidence, Kind};
+use super::evidence::{Evidence, ResidualKind};
 use super::normal_equations::NormalEquations;
 use super::scatter::Scatter;
 use super::unknowns::{Estimate, N, SensorPrior, Unknowns, WITH_POSE};
@@ -21,11 +21,11 @@ const MAX_DAMPING: f64 = 10.0;
 impl Evidence<'_> {
     /// Minimises over the `free` unknowns and all poses by Levenberg-Marquardt; updates `at`.
     pub fn fit(&self, prior: &SensorPrior, at: &mut Estimate, free: &[usize]) {
-        let mut now = Linearised::new(self.counted(prior, at), prior, at);
+        let mut now = Linearised::new(self.weighted_equations(prior, at), prior, at);
         let mut damping = MIN_DAMPING;
         for _ in 0..MAX_STEPS {
             let Some(next) = now.step(at, free, damping) else { break };
-            let then = Linearised::new(self.counted(prior, &next), prior, &next);
+            let then = Linearised::new(self.weighted_equations(prior, &next), prior, &next);
             let fall = 1.0 - then.cost / now.cost;
             if fall > 0.0 {
                 (*at, now) = (next, then);
@@ -41,18 +41,18 @@ impl Evidence<'_> {
     }
 
     /// Refits the `free` unknowns and the poses with the `held` unknowns fixed to `values`.
-    pub fn fit_without(
+    pub fn fit_with_held(
         &self,
         prior: &SensorPrior,
         at: &Estimate,
         free: &[usize],
         (held, values): (&[usize], &Unknowns),
     ) -> Estimate {
-        let here = Linearised::new(self.counted(prior, at), prior, at);
+        let here = Linearised::new(self.weighted_equations(prior, at), prior, at);
         let mut change = [0.0; N];
         held.iter().for_each(|&i| change[i] = values.get(i) - at.unknowns.get(i));
         // Starts from the quadratic prediction: from the old minimum the fit would not converge.
-        let mut next = here.with_change(at, free, change).unwrap_or_else(|| at.clone());
+        let mut next = here.predict_change(at, free, change).unwrap_or_else(|| at.clone());
         held.iter().for_each(|&i| next.unknowns.set(i, values.get(i)));
         self.fit(prior, &mut next, free);
         next
@@ -60,15 +60,15 @@ impl Evidence<'_> {
 
     /// Mean Cauchy loss of a kind of residuals, after fitting gains and poses to the given unknowns. The
     /// loss, unlike the weights, does not favour the hypothesis they were computed for.
-    pub fn loss(&mut self, prior: &SensorPrior, unknowns: &Unknowns, kind: Kind) -> f64 {
+    pub fn loss(&mut self, prior: &SensorPrior, unknowns: &Unknowns, kind: ResidualKind) -> f64 {
         let mut at = Estimate::as_recorded(*unknowns, self.matches.poses.len());
         for _ in 0..LOSS_ROUNDS {
-            self.expose(&at);
+            self.update_gains(&at);
             self.fit(prior, &mut at, &[]);
         }
-        let knee = self.knees[kind as usize];
-        let [thickness, colors] = self.squares(&at);
-        let squares = if kind == Kind::Thickness { thickness } else { colors };
+        let knee = self.half_weight_squares[kind as usize];
+        let [thickness, colors] = self.squared_residuals(&at);
+        let squares = if kind == ResidualKind::Thickness { thickness } else { colors };
         let (mut sum, mut n) = (0.0, 0.0);
         for square in squares.into_iter().flatten() {
             sum += (square / knee).ln_1p();
@@ -79,14 +79,14 @@ impl Evidence<'_> {
 
     /// Squared distance between the estimates of two halves of the views, relative to the variance that the
     /// equations of all views predict.
-    pub fn disagreement(
+    pub fn normalised_disagreement(
         &self,
         prior: &SensorPrior,
         at: &Estimate,
         free: &[usize],
         [a, b]: [&Unknowns; 2],
     ) -> f64 {
-        let total = Linearised::new(self.counted(prior, at), prior, at).total;
+        let total = Linearised::new(self.weighted_equations(prior, at), prior, at).total;
         let apart = |i: usize| a.get(i) - b.get(i);
         let square: f64 = free
             .iter()
@@ -100,8 +100,9 @@ impl Evidence<'_> {
     /// Covariance of the `free` unknowns at the minimum, by the sandwich estimator `A⁻¹ B A⁻¹` (Huber 1967;
     /// Godambe 1960). `A` is the curvature, `B` the scatter of the gradients of views and prior.
     pub fn covariance(&self, prior: &SensorPrior, at: &Estimate, free: &[usize]) -> Covariance {
-        let posed = self.counted(prior, at);
-        let views: Vec<NormalEquations<N>> = posed.iter().filter_map(|v| v.reduced()).collect();
+        let posed = self.weighted_equations(prior, at);
+        let views: Vec<NormalEquations<N>> =
+            posed.iter().filter_map(|v| v.eliminate_after()).collect();
         let known = prior.equations(&at.unknowns);
         let mut total = NormalEquations::total(&views);
         total.add(&known, 1.0);
@@ -123,11 +124,11 @@ impl Evidence<'_> {
         for place in 0..n {
             let mut unit = vec![0.0; n];
             unit[place] = 1.0;
-            covariance.widen(place, factor.solve(&unit)[place]);
+            covariance.raise_variance(place, factor.solve(&unit)[place]);
         }
-        let floors = self.hidden();
+        let floors = self.quantisation_floor();
         for (place, floor) in free.iter().map(|&i| floors.get(i)).enumerate() {
-            covariance.blur(place, floor.map_or(0.0, |floor| floor * floor));
+            covariance.add_independent_variance(place, floor.map_or(0.0, |floor| floor * floor));
         }
         covariance
     }
@@ -144,34 +145,42 @@ impl Linearised {
     fn new(views: Vec<NormalEquations<WITH_POSE>>, prior: &SensorPrior, at: &Estimate) -> Self {
         let mut total = prior.equations(&at.unknowns);
         let cost = total.cost + views.iter().map(|view| view.cost).sum::<f64>();
-        views.iter().filter_map(|view| view.reduced()).for_each(|view| total.add(&view, 1.0));
+        views
+            .iter()
+            .filter_map(|view| view.eliminate_after())
+            .for_each(|view| total.add(&view, 1.0));
         Self { views, total, cost }
     }
 
     /// Damped step of the `free` unknowns, followed by the poses.
     fn step(&self, at: &Estimate, free: &[usize], damping: f64) -> Option<Estimate> {
-        let step = self.total.step(free, damping)?;
+        let step = self.total.damped_step(free, damping)?;
         let mut change = [0.0; N];
         free.iter().zip(step).for_each(|(&i, step)| change[i] = step);
-        self.moved(at, &change, 1.0 / (1.0 + damping))
+        self.apply_change(at, &change, 1.0 / (1.0 + damping))
     }
 
     /// Prediction for a given change of some unknowns, with the `free` ones and the poses following.
-    fn with_change(&self, at: &Estimate, free: &[usize], mut change: [f64; N]) -> Option<Estimate> {
+    fn predict_change(
+        &self,
+        at: &Estimate,
+        free: &[usize],
+        mut change: [f64; N],
+    ) -> Option<Estimate> {
         let factor = Cholesky::new(free.len(), &self.total.curvature_of(free))?;
         let pull = |i: usize| -> f64 {
             change.iter().enumerate().map(|(j, by)| -by * self.total.curvature_at(i, j)).sum()
         };
         let pulls: Vec<f64> = free.iter().map(|&i| pull(i)).collect();
         free.iter().zip(factor.solve(&pulls)).for_each(|(&i, step)| change[i] = step);
-        self.moved(at, &change, 1.0)
+        self.apply_change(at, &change, 1.0)
     }
 
-    fn moved(&self, at: &Estimate, change: &[f64; N], share: f64) -> Option<Estimate> {
+    fn apply_change(&self, at: &Estimate, change: &[f64; N], share: f64) -> Option<Estimate> {
         let mut next = at.clone();
         (0..N).for_each(|i| next.unknowns.set(i, at.unknowns.get(i) + change[i]));
         for (pose, view) in next.poses.iter_mut().zip(&self.views) {
-            let steps = view.followed(change)?;
+            let steps = view.eliminated_step(change)?;
             pose.iter_mut().zip(steps).for_each(|(value, step)| *value += share * step);
         }
         Some(next)
@@ -216,7 +225,7 @@ mod tests {
             views.push(points);
             poses.push(stand(centre + wrong));
         }
-        Matches::together(&views, poses, MEASURED, 0.25)
+        Matches::from_views(&views, poses, MEASURED, 0.25)
     }
 
     fn fitted(matches: Matches) -> (Unknowns, Vec<f64>) {
@@ -224,9 +233,9 @@ mod tests {
         let gains = vec![[1.0; 3]; images.len()];
         let mut evidence = Evidence::new(matches, &images, gains, 0);
         let mut at = Estimate::as_recorded(begin(), evidence.matches.poses.len());
-        evidence.weigh(&at);
+        evidence.update_weights(&at);
         evidence.fit(&prior(), &mut at, &DEPTH);
-        evidence.weigh(&at);
+        evidence.update_weights(&at);
         let covariance = evidence.covariance(&prior(), &at, &DEPTH);
         (at.unknowns, vec![covariance.error(0), covariance.error(1)])
     }

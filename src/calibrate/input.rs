@@ -41,7 +41,7 @@ impl CalibrationInput {
     ///
     /// # Errors
     /// A frame without depth.
-    pub fn matched(
+    pub fn match_frames(
         &self,
         frames: &[Frame],
         depth: [f64; 2],

@@ -40,7 +40,7 @@ impl CameraPose {
     }
 
     /// Position on the surface up to half a pixel from a point, in the depth camera's frame.
-    fn place_near(&self, point: &SurfacePoint) -> DVec3 {
+    fn jittered_surface_point(&self, point: &SurfacePoint) -> DVec3 {
         let local = self.rotation * (point.position_vector() - self.centre);
         let normal = self.rotation * point.normal_vector();
         // Martin Roberts' R2 sequence covers the pixel evenly.
@@ -82,14 +82,15 @@ impl Matches {
         depth: MatchedDepth,
         (h, step): (f64, usize),
     ) -> Result<Self, FrameError> {
-        let prepare = |preparer: &mut Preparer, frame| thinned(preparer, frame, settings, step);
+        let prepare =
+            |preparer: &mut Preparer, frame| prepare_subsampled(preparer, frame, settings, step);
         let views: Vec<Vec<SurfacePoint>> =
             frames.par_iter().map_init(Preparer::new, prepare).collect::<Result<_, _>>()?;
         let poses = frames.iter().map(|frame| CameraPose::of(frame, settings.origin)).collect();
-        Ok(Self::together(&views, poses, depth, h))
+        Ok(Self::from_views(&views, poses, depth, h))
     }
 
-    pub fn together(
+    pub fn from_views(
         views: &[Vec<SurfacePoint>],
         poses: Vec<CameraPose>,
         depth: MatchedDepth,
@@ -101,7 +102,7 @@ impl Matches {
             let owners = partition.assign(points);
             let pose = &poses[view];
             samples.extend(points.iter().zip(owners).filter_map(|(&point, owner)| {
-                let local = pose.place_near(&point);
+                let local = pose.jittered_surface_point(&point);
                 Some(MatchedPoint { component: owner?, view: view as u32, point, local })
             }));
         }
@@ -145,13 +146,13 @@ impl Matches {
         self.starts[component]
     }
 
-    pub fn of(&self, component: usize) -> &[MatchedPoint] {
+    pub fn points_of(&self, component: usize) -> &[MatchedPoint] {
         &self.samples[self.starts[component]..self.starts[component + 1]]
     }
 }
 
 /// Prepares a frame and retains the points of every `step`-th pixel in columns and rows.
-pub(super) fn thinned(
+pub(super) fn prepare_subsampled(
     preparer: &mut Preparer,
     frame: &Frame,
     settings: &SurfaceSettings,
@@ -187,7 +188,7 @@ mod tests {
                 pixel,
                 ..SurfacePoint::default()
             };
-            let place = pose.place_near(&point);
+            let place = pose.jittered_surface_point(&point);
             assert!(normal.dot(place - local).abs() < 1e-6);
             let shift = (place / place.z - local / local.z) * local.z;
             assert!(shift.abs().max_element() < 0.0051, "{shift}");

@@ -36,13 +36,13 @@ use crate::dataset::frame::DepthKind;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use camera::registered;
-use evidence::{Evidence, Kind};
+use evidence::{Evidence, ResidualKind};
 use exposure_search::MAX_FRAMES;
 use input::CalibrationInput;
 use pyramid::Pyramid;
 use search::{LEVELS, STEPS, Views, search};
 use unknowns::{DEPTH, Estimate, N, SensorPrior, Unknowns};
-use verdict::Judge;
+use verdict::CrossValidation;
 
 /// Default number of frames: more add little information.
 pub const DEFAULT_FRAMES: usize = 24;
@@ -114,7 +114,7 @@ pub fn run(
     plan: &CalibratePlan,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Calibrated, CalibrateError> {
-    let selection = Selection { split: plan.split.clone(), ..Selection::everything() };
+    let selection = Selection { split: plan.split.clone(), ..Selection::all_frames() };
     let all = Plan::new(dataset, &selection, 0)?;
     let n_frames = plan.max_frames.min(all.frames.len());
     // Every frame has its own exposure, so all are used.
@@ -130,7 +130,7 @@ pub fn run(
     let before = agreement(&input, &images)?;
     tick();
     let known = dataset.known_calibration().and_then(|known| known.color_camera);
-    let found = cameras(&input, &images, (known, dataset.metre()), &mut tick)?;
+    let found = cameras(&input, &images, (known, dataset.units_per_metre()), &mut tick)?;
     tick();
     let mut values = found.values;
     input.calibration = found.calibration;
@@ -187,30 +187,31 @@ fn cameras(
     let prior = SensorPrior::new(known, &start, metre);
     let free: Vec<usize> = (0..N).collect();
     let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
-    let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
-    judge.temper(&mut evidence, &mut best, &free);
-    let verdict = judge.camera(&best.unknowns);
+    let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
+    judge.scale_evidence(&mut evidence, &mut best, &free);
+    let verdict = judge.test_camera(&best.unknowns);
     let of = |best: &Unknowns, color_camera| Calibration {
         color_camera,
         depth_offset: best.depth[0],
         depth_scale: best.depth[1],
         ..input.calibration.clone()
     };
-    if verdict.is_other {
-        let values = judge.settle(&mut evidence, &mut best, &free);
+    if verdict.is_accepted {
+        let values = judge.accept_values(&mut evidence, &mut best, &free);
         // The second search is skipped.
         (0..STEPS).for_each(|_| tick());
         let calibration = of(&best.unknowns, Some(best.unknowns.camera.camera()));
         return Ok(FoundCameras { calibration, values, note: None });
     }
-    let staying = if given.is_some() { judge.staying_camera(&evidence, &best) } else { Vec::new() };
+    let staying =
+        if given.is_some() { judge.unchanged_camera_values(&evidence, &best) } else { Vec::new() };
     // Small errors of poses and depth can be compensated by a slightly different camera. Depth found with
     // that camera does not hold for the original one, so it is searched again.
     let free = DEPTH.to_vec();
     let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
-    let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
-    judge.temper(&mut evidence, &mut best, &free);
-    let mut values = judge.settle(&mut evidence, &mut best, &free);
+    let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
+    judge.scale_evidence(&mut evidence, &mut best, &free);
+    let mut values = judge.accept_values(&mut evidence, &mut best, &free);
     values.extend(staying);
     let kept = if given.is_some() {
         "the colour camera stays"
@@ -263,7 +264,7 @@ fn survey(
         surface: run.surface,
         calibration: Calibration {
             color_camera: plan.start.color_camera.map(|camera| match camera.size {
-                Some(_) => camera.at_size(size),
+                Some(_) => camera.scaled_to(size),
                 None => camera,
             }),
             ..plan.start.clone()
@@ -273,7 +274,7 @@ fn survey(
         frames,
     };
     let depth = [plan.start.depth_offset, plan.start.depth_scale];
-    let matches = input.matched(&input.frames, depth, None, COARSE)?;
+    let matches = input.match_frames(&input.frames, depth, None, COARSE)?;
     if matches.len() < MIN_COMPONENTS {
         let (frames, n) = (input.frames.len(), matches.len());
         return Err(nothing(format!("{frames} frames with {n} patches of surface in common")));
@@ -283,12 +284,16 @@ fn survey(
 
 fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, FrameError> {
     let Calibration { depth_offset, depth_scale, color_camera: camera, .. } = input.calibration;
-    let matches = input.matched(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;
+    let matches = input.match_frames(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;
     let gains = input.frames.iter().map(|frame| input.calibration.gain(&frame.name)).collect();
     let camera = camera.unwrap_or_else(|| registered(&input.frames[0].camera.intrinsics));
     let at = Unknowns::of(&input.calibration, camera);
     let (births, components) = (matches.births, matches.len());
     let evidence = Evidence::new(matches, images, gains, 0);
     let at = Estimate::as_recorded(at, input.frames.len());
-    Ok(Agreement { color_variance: evidence.variance(&at, Kind::Color), births, components })
+    Ok(Agreement {
+        color_variance: evidence.variance(&at, ResidualKind::Color),
+        births,
+        components,
+    })
 }

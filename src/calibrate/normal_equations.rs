@@ -93,7 +93,7 @@ impl<const N: usize> NormalEquations<N> {
 
     /// Eliminates all but the first `M` unknowns (Schur complement). `None` if the eliminated ones are not
     /// determined.
-    pub fn reduced<const M: usize>(&self) -> Option<NormalEquations<M>> {
+    pub fn eliminate_after<const M: usize>(&self) -> Option<NormalEquations<M>> {
         let rest: Vec<usize> = (M..N).collect();
         let factor = Cholesky::new(rest.len(), &self.curvature_of(&rest))?;
         let gradient: Vec<f64> = rest.iter().map(|&i| self.gradient[i]).collect();
@@ -117,7 +117,7 @@ impl<const N: usize> NormalEquations<N> {
     }
 
     /// Minimising change of the unknowns after the first `step.len()`, if those change by `step`.
-    pub fn followed(&self, step: &[f64]) -> Option<Vec<f64>> {
+    pub fn eliminated_step(&self, step: &[f64]) -> Option<Vec<f64>> {
         let m = step.len();
         let rest: Vec<usize> = (m..N).collect();
         let pull: Vec<f64> = rest
@@ -132,7 +132,7 @@ impl<const N: usize> NormalEquations<N> {
 
     /// Damped Newton step of the `free` unknowns in their order, with the others held. `damping` is
     /// Marquardt's relative addition to the diagonal. `None` if the data does not determine a direction.
-    pub fn step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
+    pub fn damped_step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
         let n = free.len();
         let mut matrix = self.curvature_of(free);
         (0..n).for_each(|i| matrix[i * n + i] *= 1.0 + damping);
@@ -158,26 +158,26 @@ mod tests {
     fn the_step_leads_to_the_minimum_of_the_free_unknowns() {
         let total = NormalEquations::total(&two_lines());
         assert_eq!((total.cost, total.variance()), (9.0, 4.5));
-        let step = total.step(&[0, 1], 0.0).unwrap();
+        let step = total.damped_step(&[0, 1], 0.0).unwrap();
         assert!(step.iter().all(|x| (x - 1.0).abs() < 1e-12), "{step:?}");
         // With y held, (x − 3)² + 4x² is smallest at 3/5.
-        let step = total.step(&[0], 0.0).unwrap();
+        let step = total.damped_step(&[0], 0.0).unwrap();
         assert!((step[0] - 0.6).abs() < 1e-12, "{step:?}");
-        assert!(total.step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
+        assert!(total.damped_step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
     }
 
     #[test]
     fn what_is_reduced_has_the_same_minimum() {
         let mut total = NormalEquations::total(&two_lines());
-        let whole = total.reduced::<1>().unwrap();
-        assert!((whole.step(&[0], 0.0).unwrap()[0] - 1.0).abs() < 1e-12, "{whole:?}");
+        let whole = total.eliminate_after::<1>().unwrap();
+        assert!((whole.damped_step(&[0], 0.0).unwrap()[0] - 1.0).abs() < 1e-12, "{whole:?}");
         assert!(whole.cost.abs() < 9.0, "eliminating y lowers the cost");
-        let y = total.followed(&[1.0]).unwrap();
+        let y = total.eliminated_step(&[1.0]).unwrap();
         assert!((y[0] - 1.0).abs() < 1e-12, "{y:?}");
         // With a strong pull of y to 0 it follows less: (x − 3)² + 4x² in the limit.
         total.add_residual(0.0, &[0.0, 1.0], 1e9);
-        let held = total.reduced::<1>().unwrap();
-        assert!((held.step(&[0], 0.0).unwrap()[0] - 0.6).abs() < 1e-6, "{held:?}");
+        let held = total.eliminate_after::<1>().unwrap();
+        assert!((held.damped_step(&[0], 0.0).unwrap()[0] - 0.6).abs() < 1e-6, "{held:?}");
     }
 
     #[test]
@@ -187,6 +187,9 @@ mod tests {
         rest.add(&views[1], -1.0);
         assert_eq!((rest.cost, rest.n, rest.gradient), (9.0, 1.0, [-3.0, -6.0]));
         assert_eq!(rest.curvature_of(&[0, 1]), [1.0, 2.0, 2.0, 4.0]);
-        assert!(rest.step(&[0, 1], 0.0).is_none(), "one residual leaves a direction undetermined");
+        assert!(
+            rest.damped_step(&[0, 1], 0.0).is_none(),
+            "one residual leaves a direction undetermined"
+        );
     }
 }

@@ -37,7 +37,7 @@ impl<'a> Views<'a> {
 
     /// Matches the views at an estimate and pyramid level, and estimates gains. If no camera unknown is in
     /// `free`, the input's colour camera is used.
-    pub fn evidence(
+    pub fn match_views(
         self,
         input: &CalibrationInput,
         at: &Estimate,
@@ -52,10 +52,10 @@ impl<'a> Views<'a> {
         };
         // Components keep their size relative to a pixel of the smaller image.
         let growth = f64::from(1u32 << level);
-        let matches = input.matched(self.frames, at.unknowns.depth, camera, growth)?;
+        let matches = input.match_frames(self.frames, at.unknowns.depth, camera, growth)?;
         let gains = vec![[1.0; 3]; self.frames.len()];
         let mut evidence = Evidence::new(matches, self.images, gains, level);
-        evidence.expose(at);
+        evidence.update_gains(at);
         Ok(evidence)
     }
 }
@@ -70,11 +70,11 @@ pub(super) fn search<'a>(
     mut tick: impl FnMut(),
 ) -> Result<(Estimate, Evidence<'a>), FrameError> {
     let mut best = Estimate::as_recorded(*start, views.frames.len());
-    let mut evidence = views.evidence(input, &best, free, LEVELS - 1)?;
+    let mut evidence = views.match_views(input, &best, free, LEVELS - 1)?;
     refine(&mut evidence, prior, &mut best, free);
     tick();
     for level in ORDER {
-        evidence = views.evidence(input, &best, free, level)?;
+        evidence = views.match_views(input, &best, free, level)?;
         refine(&mut evidence, prior, &mut best, free);
         tick();
     }
@@ -89,13 +89,13 @@ pub(super) fn refine(
     free: &[usize],
 ) {
     for _ in 0..MAX_ROUNDS {
-        evidence.weigh(at);
+        evidence.update_weights(at);
         let before = at.unknowns;
         evidence.fit(prior, at, free);
-        evidence.expose(at);
-        if evidence.moved(&before, &at.unknowns) < SETTLED {
+        evidence.update_gains(at);
+        if evidence.change_in_pixels(&before, &at.unknowns) < SETTLED {
             break;
         }
     }
-    evidence.weigh(at);
+    evidence.update_weights(at);
 }

@@ -58,5 +58,5 @@ pub(super) fn wall(nearer: f64) -> Matches {
         views.push((0..256).map(point).collect());
         poses.push(stand(centre));
     }
-    Matches::together(&views, poses, MEASURED, 0.1)
+    Matches::from_views(&views, poses, MEASURED, 0.1)
 }

@@ -15,7 +15,7 @@ const MIN_COHERENCE: f64 = 0.9;
 
 /// Distance of a point from its component's plane, with derivatives by depth offset and scale.
 #[derive(Clone, Copy)]
-pub(super) struct PlaneOffset {
+pub(super) struct PlaneResidual {
     pub view: usize,
     /// Along the normal, world units.
     pub off: f64,
@@ -26,12 +26,12 @@ pub(super) struct PlaneOffset {
 
 /// Computes the plane residuals of a component under the depth unknowns; none at edges and corners, which
 /// have no common plane. `weight` gives a point's weight by its index in the run.
-pub(super) fn plane_offsets(
+pub(super) fn plane_residuals(
     matches: &Matches,
     run: &[MatchedPoint],
     at: &Estimate,
     weight: impl Fn(usize) -> f64,
-    out: &mut Vec<PlaneOffset>,
+    out: &mut Vec<PlaneResidual>,
 ) {
     out.clear();
     let n = run.len() as f64;
@@ -53,7 +53,7 @@ pub(super) fn plane_offsets(
         let [offset, scale] = depth.values;
         let slope = [by_offset, (by_range - offset * by_offset) / scale];
         let off = normal.dot(s.point.position_vector() - centre);
-        PlaneOffset {
+        PlaneResidual {
             view: s.view as usize,
             off: off + slope[0] * moved[0] + slope[1] * moved[1],
             slope,
@@ -61,11 +61,11 @@ pub(super) fn plane_offsets(
             precision: f64::from(s.point.noise).powi(-2),
         }
     }));
-    about_their_mean(out, weight);
+    centre_on_mean(out, weight);
 }
 
 /// Centres residuals and derivatives on their weighted means: a displaced component is as thin.
-fn about_their_mean(points: &mut [PlaneOffset], weight: impl Fn(usize) -> f64) {
+fn centre_on_mean(points: &mut [PlaneResidual], weight: impl Fn(usize) -> f64) {
     let (mut sum, mut mean) = (0.0, [0.0; 3]);
     for (i, point) in points.iter().enumerate() {
         let [a, b] = point.slope;
@@ -79,7 +79,7 @@ fn about_their_mean(points: &mut [PlaneOffset], weight: impl Fn(usize) -> f64) {
     }
 }
 
-impl PlaneOffset {
+impl PlaneResidual {
     pub fn add(&self, weight: f64, equations: &mut NormalEquations<WITH_POSE>) {
         const { assert!(DEPTH[0] == 0 && DEPTH[1] == 1, "the depth unknowns come first") };
         equations.n += weight;

@@ -70,7 +70,7 @@ impl Unknowns {
     }
 
     /// Value in natural parameterisation: focal length in pixels, absolute roll.
-    pub fn natural(&self, i: usize) -> f64 {
+    pub fn natural_value(&self, i: usize) -> f64 {
         match i.checked_sub(CAMERA) {
             Some(FOCAL) => self.camera.camera().focal[0],
             Some(ROLL) => self.camera.camera().rotation[2],
@@ -80,7 +80,7 @@ impl Unknowns {
 
     /// Derivative of the natural value by the unknown.
     pub fn natural_slope(&self, i: usize) -> f64 {
-        if i == CAMERA + FOCAL { self.natural(i) } else { 1.0 }
+        if i == CAMERA + FOCAL { self.natural_value(i) } else { 1.0 }
     }
 }
 
@@ -88,7 +88,7 @@ impl Unknowns {
 /// its frame.
 pub(super) type Twist = [f64; 6];
 
-pub(super) fn parts(twist: &Twist) -> [DVec3; 2] {
+pub(super) fn split_twist(twist: &Twist) -> [DVec3; 2] {
     let [x, y, z, turns @ ..] = *twist;
     [DVec3::new(x, y, z), DVec3::from_array(turns)]
 }
@@ -119,7 +119,7 @@ impl SensorPrior {
     /// Centres the prior on depth as decoded and on the layout's known colour camera; `metre` is in world
     /// units. Camera unknowns are relative to `start`.
     pub fn new(known: ColorCamera, start: &Unknowns, metre: f64) -> Self {
-        let camera = start.camera.of_same_start(&known);
+        let camera = start.camera.parameters_of(&known);
         let width = 2.0 * known.principal[0].max(1.0);
         let mut mean = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         mean[CAMERA..].copy_from_slice(&camera);

@@ -31,7 +31,7 @@ impl CalibratedValue {
     }
 
     /// Reverts to the initial value.
-    pub(super) fn keep(&mut self, reason: String) {
+    pub(super) fn revert(&mut self, reason: String) {
         // `best` is retained, so that the report shows what was rejected and why.
         self.after = self.before;
         self.determined = false;
@@ -39,24 +39,24 @@ impl CalibratedValue {
     }
 
     /// Takes the best although it is not determined by itself, because other values depend on it.
-    pub(super) fn lean(&mut self, reason: String) {
+    pub(super) fn accept_as_correlated(&mut self, reason: String) {
         self.determined = false;
         self.reason = Some(format!("{reason}; taken with the others, which depend on it"));
     }
 
     /// Updates the best value after others reverted to their initial values.
-    pub(super) fn settle_at(&mut self, best: f64) {
+    pub(super) fn set_best(&mut self, best: f64) {
         (self.after, self.best) = (best, best);
     }
 
     /// Absolute difference between the best and the initial value.
-    pub(super) fn apart(&self) -> f64 {
+    pub(super) fn change(&self) -> f64 {
         (self.best - self.before).abs()
     }
 
     /// Keeps the initial value because the data confirms it.
-    pub(super) fn confirm(&mut self, reason: String) {
-        self.keep(reason);
+    pub(super) fn confirm_initial(&mut self, reason: String) {
+        self.revert(reason);
         self.determined = true;
     }
 }

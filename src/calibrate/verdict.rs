@@ -7,9 +7,9 @@
 //! certain where none is individually, and reverting one shifts the others. So depth and camera are
 //! accepted or rejected as a whole, except values on which no other depends.
 
-use super::color::{distance, shifts};
+use super::color::{rms_pixel_distance, rms_shift_per_unit};
 use super::covariance::Covariance;
-use super::evidence::{Evidence, Kind};
+use super::evidence::{Evidence, ResidualKind};
 use super::input::CalibrationInput;
 use super::search::{Views, refine};
 use super::unknowns::{CAMERA, DEPTH, Estimate, N, NAMES, SensorPrior, Unknowns};
@@ -40,7 +40,7 @@ struct Half<'a> {
 }
 
 /// Cross-validation of both halves.
-pub(super) struct Judge<'a> {
+pub(super) struct CrossValidation<'a> {
     prior: &'a SensorPrior,
     start: Unknowns,
     halves: [Half<'a>; 2],
@@ -48,12 +48,12 @@ pub(super) struct Judge<'a> {
 
 /// Decision on another colour camera.
 pub(super) struct CameraVerdict {
-    pub is_other: bool,
+    pub is_accepted: bool,
     /// Shift and decrease as text.
     pub found: String,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> CrossValidation<'a> {
     /// Fits each half by itself, starting from the optimum of all frames.
     pub fn new(
         input: &'a CalibrationInput,
@@ -65,7 +65,7 @@ impl<'a> Judge<'a> {
         let [first, second] = views.split_at(views.frames.len().div_ceil(2));
         let half = |views: Views<'a>| -> Result<Half<'a>, FrameError> {
             let mut own = Estimate::as_recorded(best, views.frames.len());
-            let mut evidence = views.evidence(input, &own, free, 0)?;
+            let mut evidence = views.match_views(input, &own, free, 0)?;
             refine(&mut evidence, prior, &mut own, free);
             Ok(Half { evidence, best: own })
         };
@@ -74,46 +74,52 @@ impl<'a> Judge<'a> {
 
     /// Scales down the evidence where the halves differ by more than their equations predict: consecutive
     /// views share pose errors.
-    pub fn temper(&mut self, evidence: &mut Evidence<'a>, best: &mut Estimate, free: &[usize]) {
+    pub fn scale_evidence(
+        &mut self,
+        evidence: &mut Evidence<'a>,
+        best: &mut Estimate,
+        free: &[usize],
+    ) {
         let [a, b] = [0, 1].map(|i| self.halves[i].best.unknowns);
-        let times = evidence.disagreement(self.prior, best, free, [&a, &b]).max(1.0);
+        let times = evidence.normalised_disagreement(self.prior, best, free, [&a, &b]).max(1.0);
         let prior = self.prior;
         let halves = self.halves.iter_mut().map(|half| (&mut half.evidence, &mut half.best));
         for (evidence, best) in halves.chain([(evidence, best)]) {
-            evidence.doubt(times);
+            evidence.scale_down(times);
             evidence.fit(prior, best, free);
         }
     }
 
     /// Tests each half's camera on the other half.
-    pub fn camera(&mut self, best: &Unknowns) -> CameraVerdict {
+    pub fn test_camera(&mut self, best: &Unknowns) -> CameraVerdict {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
             let found = self.halves[own].best.unknowns;
             let before = Unknowns { camera: self.start.camera, ..found };
             let evidence = &mut self.halves[other].evidence;
-            let start = evidence.loss(self.prior, &before, Kind::Color);
-            falls[other] = 1.0 - evidence.loss(self.prior, &found, Kind::Color) / start;
+            let start = evidence.loss(self.prior, &before, ResidualKind::Color);
+            falls[other] = 1.0 - evidence.loss(self.prior, &found, ResidualKind::Color) / start;
         }
         let fall = falls[0].min(falls[1]);
         // In pixels, because correlated values may differ much with little effect.
-        let shift = distance(&self.halves[0].evidence.matches, &self.start, best);
+        let shift = rms_pixel_distance(&self.halves[0].evidence.matches, &self.start, best);
         let found = format!(
             "the best other camera shifts colours by {shift:.1} pixels and lowers their variance by {:.1} % in frames that it was not fitted to, an effect that errors of poses and depth can also cause",
             100.0 * fall.max(0.0)
         );
-        CameraVerdict { is_other: fall >= MIN_FALL && shift >= MIN_SHIFT, found }
+        CameraVerdict { is_accepted: fall >= MIN_FALL && shift >= MIN_SHIFT, found }
     }
 
     /// Relative increase of each half's loss if the other half's optimum is refitted with some of the
     /// `free` unknowns held at the start.
-    fn rises(&mut self, held: &[usize], free: &[usize]) -> [f64; 2] {
-        let kind = if DEPTH.contains(&held[0]) { Kind::Thickness } else { Kind::Color };
-        let rest = without(free, held);
+    fn loss_increases(&mut self, held: &[usize], free: &[usize]) -> [f64; 2] {
+        let kind =
+            if DEPTH.contains(&held[0]) { ResidualKind::Thickness } else { ResidualKind::Color };
+        let rest = excluding(free, held);
         let (prior, start) = (self.prior, self.start);
         [(0, 1), (1, 0)].map(|(own, other)| {
             let Half { evidence, best } = &mut self.halves[own];
-            let mut kept = evidence.fit_without(prior, best, &rest, (held, &start));
+            let mut kept = evidence.fit_with_held(prior, best, &rest, (held, &start));
             refine(evidence, prior, &mut kept, &rest);
             let best = best.unknowns;
             let other = &mut self.halves[other].evidence;
@@ -123,28 +129,28 @@ impl<'a> Judge<'a> {
     }
 
     /// Reverts some of the `free` unknowns to the start in all fits; returns the remaining free ones.
-    fn give_back(
+    fn revert_values(
         &mut self,
         held: &[usize],
         free: &[usize],
         evidence: &mut Evidence,
         best: &mut Estimate,
     ) -> Vec<usize> {
-        let rest = without(free, held);
+        let rest = excluding(free, held);
         let (prior, start) = (self.prior, self.start);
         let halves = self.halves.iter_mut();
         for half in halves {
-            half.best = half.evidence.fit_without(prior, &half.best, &rest, (held, &start));
+            half.best = half.evidence.fit_with_held(prior, &half.best, &rest, (held, &start));
             refine(&mut half.evidence, prior, &mut half.best, &rest);
         }
-        *best = evidence.fit_without(prior, best, &rest, (held, &start));
+        *best = evidence.fit_with_held(prior, best, &rest, (held, &start));
         refine(evidence, prior, best, &rest);
         rest
     }
 
     /// Accepts those of the `free` unknowns that the data determines, depth first. Returns the result for
     /// every value.
-    pub fn settle(
+    pub fn accept_values(
         &mut self,
         evidence: &mut Evidence,
         best: &mut Estimate,
@@ -157,9 +163,9 @@ impl<'a> Judge<'a> {
             .map(|(place, &i)| self.value(i, &best.unknowns, covariance.error(place)))
             .collect();
         let mut free = free.to_vec();
-        if let Some(doubt) = self.doubt_of_depth(&best.unknowns, &free, &covariance) {
-            DEPTH.iter().for_each(|&i| values[i].keep(doubt.clone()));
-            free = self.give_back(&DEPTH, &free, evidence, best);
+        if let Some(doubt) = self.depth_rejection(&best.unknowns, &free, &covariance) {
+            DEPTH.iter().for_each(|&i| values[i].revert(doubt.clone()));
+            free = self.revert_values(&DEPTH, &free, evidence, best);
         }
         let covariance = evidence.covariance(self.prior, best, &free);
         let mut back = Vec::new();
@@ -167,77 +173,87 @@ impl<'a> Judge<'a> {
             let error = covariance.error(place);
             let apart = best.unknowns.get(i) - self.start.get(i);
             let certainty = apart.abs() / error;
-            let Some(doubt) = self.doubt(i, certainty, &free) else { continue };
-            if covariance.leaning(place, apart) < LEANING {
+            let Some(doubt) = self.value_rejection(i, certainty, &free) else { continue };
+            if covariance.largest_induced_shift(place, apart) < LEANING {
                 back.push(i);
-                values[i].keep(doubt);
+                values[i].revert(doubt);
             } else {
-                values[i].lean(doubt);
+                values[i].accept_as_correlated(doubt);
             }
         }
         if !back.is_empty() {
-            free = self.give_back(&back, &free, evidence, best);
+            free = self.revert_values(&back, &free, evidence, best);
         }
-        let shifts = shifts(&evidence.matches, &best.unknowns);
+        let shifts = rms_shift_per_unit(&evidence.matches, &best.unknowns);
         for &i in &free {
-            values[i].settle_at(best.unknowns.natural(i));
+            values[i].set_best(best.unknowns.natural_value(i));
         }
         for &i in back.iter().filter(|&&i| i >= CAMERA) {
-            let apart = values[i].apart() / best.unknowns.natural_slope(i);
+            let apart = values[i].change() / best.unknowns.natural_slope(i);
             if shifts[i] * apart <= SAME {
-                values[i].confirm("the best is the same to a pixel".to_owned());
+                values[i].confirm_initial("the best is the same to a pixel".to_owned());
             }
         }
         values
     }
 
     /// Reason to reject the depth estimate, if any.
-    fn doubt_of_depth(
+    fn depth_rejection(
         &mut self,
         best: &Unknowns,
         free: &[usize],
         covariance: &Covariance,
     ) -> Option<String> {
         let apart = DEPTH.map(|i| best.get(i) - self.start.get(i));
-        let certainty = covariance.distance(&apart);
+        let certainty = covariance.mahalanobis_distance(&apart);
         if certainty < SIGNIFICANT {
             return Some(format!("both are only {certainty:.1} standard errors away"));
         }
-        let rises = self.rises(&DEPTH, free);
-        hardly_needed(rises, "thickness")
+        let rises = self.loss_increases(&DEPTH, free);
+        insignificance(rises, "thickness")
     }
 
     /// Reason why a value is not determined by itself, if any.
-    fn doubt(&mut self, i: usize, certainty: f64, free: &[usize]) -> Option<String> {
+    fn value_rejection(&mut self, i: usize, certainty: f64, free: &[usize]) -> Option<String> {
         if certainty < SIGNIFICANT {
             return Some(format!("the best is only {certainty:.1} standard errors away"));
         }
         if DEPTH.contains(&i) {
             return None;
         }
-        let rises = self.rises(&[i], free);
-        hardly_needed(rises, "colour variance")
+        let rises = self.loss_increases(&[i], free);
+        insignificance(rises, "colour variance")
     }
 
     /// Result of an unknown in its natural parameterisation.
     pub fn value(&self, i: usize, best: &Unknowns, error: f64) -> CalibratedValue {
         let error = error * best.natural_slope(i);
-        CalibratedValue::determined(NAMES[i], self.start.natural(i), best.natural(i), error)
+        CalibratedValue::determined(
+            NAMES[i],
+            self.start.natural_value(i),
+            best.natural_value(i),
+            error,
+        )
     }
 
     /// Results for a colour camera that is not changed.
-    pub fn staying_camera(&self, evidence: &Evidence, best: &Estimate) -> Vec<CalibratedValue> {
+    pub fn unchanged_camera_values(
+        &self,
+        evidence: &Evidence,
+        best: &Estimate,
+    ) -> Vec<CalibratedValue> {
         let all: Vec<usize> = (0..N).collect();
         let covariance = evidence.covariance(self.prior, best, &all);
         let best = &best.unknowns;
-        let shifts = shifts(&evidence.matches, best);
+        let shifts = rms_shift_per_unit(&evidence.matches, best);
         let value = |i: usize| {
             let apart = (best.get(i) - self.start.get(i)).abs() * shifts[i];
             let error = covariance.error(i);
             let mut value = self.value(i, best, error);
-            value.keep(format!("the best shifts by {apart:.1} pixels, compensated by the others"));
+            value
+                .revert(format!("the best shifts by {apart:.1} pixels, compensated by the others"));
             if apart.max(error * shifts[i]) <= SAME {
-                value.confirm("the best is the same to a pixel".to_owned());
+                value.confirm_initial("the best is the same to a pixel".to_owned());
             }
             value
         };
@@ -245,12 +261,12 @@ impl<'a> Judge<'a> {
     }
 }
 
-fn without(free: &[usize], held: &[usize]) -> Vec<usize> {
+fn excluding(free: &[usize], held: &[usize]) -> Vec<usize> {
     free.iter().copied().filter(|i| !held.contains(i)).collect()
 }
 
 /// Reason to reject a value that hardly improves the other half.
-fn hardly_needed([a, b]: [f64; 2], of: &str) -> Option<String> {
+fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
     (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
         format!(
             "held-out frames hardly need it: without it their {of} changes by {:+.1} % and {:+.1} %",

@@ -4,7 +4,7 @@ use super::args::{
     BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, PeersBenchArgs, RenderBenchArgs,
 };
 use super::failure::Failure;
-use super::train::announce;
+use super::train::print_dataset_notes;
 use super::{model, output, progress};
 use anyhow::anyhow;
 use glam::DVec3;
@@ -167,7 +167,7 @@ fn on_dataset(
 pub fn open(path: Option<&Path>, depth: &DepthArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(demo::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
-    announce(&dataset);
+    print_dataset_notes(&dataset);
     Ok(Arc::new(dataset))
 }
 
@@ -183,10 +183,13 @@ fn measure(
     output::write_text(&file("csv"), &bench.csv)?;
     output::write_png(&file("png"), &bench.plot)?;
     if args.json {
-        return output::json(&bench.json);
+        return output::print_json(&bench.json);
     }
-    output::line(&bench.text);
+    output::print_line(&bench.text);
     let name = bench.name;
-    output::line(format!("wrote {name}.json, {name}.csv and {name}.png to {}", args.out.display()));
+    output::print_line(format!(
+        "wrote {name}.json, {name}.csv and {name}.png to {}",
+        args.out.display()
+    ));
     Ok(())
 }

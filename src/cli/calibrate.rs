@@ -2,7 +2,7 @@
 
 use super::args::CalibrateArgs;
 use super::failure::Failure;
-use super::train::announce;
+use super::train::print_dataset_notes;
 use super::{output, progress};
 use vbgs_studio::calibrate;
 use vbgs_studio::calibrate::CalibratePlan;
@@ -13,7 +13,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     // Read before the recording is opened, so that errors in it are reported at once.
     let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
     let dataset = dataset::open(&args.dataset, &args.depth.recorded_load_options()?)?;
-    announce(&dataset);
+    print_dataset_notes(&dataset);
     let start = match start {
         Some(start) => start,
         None if args.from_scratch => Calibration::NONE,
@@ -30,10 +30,10 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
     output::write_text(&args.output, &found.calibration.to_text()?)?;
     if args.json {
-        return output::json(&found);
+        return output::print_json(&found);
     }
-    output::line(found.text());
-    output::line(format!(
+    output::print_line(found.text());
+    output::print_line(format!(
         "wrote {}; use it with `train --calibration` or in the window",
         args.output.display()
     ));

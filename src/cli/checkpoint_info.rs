@@ -81,7 +81,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
         config,
         defects,
     };
-    if args.json { output::json(&info) } else { print(&info) }
+    if args.json { output::print_json(&info) } else { print(&info) }
 }
 
 fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
@@ -113,7 +113,7 @@ fn dataset_defect(run: &SavedRun) -> Option<String> {
 
 fn print(info: &CheckpointInfo) -> Result<(), Failure> {
     let CheckpointInfo { config, .. } = info;
-    output::line(format!(
+    output::print_line(format!(
         "{}: checkpoint, version {}, by {}, {:.1} MB ({:.0} bytes a component)",
         info.path,
         info.version,
@@ -121,23 +121,24 @@ fn print(info: &CheckpointInfo) -> Result<(), Failure> {
         info.bytes as f64 * 1e-6,
         info.bytes_per_component
     ));
-    output::line(format!(
+    output::print_line(format!(
         "  {} of {} frames trained, {} skipped, {} points",
         info.frames, info.planned_frames, info.skipped, info.points
     ));
-    output::line(format!(
+    output::print_line(format!(
         "  {} of {} components used, {} drawn",
         info.used, info.components, info.drawn
     ));
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
-    output::line(format!("  dataset: {dataset}"));
+    output::print_line(format!("  dataset: {dataset}"));
     if let Some(TrackingInfo { summary, trajectory, .. }) = &info.tracking {
-        output::line(format!("  {summary}"));
+        output::print_line(format!("  {summary}"));
         let lost = trajectory.skipped();
-        (!lost.is_empty()).then(|| output::line(format!("    not placed: {}", lost.join(", "))));
+        (!lost.is_empty())
+            .then(|| output::print_line(format!("    not placed: {}", lost.join(", "))));
     }
-    output::line(format!("  config: {}", serde_json::to_string(config)?));
-    info.defects.iter().for_each(|defect| output::line(format!("  defect: {defect}")));
-    output::line(format!("  {} defects found", info.defects.len()));
+    output::print_line(format!("  config: {}", serde_json::to_string(config)?));
+    info.defects.iter().for_each(|defect| output::print_line(format!("  defect: {defect}")));
+    output::print_line(format!("  {} defects found", info.defects.len()));
     Ok(())
 }

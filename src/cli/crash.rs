@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use vbgs_studio::pipeline::panic_text::{NO_WORDS, panic_text};
+use vbgs_studio::pipeline::panic_text::{NO_MESSAGE, panic_text};
 use vbgs_studio::pipeline::session::Session;
 
 /// File for the scene of a run that panicked. It has a name of its own because its last frame may be
@@ -14,13 +14,13 @@ const RESCUED: &str = "checkpoint-rescued.vbgs";
 ///
 /// # Errors
 /// A panic; the scene is saved first, and the message states where.
-pub fn guarded<T>(
+pub fn save_on_panic<T>(
     session: &mut Session,
     out: &Path,
     train: impl FnOnce(&mut Session) -> T,
 ) -> Result<T, Failure> {
     catch_unwind(AssertUnwindSafe(|| train(session))).map_err(|panic| {
-        let said = panic_text(&*panic).unwrap_or(NO_WORDS);
+        let said = panic_text(&*panic).unwrap_or(NO_MESSAGE);
         let (frames, path) = (session.learner().frames(), out.join(RESCUED));
         let save = || match session.save_after_panic(&path) {
             Ok(()) => format!(
@@ -58,9 +58,9 @@ mod tests {
         };
         let room = Arc::new(dataset(&small).unwrap());
         let mut session =
-            Session::new(room, SceneOverrides::default(), Selection::everything()).unwrap();
+            Session::new(room, SceneOverrides::default(), Selection::all_frames()).unwrap();
         let out = tempfile::tempdir().unwrap();
-        let ended: Result<(), _> = guarded(&mut session, out.path(), |session| {
+        let ended: Result<(), _> = save_on_panic(&mut session, out.path(), |session| {
             (0..after).for_each(|_| drop(session.step().unwrap()));
             panic!("injected behind {after}")
         });

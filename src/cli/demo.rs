@@ -16,7 +16,7 @@ const FOLDER: &str = "vbgs-demo";
 /// Trains the built-in demo and writes its model, report and a preview. `reason` states why there is no
 /// window.
 pub fn run(reason: &str) -> Result<(), Failure> {
-    output::line(format!("{reason}: training the demo headless into {FOLDER}/"));
+    output::print_line(format!("{reason}: training the demo headless into {FOLDER}/"));
     let interrupt = Interrupt::listen()?;
     let mut session = demo::session(SceneOverrides::default())?;
     // Ctrl-C ends training but not the command: the files are written in any case.
@@ -43,6 +43,8 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     );
     output::write_png(&out.join("preview.png"), &preview.color)?;
     output::write_json(&out.join("report.json"), &session.report(None, Vec::new()))?;
-    output::line(format!("wrote scene.ply, scene.glb, report.json and preview.png to {FOLDER}/"));
+    output::print_line(format!(
+        "wrote scene.ply, scene.glb, report.json and preview.png to {FOLDER}/"
+    ));
     if finished { Ok(()) } else { Err(Failure::Interrupted) }
 }

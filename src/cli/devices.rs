@@ -18,21 +18,21 @@ enum Task {
 /// Attaches the requested devices to the session.
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
     // Passes and points exclude each other in a run.
-    let task = if Task::Points.is_there(session) { Task::Points } else { Task::Passes };
+    let task = if Task::Points.is_needed(session) { Task::Points } else { Task::Passes };
     attach_one(session, task, args.device)?;
     attach_one(session, Task::Photographs, args.photometric_device)
 }
 
 fn attach_one(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
     match asked {
-        DeviceName::Gpu if !task.is_there(session) => Err(Failure::Usage(format!(
+        DeviceName::Gpu if !task.is_needed(session) => Err(Failure::Usage(format!(
             "{} gpu: expected a run that {}",
             task.option(),
             task.needs()
         ))),
         DeviceName::Cpu => Ok(()),
         // Drivers are not loaded if there is no work for them.
-        DeviceName::Auto if !task.is_there(session) => Ok(()),
+        DeviceName::Auto if !task.is_needed(session) => Ok(()),
         DeviceName::Auto | DeviceName::Gpu => attach_gpu(session, task, asked),
     }
 }
@@ -46,7 +46,7 @@ impl Task {
     }
 
     /// True if the run has this kind of work.
-    fn is_there(self, session: &Session) -> bool {
+    fn is_needed(self, session: &Session) -> bool {
         match self {
             Self::Passes => session.learner().pass_use().is_some(),
             Self::Points => session.learner().point_use().is_some(),
@@ -68,12 +68,12 @@ impl Task {
 
 #[cfg(feature = "gui")]
 fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
-    use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_be_there};
+    use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
 
     let must = asked == DeviceName::Gpu;
-    if !must && !may_be_there() {
+    if !must && !may_have_gpu() {
         return Ok(());
     }
     let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {

@@ -4,7 +4,7 @@ use super::args::EvalArgs;
 use super::failure::Failure;
 use super::model::Model;
 use super::quality::QualityRequest;
-use super::train::announce;
+use super::train::print_dataset_notes;
 use super::{model, output, quality, tracked};
 use serde::Serialize;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
@@ -27,22 +27,22 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let model = model::load(&args.model)?;
     let load = model.load_options(args.depth.load_options())?;
     let dataset = dataset::open(&args.dataset, &load)?;
-    announce(&dataset);
+    print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {
         eprintln!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));
     }
-    let learnt = model.learnt.as_ref().and_then(|run| run.of(&dataset));
+    let learnt = model.trained_frames.as_ref().and_then(|run| run.of(&dataset));
     if learnt.is_none() {
         let path = args.model.display();
         eprintln!("note: {path}: does not state which of these views it was trained on");
     }
     // The hold-out rule of a run on another dataset does not apply here.
-    let run = model.learnt.as_ref().filter(|_| learnt.is_some());
+    let run = model.trained_frames.as_ref().filter(|_| learnt.is_some());
     let hold_out = args.hold_out.or(run.map(|run| run.hold_out)).unwrap_or_default();
     let trained = learnt.as_ref().map(|learnt| learnt.split);
     let mut found = Vec::new();
     for group in choose_views(&dataset, args, hold_out, trained)? {
-        let placed = model.place(&dataset, group.views())?;
+        let placed = model.place_views(&dataset, group.views())?;
         let (dataset, group) = match &placed {
             Some(placed) => {
                 let frames = placed.frames.clone();
@@ -62,11 +62,11 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     }
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
-        return output::json(&EvalOutput { eval, views: views.concat() });
+        return output::print_json(&EvalOutput { eval, views: views.concat() });
     }
     for (report, views) in &found {
-        views.iter().for_each(|view| output::line(output::view(view)));
-        output::line(output::quality(report));
+        views.iter().for_each(|view| output::print_line(output::view(view)));
+        output::print_line(output::quality(report));
     }
     Ok(())
 }
@@ -83,9 +83,9 @@ fn color_camera(
         None => model.color_camera(dataset),
     };
     if let Some(camera) = camera {
-        let scaling = dataset.splits[split].scaling(&camera).map_err(|error| {
+        let scaling = dataset.splits[split].camera_scaling(&camera).map_err(|error| {
             let file = args.calibration.as_deref().unwrap_or(&args.model);
-            Failure::failed(error).of_calibration(Some(file))
+            Failure::failed(error).with_calibration_file(Some(file))
         })?;
         scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
     }

@@ -31,13 +31,13 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         false => (model::load(&args.model)?, None),
     };
     let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
-    say_what_is_assumed(args, is_turned, &model);
-    let summary = watched(&args.output, "splats", |progress| {
+    note_assumptions(args, is_turned, &model);
+    let summary = write_with_progress(&args.output, "splats", |progress| {
         let options = options(args, format, &model, training.as_ref(), progress);
         write(&args.output, &model.splats, &options)
     })?;
     warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
-    output::line(format!(
+    output::print_line(format!(
         "wrote {} splats, {} bytes, to {}",
         summary.n_written,
         summary.bytes,
@@ -47,7 +47,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
 }
 
 fn mesh(args: &ExportArgs) -> Result<(), Failure> {
-    let asked = args.format.map(|_| "--format").or(args.mapping.said());
+    let asked = args.format.map(|_| "--format").or(args.mapping.first_given_option());
     if let Some(option) = asked.or(args.sh3_padding.then_some("--sh3-padding")) {
         return Err(Failure::Usage(format!(
             "{option}: a setting of splats, found with --as mesh; leave it out"
@@ -67,17 +67,17 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let training = training.ok_or_else(needed)?;
     let h = model.method.as_ref().and_then(|m| m.scene()).map(|scene| scene.engine.h);
     let cell = args.cell.or(h.map(|h| 0.5 * h)).ok_or_else(needed)?;
-    let summary = watched(&args.output, "mesh", |progress| {
+    let summary = write_with_progress(&args.output, "mesh", |progress| {
         let options = options(args, ModelFormat::Ply, &model, Some(&training), progress);
         let asked = |i: usize, surfel: &Surfel| {
-            options.selection.takes(i, surfel.mean, options.confidence).then_some(*surfel)
+            options.selection.selects(i, surfel.mean, options.confidence).then_some(*surfel)
         };
         let surfels: Vec<Surfel> =
             training.surfels.iter().filter_map(|(i, surfel)| asked(*i, surfel)).collect();
         write_mesh(&args.output, &surfels, cell, format, &options)
     })?;
     warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
-    output::line(format!(
+    output::print_line(format!(
         "wrote {} vertices and {} triangles, {} bytes, to {}",
         summary.n_vertices,
         summary.n_triangles,
@@ -89,7 +89,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
 
 /// Writes a file under a progress bar; Ctrl-C cancels without leaving the file. Temporary files of
 /// killed exports with the same name are removed.
-fn watched<T>(
+fn write_with_progress<T>(
     output: &Path,
     what: &'static str,
     work: impl FnOnce(WriteProgress) -> Result<T, ExportError>,
@@ -99,7 +99,7 @@ fn watched<T>(
     let written = progress::share(what, |told| {
         let goes_on = |share| {
             told(share);
-            !interrupt.is_asked()
+            !interrupt.is_requested()
         };
         work(WriteProgress::new(&goes_on))
     });
@@ -160,7 +160,7 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
         Some(FormatName::Spz) => ModelFormat::Spz,
         None => ModelFormat::from_path(&args.output)?,
     };
-    match (args.mapping.said(), format) {
+    match (args.mapping.first_given_option(), format) {
         (Some(option), ModelFormat::PointCloudPly) => Err(Failure::Usage(format!(
             "{option}: a setting of splats, found with the format point-cloud, which contains none; leave it out or export ply, glb or spz"
         ))),
@@ -186,9 +186,11 @@ fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Fa
     }
 }
 
-fn say_what_is_assumed(args: &ExportArgs, is_turned: bool, model: &Model) {
+fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
     let path = args.model.display();
-    if let Some(option) = args.mapping.said().filter(|_| mapping::is_plain(model.splats.view())) {
+    if let Some(option) =
+        args.mapping.first_given_option().filter(|_| mapping::is_plain(model.splats.view()))
+    {
         eprintln!(
             "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} has no effect"
         );

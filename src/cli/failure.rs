@@ -3,7 +3,7 @@
 use super::wording;
 use std::path::Path;
 use std::process::ExitCode;
-use vbgs_studio::dataset::calibrated_size::OtherShape;
+use vbgs_studio::dataset::calibrated_size::AspectRatioMismatch;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
@@ -28,10 +28,10 @@ impl Failure {
     }
 
     /// Adds the calibration file to an error caused by it.
-    pub fn of_calibration(self, file: Option<&Path>) -> Self {
+    pub fn with_calibration_file(self, file: Option<&Path>) -> Self {
         match (self, file) {
             (Self::Failed(error), Some(file))
-                if error.chain().any(|cause| cause.is::<OtherShape>()) =>
+                if error.chain().any(|cause| cause.is::<AspectRatioMismatch>()) =>
             {
                 Self::Failed(error.context(file.display().to_string()))
             }

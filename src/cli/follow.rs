@@ -22,35 +22,35 @@ pub fn begin(
 ) -> Result<Session, Failure> {
     let path = follow.path().display();
     eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
-    let mut told = ToldProblem::default();
+    let mut told = ReportedProblem::default();
     let session = Arc::new(session);
-    while !interrupt.is_asked() {
-        if let Some(dataset) = follow.more()? {
+    while !interrupt.is_requested() {
+        if let Some(dataset) = follow.poll_dataset()? {
             let session = session.clone();
-            match interrupt.unless_asked(move || session(dataset))? {
+            match interrupt.run_interruptibly(move || session(dataset))? {
                 Ok(mut session) => {
                     session.follow(Some(follow));
                     return Ok(session);
                 }
-                Err(RunError::Session(error)) if follow.forgives(&error) => {}
+                Err(RunError::Session(error)) if follow.may_succeed_later(&error) => {}
                 Err(error) => return Err(error.into()),
             }
         }
-        told.wait(&follow, interrupt);
+        told.wait_for_frames(&follow, interrupt);
     }
     Err(Failure::Interrupted)
 }
 
 /// The problem that currently delays frames.
 #[derive(Default)]
-pub struct ToldProblem {
+pub struct ReportedProblem {
     /// The problem, its start, and true if it was reported.
     latest: Option<(String, Instant, bool)>,
 }
 
-impl ToldProblem {
+impl ReportedProblem {
     /// Waits for more frames or an interrupt; reports a lasting problem once.
-    pub fn wait(&mut self, follow: &Follow, interrupt: &Interrupt) {
+    pub fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
         match (follow.problem(), &mut self.latest) {
             (None, latest) => *latest = None,
             (Some(problem), Some((known, since, is_told))) if *known == problem => {
@@ -62,6 +62,6 @@ impl ToldProblem {
             (Some(problem), latest) => *latest = Some((problem.to_owned(), Instant::now(), false)),
         }
         // Never without a pause, however late the next poll is.
-        interrupt.is_asked_within(follow.rest().max(Duration::from_millis(1)));
+        interrupt.wait_for_request(follow.time_to_next_scan().max(Duration::from_millis(1)));
     }
 }

@@ -9,7 +9,7 @@ use vbgs_studio::dataset::capture_check::CaptureCheck;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
 use vbgs_studio::dataset::splits::HELD_OUT;
-use vbgs_studio::dataset::wild_poses::wild_poses;
+use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{self, Dataset, FrameEntry};
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{self, Imported, ModelKind};
@@ -93,11 +93,11 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
             return checkpoint_info::run(args);
         }
         let info = model_info(args, &export::read(&args.path)?);
-        return if args.json { output::json(&info) } else { print_model(&info) };
+        return if args.json { output::print_json(&info) } else { print_model(&info) };
     }
     let dataset = dataset::open(&args.path, &args.depth.load_options())?;
     let info = dataset_info(args, &dataset);
-    if args.json { output::json(&info) } else { print_dataset(&info) }
+    if args.json { output::print_json(&info) } else { print_dataset(&info) }
 }
 
 fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
@@ -105,7 +105,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
     let splits =
         (0..dataset.splits.len()).map(|split| split_info(dataset, split, &mut defects)).collect();
     if let Ok(split) = dataset.training_split() {
-        defects.extend(wild_poses(&dataset.splits[split]).iter().map(ToString::to_string));
+        defects.extend(outlier_poses(&dataset.splits[split]).iter().map(ToString::to_string));
     }
     let evaluation =
         dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
@@ -210,29 +210,32 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
 }
 
 fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
-    output::line(format!(
+    output::print_line(format!(
         "{}: {} dataset, recognised by {}",
         info.path, info.layout, info.recognised_by
     ));
     info.splits.iter().for_each(print_split);
-    output::line(format!("  evaluation: {}", info.evaluation));
+    output::print_line(format!("  evaluation: {}", info.evaluation));
     let summary = info.poses.summary.as_deref();
-    output::line(format!("  poses: {}", summary.unwrap_or("too few frames with depth to check")));
+    output::print_line(format!(
+        "  poses: {}",
+        summary.unwrap_or("too few frames with depth to check")
+    ));
     if let Some(warning) = &info.poses.warning {
-        output::line(format!("  warning: {warning}"));
+        output::print_line(format!("  warning: {warning}"));
     }
-    info.notes.iter().for_each(|note| output::line(format!("  note: {note}")));
-    info.defects.iter().for_each(|defect| output::line(format!("  defect: {defect}")));
+    info.notes.iter().for_each(|note| output::print_line(format!("  note: {note}")));
+    info.defects.iter().for_each(|defect| output::print_line(format!("  defect: {defect}")));
     if info.skipped_frames > 0 {
-        output::line(format!("  {} entries skipped", info.skipped_frames));
+        output::print_line(format!("  {} entries skipped", info.skipped_frames));
     }
-    output::line(format!("  {} defects found", info.defects.len()));
+    output::print_line(format!("  {} defects found", info.defects.len()));
     Ok(())
 }
 
 fn print_split(s: &SplitInfo) {
     if s.name == HELD_OUT {
-        output::line(format!("  {}: {} of these frames", s.name, s.frames));
+        output::print_line(format!("  {}: {} of these frames", s.name, s.frames));
         return;
     }
     let depth = match s.depth_range {
@@ -240,7 +243,7 @@ fn print_split(s: &SplitInfo) {
         None if s.has_depth => "unreadable depth".to_owned(),
         None => "no depth".to_owned(),
     };
-    output::line(format!(
+    output::print_line(format!(
         "  {}: {} frames of {}x{}, focal {:.1} {:.1} px, {depth}, {:.1} MB",
         s.name,
         s.frames,
@@ -251,14 +254,14 @@ fn print_split(s: &SplitInfo) {
         s.bytes as f64 * 1e-6
     ));
     if let Some(unit) = &s.depth_unit {
-        output::line(format!("    depth: {unit}"));
+        output::print_line(format!("    depth: {unit}"));
     }
     if s.photo_size != [s.width, s.height] || s.photo_focal_px != s.focal_px {
         let ([width, height], [fx, fy]) = (s.photo_size, s.photo_focal_px);
-        output::line(format!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px"));
+        output::print_line(format!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px"));
     }
     let capture = s.capture.iter().flat_map(capture_check::lines);
-    capture.for_each(|line| output::line(format!("    {line}")));
+    capture.for_each(|line| output::print_line(format!("    {line}")));
 }
 
 fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
@@ -281,7 +284,7 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
 }
 
 fn print_model(info: &ModelInfo) -> Result<(), Failure> {
-    output::line(format!(
+    output::print_line(format!(
         "{}: {} {}, {:.1} MB",
         info.path,
         info.splats,
@@ -289,18 +292,18 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
         info.bytes as f64 * 1e-6
     ));
     if let Some([lo, hi]) = info.bounds {
-        output::line(format!("  from {lo:.3?} to {hi:.3?}"));
+        output::print_line(format!("  from {lo:.3?} to {hi:.3?}"));
     }
     if let Some([x, y, z]) = info.local_origin {
-        output::line(format!("  its positions are relative to ({x}, {y}, {z})"));
+        output::print_line(format!("  its positions are relative to ({x}, {y}, {z})"));
     }
     if info.sh_degree > 0 {
-        output::line("  colour depends on the direction (harmonics of degree 1)");
+        output::print_line("  colour depends on the direction (harmonics of degree 1)");
     }
-    info.comments.iter().for_each(|comment| output::line(format!("  comment: {comment}")));
-    info.notes.iter().for_each(|note| output::line(format!("  note: {note}")));
+    info.comments.iter().for_each(|comment| output::print_line(format!("  comment: {comment}")));
+    info.notes.iter().for_each(|note| output::print_line(format!("  note: {note}")));
     if info.skipped > 0 {
-        output::line(format!("  defect: {} rows are not finite", info.skipped));
+        output::print_line(format!("  defect: {} rows are not finite", info.skipped));
     }
     Ok(())
 }

@@ -27,7 +27,7 @@ const GRACE: Duration = Duration::from_millis(500);
 /// Flag set when the user or system requests a stop.
 #[derive(Clone)]
 pub struct Interrupt {
-    asked: Arc<AtomicBool>,
+    is_stop_requested: Arc<AtomicBool>,
     /// Becomes readable when a signal arrives.
     #[cfg(unix)]
     wakes: Arc<UnixStream>,
@@ -51,7 +51,7 @@ impl Interrupt {
         // A failed write is harmless: waits also have a timeout.
         listen(&asked, move || drop(waker.write_all(&[0])))?;
         listen_to_the_system(&asked, &sender)?;
-        Ok(Self { asked, wakes: Arc::new(wakes) })
+        Ok(Self { is_stop_requested: asked, wakes: Arc::new(wakes) })
     }
 
     #[cfg(not(unix))]
@@ -62,21 +62,21 @@ impl Interrupt {
     }
 
     /// True if a stop was requested.
-    pub fn is_asked(&self) -> bool {
-        self.asked.load(Ordering::SeqCst)
+    pub fn is_requested(&self) -> bool {
+        self.is_stop_requested.load(Ordering::SeqCst)
     }
 
     /// Waits at most `longest` for a stop request; returns true if there is one.
-    pub fn is_asked_within(&self, longest: Duration) -> bool {
-        if !self.is_asked() {
+    pub fn wait_for_request(&self, longest: Duration) -> bool {
+        if !self.is_requested() {
             self.sleep(longest);
         }
-        self.is_asked()
+        self.is_requested()
     }
 
     /// Runs work before which nothing needs saving. Returns [`Failure::Interrupted`] on a stop request, even
     /// if the work is blocked by an unresponsive drive.
-    pub fn unless_asked<T: Send + 'static>(
+    pub fn run_interruptibly<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Failure> {
@@ -86,7 +86,7 @@ impl Interrupt {
             if let Some(ended) = work.wait(LOOK) {
                 return Ok(ended.unwrap_or_else(|panic| resume_unwind(panic)));
             }
-            asked = asked.or_else(|| self.is_asked().then(Instant::now));
+            asked = asked.or_else(|| self.is_requested().then(Instant::now));
         }
         Err(Failure::Interrupted)
     }

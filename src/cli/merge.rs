@@ -11,13 +11,13 @@ pub fn run(args: &MergeArgs) -> Result<(), Failure> {
     output::check_files(std::slice::from_ref(&args.output))?;
     let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
     let merged = match &args.start {
-        None => merge(warned(runs?))?,
+        None => merge(warn_about_fusing(runs?))?,
         Some(start) => merge_onto(&SavedRun::read(start)?, runs?)?,
     };
     // Never `None`: clap requires two checkpoints.
     let Some(merged) = merged else { return Ok(()) };
     checkpoint::write(&args.output, &merged.content)?;
-    output::line(format!(
+    output::print_line(format!(
         "wrote {}: {} models, {} frames",
         args.output.display(),
         args.checkpoints.len(),
@@ -27,7 +27,7 @@ pub fn run(args: &MergeArgs) -> Result<(), Failure> {
 }
 
 /// Warns about the quality lost by fusing models with different seeds.
-fn warned(runs: Vec<SavedRun>) -> Vec<SavedRun> {
+fn warn_about_fusing(runs: Vec<SavedRun>) -> Vec<SavedRun> {
     let first = runs.first().and_then(|run| run.config.method.scene());
     if first.is_some_and(|scene| scene.engine.births == BirthRule::Seeds) {
         eprintln!(

@@ -51,7 +51,7 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::from_command_line();
     start_logging();
     // A failed write to stdout makes the command fail, although its work was completed.
-    match dispatch(arguments, started).and_then(|()| output::arrived()) {
+    match dispatch(arguments, started).and_then(|()| output::check_stdout()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }

@@ -15,7 +15,7 @@ use vbgs_studio::export::local_origin;
 use vbgs_studio::export::mesh::Surfel;
 use vbgs_studio::model::attributes::ComponentAttributes;
 use vbgs_studio::model::splat::appearance::SplatSet;
-use vbgs_studio::pipeline::any_preset::Revived;
+use vbgs_studio::pipeline::any_preset::RestoredLearner;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::settings::method::Method;
@@ -38,11 +38,11 @@ pub struct Model {
     /// This program's comments on the conversion to splats.
     pub comments: Vec<String>,
     /// Training frames, if stated by the file.
-    pub learnt: Option<LearntFrames>,
+    pub trained_frames: Option<TrainedFrames>,
 }
 
 /// Frames visited by a run.
-pub struct LearntFrames {
+pub struct TrainedFrames {
     fingerprint: Fingerprint,
     split: Option<String>,
     visited: Vec<u32>,
@@ -50,7 +50,7 @@ pub struct LearntFrames {
     pub hold_out: HoldOut,
 }
 
-impl LearntFrames {
+impl TrainedFrames {
     /// Returns the training frames in a dataset; `None` if the run used another dataset.
     pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
@@ -58,7 +58,7 @@ impl LearntFrames {
             None => dataset.training_split().ok()?,
         };
         // The dataset may have grown since.
-        let found = Fingerprint::of_first(dataset, split, self.fingerprint.frames());
+        let found = Fingerprint::of_first_frames(dataset, split, self.fingerprint.frames());
         let is_same = self.fingerprint.difference(&found).is_none();
         let frames = || self.visited.iter().map(|&frame| frame as usize).collect();
         is_same.then(|| ViewGroup { name: None, split, frames: frames() })
@@ -88,7 +88,7 @@ impl Model {
     ///
     /// # Errors
     /// No view could be placed.
-    pub fn place(
+    pub fn place_views(
         &self,
         dataset: &Dataset,
         views: Views<'_>,
@@ -101,7 +101,7 @@ impl Model {
     /// used for training, else that of the layout.
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
-            Some(method) => method.any().color_camera(),
+            Some(method) => method.as_any().color_camera(),
             None => dataset.known_calibration().and_then(|c| c.color_camera),
         }
     }
@@ -118,11 +118,11 @@ pub struct Training {
 }
 
 impl Training {
-    fn of(revived: &Revived) -> Self {
+    fn of(revived: &RestoredLearner) -> Self {
         let (learner, normalization) = (&revived.learner, &revived.normalization);
         let of = |i| {
             ComponentAttributes::new(&learner.posterior(i), normalization, None, None)
-                .photographed(learner.photographed(i))
+                .with_photometric_uncertainty(learner.photometric_deviations(i))
         };
         let attributes: Vec<_> = (0..learner.components()).map(of).collect();
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
@@ -158,7 +158,7 @@ fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     let (up, is_metric, trajectory) = (Some(run.up()), run.is_metric(), run.trajectory()?);
     let local_origin = run.local_origin();
     let SavedRun { config, meta, content, .. } = run;
-    let learnt = Some(LearntFrames {
+    let learnt = Some(TrainedFrames {
         fingerprint: meta.fingerprint,
         split: config.selection.split,
         hold_out: config.selection.hold_out,
@@ -172,7 +172,7 @@ fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
         method: Some(config.method),
         trajectory,
         comments,
-        learnt,
+        trained_frames: learnt,
     })
 }
 
@@ -200,6 +200,6 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
         method: None,
         trajectory: None,
         comments,
-        learnt: None,
+        trained_frames: None,
     })
 }

@@ -11,7 +11,7 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::aligned::AlignedView;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
-use vbgs_studio::eval::seen::Seen;
+use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::eval::sharpness::SharpnessBand;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::export::film;
@@ -21,7 +21,7 @@ use vbgs_studio::math::image::RgbImage;
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
 /// Prints one line.
-pub fn line(text: impl std::fmt::Display) {
+pub fn print_line(text: impl std::fmt::Display) {
     // `println!` would panic on an error.
     note(writeln!(std::io::stdout(), "{text}"));
 }
@@ -37,7 +37,7 @@ fn note(written: std::io::Result<()>) {
 }
 
 /// Fails if any output could not be written.
-pub fn arrived() -> Result<(), Failure> {
+pub fn check_stdout() -> Result<(), Failure> {
     note(std::io::stdout().flush());
     match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
         None => Ok(()),
@@ -48,8 +48,8 @@ pub fn arrived() -> Result<(), Failure> {
 }
 
 /// Prints a value as JSON.
-pub fn json(value: &impl Serialize) -> Result<(), Failure> {
-    line(serde_json::to_string_pretty(value)?);
+pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    print_line(serde_json::to_string_pretty(value)?);
     Ok(())
 }
 
@@ -102,7 +102,7 @@ pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
 }
 
 /// Reports views that could not be measured and were not reported on opening.
-pub fn skipped_views(dataset: &Dataset, eval: &EvalReport) {
+pub fn warn_skipped_views(dataset: &Dataset, eval: &EvalReport) {
     let told: Vec<String> = dataset.warnings.iter().map(|w| w.error.to_string()).collect();
     let untold = eval.skipped.iter().filter(|view| !told.contains(&view.message));
     untold.for_each(|view| eprintln!("warning: {}", view.message));
@@ -152,7 +152,7 @@ pub fn quality(eval: &EvalReport) -> String {
         eval.ssim_mean,
     );
     let more = [
-        learnt(eval),
+        format_trained_views(eval),
         aligned(eval),
         eval.pose_aligned_mean.as_ref().map(pose_aligned),
         eval.seen_mean.as_ref().map(seen),
@@ -162,13 +162,13 @@ pub fn quality(eval: &EvalReport) -> String {
 }
 
 /// Formats an intermediate measurement of training views.
-pub fn seen_early(report: &SeenReport) -> String {
+pub fn format_early(report: &SeenReport) -> String {
     let SeenReport { after_frames, renderer, seen: early } = report;
     format!("{renderer}, frames trained: {after_frames}; {}", seen(early))
 }
 
 /// Notes that views were used for training.
-fn learnt(eval: &EvalReport) -> Option<String> {
+fn format_trained_views(eval: &EvalReport) -> Option<String> {
     let n = eval.learnt_views.filter(|n| *n > 0)?;
     Some(format!(
         "trained on {n} of these views: their scores measure reproduction, not quality on unseen views"
@@ -200,7 +200,7 @@ fn pose_aligned(view: &AlignedView) -> String {
     )
 }
 
-fn seen(seen: &Seen) -> String {
+fn seen(seen: &SeenQuality) -> String {
     let interior = seen
         .coverage_interior
         .map_or_else(String::new, |share| format!(", {:.2} % away from edges", 100.0 * share));

@@ -16,7 +16,7 @@ pub fn summary(check: &PoseCheck) -> String {
 /// Recommends other options if another convention or unit fits the frames far better.
 pub fn warning(check: &PoseCheck) -> Option<String> {
     let (opened, best) = (check.opened, check.best);
-    if !check.is_doubtful() {
+    if !check.has_better_reading() {
         return None;
     }
     let percent = |agreement: f64| format!("{:.0} %", 100.0 * agreement);
@@ -25,7 +25,7 @@ pub fn warning(check: &PoseCheck) -> Option<String> {
     let (mut looks, mut advice) = (Vec::new(), Vec::new());
     if best.poses != opened.poses {
         let (best, opened) = (best.poses.name(), opened.poses.name());
-        let says = if check.is_asked { "--pose-axes" } else { "the layout" };
+        let says = if check.is_user_set { "--pose-axes" } else { "the layout" };
         looks.push(format!("the poses match {best}, but {says} specifies {opened}"));
         advice.push(format!("--pose-axes {best}"));
     }
@@ -52,11 +52,11 @@ mod tests {
         let opened =
             PoseTrial { poses: PoseConvention::Opencv, unit: 1.0, agreement: 0.12, error: 0.5 };
         let better = PoseTrial { poses: PoseConvention::Opengl, agreement: 0.96, ..opened };
-        let check = PoseCheck { pairs: 8, opened, is_asked: false, best: better };
+        let check = PoseCheck { pairs: 8, opened, is_user_set: false, best: better };
         let expected = "the poses match opengl, but the layout specifies opencv: agreement 12 % against 96 %; \
                         try --pose-axes opengl";
         assert_eq!(warning(&check).as_deref(), Some(expected));
-        let asked = warning(&PoseCheck { is_asked: true, ..check.clone() }).unwrap_or_default();
+        let asked = warning(&PoseCheck { is_user_set: true, ..check.clone() }).unwrap_or_default();
         assert!(
             asked.starts_with("the poses match opengl, but --pose-axes specifies opencv"),
             "{asked}"

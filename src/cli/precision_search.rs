@@ -20,10 +20,10 @@ pub fn run(args: &PrecisionSearchArgs) -> Result<(), Failure> {
     output::write_json(&out.join("precision-search.json"), &search.json)?;
     output::write_text(&out.join("precision-search.ron"), &search.ron)?;
     if args.common.json {
-        return output::json(&search.json);
+        return output::print_json(&search.json);
     }
-    output::line(&search.text);
-    output::line(format!(
+    output::print_line(&search.text);
+    output::print_line(format!(
         "wrote precision-search.json and precision-search.ron to {}; use the latter with `train --preset paper --config`",
         out.display()
     ));

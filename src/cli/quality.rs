@@ -59,7 +59,7 @@ pub fn measure(
     for (i, &method) in methods.iter().enumerate() {
         let options = request.options(method, near);
         let tell = |done| bar.set_position((i * n_steps + done) as u64);
-        found.push(measure::quality(splats, dataset, views, crack_views, &options, tell)?);
+        found.push(measure::measure_quality(splats, dataset, views, crack_views, &options, tell)?);
     }
     bar.finish_and_clear();
     let learnt_views = request.learnt.map(|learnt| learnt_views(dataset, learnt, views));
@@ -69,13 +69,13 @@ pub fn measure(
     }
     // Unreadable views are the same for every renderer.
     if let Some((report, _)) = found.first() {
-        output::skipped_views(dataset, report);
+        output::warn_skipped_views(dataset, report);
     }
     Ok(found)
 }
 
 /// Measures how splats reproduce the depth and images of the frames they were trained on.
-pub fn seen(
+pub fn measure_training_views(
     splats: SplatView,
     dataset: &Dataset,
     views: Views<'_>,
@@ -121,7 +121,7 @@ impl QualityRequest<'_> {
             align_poses,
             scale: eval_scale,
             render: RenderOptions {
-                exposing: exposure,
+                exposure_mode: exposure,
                 near,
                 ..RenderOptions::evaluation(method, background)
             },

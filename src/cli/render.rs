@@ -3,7 +3,7 @@
 use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
 use super::model::Model;
-use super::train::announce;
+use super::train::print_dataset_notes;
 use super::{model, output, progress};
 use anyhow::anyhow;
 use glam::DVec3;
@@ -22,7 +22,7 @@ use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::framing::{Framing, framing};
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
+use vbgs_studio::render::{DisplayStyle, Lens, Paint, RenderMethod, RenderOptions};
 
 /// Default elevation of views, degrees.
 const DEFAULT_ELEVATION: f64 = 25.0;
@@ -74,7 +74,7 @@ fn render_orbit(
     };
     let Some(n) = args.turntable else {
         let names = draw(*start, &args.output)?;
-        output::line(format!("wrote {names}"));
+        output::print_line(format!("wrote {names}"));
         return Ok(());
     };
     output::create_folder(&args.output)?;
@@ -86,7 +86,7 @@ fn render_orbit(
     }
     bar.finish_and_clear();
     let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
-    output::line(format!("wrote {n} views{each} to {}", args.output.display()));
+    output::print_line(format!("wrote {n} views{each} to {}", args.output.display()));
     Ok(())
 }
 
@@ -125,7 +125,7 @@ fn render_path(
     films.into_iter().try_for_each(FilmWriter::finish)?;
     bar.finish_and_clear();
     let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
-    output::line(format!("wrote {n} pictures{each} to {}", args.output.display()));
+    output::print_line(format!("wrote {n} pictures{each} to {}", args.output.display()));
     Ok(())
 }
 
@@ -134,7 +134,7 @@ fn viewport_options(args: &RenderArgs, radius: f64) -> impl Fn(RenderMethod) -> 
     let (background, exposure) = (args.background, args.exposure);
     move |method| {
         let plain = RenderOptions::viewport(method, background, radius);
-        RenderOptions { exposing: exposure.unwrap_or(plain.exposing), ..plain }
+        RenderOptions { exposure_mode: exposure.unwrap_or(plain.exposure_mode), ..plain }
     }
 }
 
@@ -145,14 +145,14 @@ fn render_view(
     args: &RenderArgs,
 ) -> Result<(), Failure> {
     let dataset = dataset::open(path, &model.load_options(LoadOptions::default())?)?;
-    announce(&dataset);
+    print_dataset_notes(&dataset);
     let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
         None => dataset.evaluation(dataset.training_split().unwrap_or(0)).new_views.split,
     };
     let placed = match args.view < dataset.splits[split].frames.len() {
-        true => model.place(&dataset, (split, &[args.view]))?,
+        true => model.place_views(&dataset, (split, &[args.view]))?,
         false => None,
     };
     let split = &placed.as_ref().map_or(&dataset, |placed| &placed.dataset).splits[split];
@@ -170,12 +170,12 @@ fn render_view(
     let options = |method| {
         // Unlike in the viewport: this image equals the one that `eval` scores.
         let plain = RenderOptions::evaluation(method, args.background);
-        RenderOptions { exposing: args.exposure.unwrap_or(plain.exposing), near, ..plain }
+        RenderOptions { exposure_mode: args.exposure.unwrap_or(plain.exposure_mode), near, ..plain }
     };
-    let pose = painter.splats.finishing().corrected(&entry.camera.pose);
+    let pose = painter.splats.finishing().corrected_pose(&entry.camera.pose);
     let camera = entry.photo_camera_at(pose, photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;
-    output::line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
+    output::print_line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
     Ok(())
 }
 
@@ -212,8 +212,8 @@ impl Painter<'_> {
         method: RenderMethod,
         options: &impl Fn(RenderMethod) -> RenderOptions,
     ) -> RgbImage {
-        let look = SplatStyle { paint: self.paint(camera), ..SplatStyle::PLAIN };
-        let options = RenderOptions { look, ..options(method) };
+        let look = DisplayStyle { paint: self.paint(camera), ..DisplayStyle::PLAIN };
+        let options = RenderOptions { style: look, ..options(method) };
         self.renderer.render(self.splats, camera, &options).color
     }
 

@@ -26,7 +26,7 @@ pub fn is_measured(session: &Session, args: &TrainArgs) -> bool {
 
 /// Largest number of pixels among each group's first photograph, for splits that exist already.
 pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
-    let (dataset, camera) = (session.dataset(), session.config().method.any().color_camera());
+    let (dataset, camera) = (session.dataset(), session.config().method.as_any().color_camera());
     let pixels = |group: ViewGroup| {
         let view = dataset.splits[group.split].frames.get(*group.frames.first()?)?;
         let k = view.photo_camera(camera.as_ref()).intrinsics;
@@ -47,7 +47,7 @@ pub fn measure(
     let comparison = &QualityRequest {
         args: &args.comparison,
         near_rule: NearRule::of(Some(session.config().method.preset())),
-        color_camera: session.config().method.any().color_camera(),
+        color_camera: session.config().method.as_any().color_camera(),
         methods,
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
         hold_out: hold_out(session),
@@ -56,7 +56,12 @@ pub fn measure(
     // Tracked poses of the training views are unknown to early splats.
     for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
         let frames = (plan.split, &plan.frames[..*visited]);
-        measured.seen.extend(quality::seen(splats.into(), dataset, frames, comparison)?);
+        measured.seen.extend(quality::measure_training_views(
+            splats.into(),
+            dataset,
+            frames,
+            comparison,
+        )?);
     }
     let (splats, trajectory) = (session.stored_splats(), trajectory(session));
     for group in groups(session, args)? {

@@ -9,13 +9,13 @@ use vbgs_studio::dataset::read_settings;
 use vbgs_studio::pipeline::checkpoint::ResumeRequest;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::settings::method::MethodRequest;
-use vbgs_studio::pipeline::settings::{Foreign, GivenSettings, preset_file};
+use vbgs_studio::pipeline::settings::{ForeignSetting, GivenSettings, preset_file};
 use vbgs_studio::train::setting::Preset;
 use vbgs_studio::train::setting::table::SettingLayer;
 
 /// Returns the selection and order of frames.
 pub fn selection(args: &TrainArgs) -> Selection {
-    let everything = Selection::everything();
+    let everything = Selection::all_frames();
     Selection {
         split: args.split.clone(),
         order: args.order.unwrap_or(everything.order),
@@ -29,7 +29,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
 }
 
 /// Returns all settings given for a preset, on the command line and in the file.
-pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure> {
+pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure> {
     Ok(ResumeRequest {
         preset: args.preset,
         model: GivenSettings { paper: layer(args, preset)?, scene: layer(args, preset)? },
@@ -46,12 +46,12 @@ pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure>
 }
 
 /// Returns the model's settings.
-pub fn method(args: &TrainArgs) -> Result<MethodRequest, Failure> {
+pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     let preset = args.preset.unwrap_or(Preset::Scene);
-    let given = asked(args, preset)?.model;
+    let given = resume_request(args, preset)?.model;
     match given.foreign_to(preset) {
         None => Ok(given.request(preset)?),
-        Some(Foreign { setting, preset: other, .. }) => Err(Failure::Usage(format!(
+        Some(ForeignSetting { setting, preset: other, .. }) => Err(Failure::Usage(format!(
             "{setting}: expected --preset {other} with it, found the preset {preset}"
         ))),
     }

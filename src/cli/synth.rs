@@ -43,12 +43,12 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
             sleep(due.saturating_duration_since(Instant::now()));
         })?;
         bar.finish_and_clear();
-        output::line(format!("recorded {n_frames} frames in {}", args.out.display()));
+        output::print_line(format!("recorded {n_frames} frames in {}", args.out.display()));
         return Ok(());
     }
     write(&params, &args.out, layout, &mut |done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    output::line(format!("wrote {n_frames} frames to {}", args.out.display()));
+    output::print_line(format!("wrote {n_frames} frames to {}", args.out.display()));
     Ok(())
 }
 

@@ -7,19 +7,19 @@
 use super::args::TrainArgs;
 use super::export::warn_of_origin;
 use super::failure::Failure;
-use super::follow::{self, ToldProblem};
+use super::follow::{self, ReportedProblem};
 use super::interrupt::Interrupt;
 use super::run_quality::{RunQuality, is_measured, measure, photo_pixels, trajectory};
-use super::settings::{asked, calibration_file, method, selection};
+use super::settings::{calibration_file, method_request, resume_request, selection};
 use super::{crash, devices, output, pose_check, progress, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use std::time::Duration;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
-use vbgs_studio::dataset::wild_poses::wild_poses;
+use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
-use vbgs_studio::eval::memory::with_measuring;
+use vbgs_studio::eval::memory::with_evaluation;
 use vbgs_studio::eval::report::Report;
 use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
@@ -39,39 +39,40 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
-    let session = begun(args, start, &interrupt);
-    let mut session = session.map_err(|failure| failure.of_calibration(calibration_file(args)))?;
+    let session = create_session(args, start, &interrupt);
+    let mut session =
+        session.map_err(|failure| failure.with_calibration_file(calibration_file(args)))?;
     devices::attach(&mut session, args)?;
     prepare_folder(args)?;
-    note(&session, args)?;
+    print_notes(&session, args)?;
     // Measured after the run, whose timings must not be affected.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
     let train = |session: &mut Session| {
         train(session, &interrupt, |session, bar| {
-            if args.follow && learnt(session) == ENOUGH_FRAMES {
+            if args.follow && trained_frames(session) == ENOUGH_FRAMES {
                 let dataset = session.dataset().clone();
                 // In parallel with training, because frames keep arriving.
-                rayon::spawn(move || doubt_poses(&dataset));
+                rayon::spawn(move || warn_about_poses(&dataset));
             }
-            if is_measured(session, args) && SEEN_AFTER.contains(&learnt(session)) {
-                early.push((session.visited(), settled(session)));
+            if is_measured(session, args) && SEEN_AFTER.contains(&trained_frames(session)) {
+                early.push((session.visited(), settled_splats(session)));
             }
             // A failed autosave is reported but does not stop the run.
-            if let Some(Err(error)) = autosave.between_frames(session) {
+            if let Some(Err(error)) = autosave.poll(session) {
                 progress::warn(bar, &error.to_string());
             }
         })
     };
-    let end = crash::guarded(&mut session, &args.out, train)?;
+    let end = crash::save_on_panic(&mut session, &args.out, train)?;
     autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
     match &end {
         // Files of an earlier run are worth more than a report of an empty run.
-        Ok(false) if learnt(&session) == 0 => return Err(Failure::Interrupted),
-        Err(_) if learnt(&session) == 0 => return end.map(drop),
+        Ok(false) if trained_frames(&session) == 0 => return Err(Failure::Interrupted),
+        Err(_) if trained_frames(&session) == 0 => return end.map(drop),
         _ => {}
     }
-    warn(&session);
+    print_warnings(&session);
     // Saved first, so that the model is safe whatever happens next.
     let files = save_model(&mut session, args)?;
     let measured = match &end {
@@ -86,7 +87,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         Err(failure) => (RunQuality::default(), Some(failure)),
     };
     save_report(&session, args, files, measured)?;
-    let finished = end? && !interrupt.is_asked();
+    let finished = end? && !interrupt.is_requested();
     match failure {
         Some(failure) => Err(failure),
         None if finished => Ok(()),
@@ -95,13 +96,13 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
 }
 
 /// Splats as they would be exported if the run ended here.
-fn settled(session: &mut Session) -> SplatSet {
+fn settled_splats(session: &mut Session) -> SplatSet {
     session.settle();
     session.stored_splats()
 }
 
 /// Reports the learner's warnings.
-fn warn(session: &Session) {
+fn print_warnings(session: &Session) {
     let warnings = session.learner().warnings();
     warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
 }
@@ -122,22 +123,26 @@ fn interval(args: &TrainArgs) -> AutosaveInterval {
 }
 
 /// Creates a session before its first frame. Opening may block on a drive, so it is interruptible.
-fn begun(args: &Arc<TrainArgs>, start: Start, interrupt: &Interrupt) -> Result<Session, Failure> {
+fn create_session(
+    args: &Arc<TrainArgs>,
+    start: Start,
+    interrupt: &Interrupt,
+) -> Result<Session, Failure> {
     if args.follow {
-        return followed(args, start, interrupt);
+        return follow_session(args, start, interrupt);
     }
     let args = args.clone();
-    interrupt.unless_asked(move || opened(&args, start))?
+    interrupt.run_interruptibly(move || open_session(&args, start))?
 }
 
 /// Creates a session for a complete dataset.
-fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
+fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
     if let Some(split) = &args.eval {
         dataset.split_named(split)?;
     }
-    announce(&dataset);
-    doubt_poses(&dataset);
+    print_dataset_notes(&dataset);
+    warn_about_poses(&dataset);
     Ok(match start {
         Start::New(config) => Session::new(dataset, *config, selection(args))?,
         Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
@@ -145,7 +150,7 @@ fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
 }
 
 /// Creates a session on the first frames of a recording in progress.
-fn followed(
+fn follow_session(
     args: &Arc<TrainArgs>,
     start: Start,
     interrupt: &Interrupt,
@@ -155,13 +160,13 @@ fn followed(
         Start::Saved(run, _) => run.config.selection.clone(),
     };
     let (path, load, taken) = (args.dataset.clone(), start.load_options(args), selection.clone());
-    let follow = interrupt.unless_asked(move || Follow::new(&path, &load, &taken))??;
+    let follow = interrupt.run_interruptibly(move || Follow::new(&path, &load, &taken))??;
     let is_forced = args.force;
     let session = follow::begin(follow, interrupt, move |dataset| match &start {
         Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
         Start::Saved(run, asked) => run.clone().resume(dataset, asked, is_forced),
     })?;
-    announce(session.dataset());
+    print_dataset_notes(session.dataset());
     if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {
         eprintln!("note: the split {split} does not exist yet; it is measured after training");
     }
@@ -170,10 +175,10 @@ fn followed(
 
 /// Prepares a new run, or the one of a checkpoint if its settings agree.
 fn start(args: &TrainArgs) -> Result<Start, Failure> {
-    let Some(path) = &args.resume else { return Ok(Start::New(Box::new(method(args)?))) };
+    let Some(path) = &args.resume else { return Ok(Start::New(Box::new(method_request(args)?))) };
     let run = SavedRun::read(path)?;
     let preset = args.preset.unwrap_or(run.config.method.preset());
-    let asked = asked(args, preset)?;
+    let asked = resume_request(args, preset)?;
     check(&run, &asked)?;
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }
@@ -182,7 +187,7 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
 ///
 /// # Errors
 /// The run, including measurements, would not fit in memory.
-fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
+fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
@@ -190,14 +195,14 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
         eprintln!("note: {KNOWN_CALIBRATION}");
     }
     let split = &session.dataset().splits[session.plan().split];
-    let color_camera = session.config().method.any().color_camera();
-    if let Some(Ok(Some(scaled))) = color_camera.map(|camera| split.scaling(&camera)) {
+    let color_camera = session.config().method.as_any().color_camera();
+    if let Some(Ok(Some(scaled))) = color_camera.map(|camera| split.camera_scaling(&camera)) {
         eprintln!("note: {scaled}");
     }
-    let preset = session.config().method.any();
+    let preset = session.config().method.as_any();
     let limit = preset.component_limit();
     let memory = match is_measured(session, args) {
-        true => with_measuring(session.memory(), photo_pixels(session, args), limit.components()),
+        true => with_evaluation(session.memory(), photo_pixels(session, args), limit.components()),
         false => session.memory(),
     };
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
@@ -212,7 +217,7 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
 const KNOWN_CALIBRATION: &str = "no calibration is given: the published calibration of the Kinect's colour camera is used (see report.json); --calibration FILE.ron selects another, `vbgs-studio calibrate DATASET` checks it";
 
 /// Number of frames trained on, including resumed ones.
-fn learnt(session: &Session) -> usize {
+fn trained_frames(session: &Session) -> usize {
     session.learner().frames() as usize
 }
 
@@ -256,15 +261,15 @@ pub fn train(
     let bar = progress::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
     bar.reset_eta();
-    let mut told = ToldProblem::default();
+    let mut told = ReportedProblem::default();
     loop {
-        if interrupt.is_asked() {
+        if interrupt.is_requested() {
             bar.abandon();
             return Ok(false);
         }
         // Returns regularly, so that an interrupt is handled even if the drive does not respond.
         let Some(step) = session.step_within(LOOK)? else { continue };
-        session.take_doubts().iter().for_each(|doubt| progress::warn(&bar, doubt));
+        session.take_outlier_warnings().iter().for_each(|doubt| progress::warn(&bar, doubt));
         match step {
             Step::Trained(frame) => {
                 bar.set_length(session.plan().frames.len() as u64);
@@ -279,7 +284,7 @@ pub fn train(
             Step::Waiting => {
                 bar.set_message("waiting for the next frame,");
                 if let Some(follow) = session.followed() {
-                    told.wait(follow, interrupt);
+                    told.wait_for_frames(follow, interrupt);
                 }
             }
             Step::Finished => break,
@@ -310,7 +315,7 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
         false => session.save_keeping_old(&checkpoint)?,
     };
     session.settle();
-    session.take_doubts().iter().for_each(|doubt| eprintln!("warning: {doubt}"));
+    session.take_outlier_warnings().iter().for_each(|doubt| eprintln!("warning: {doubt}"));
     let comments = file_comments(&session.config().method, session.learner().frames());
     let options = WriteOptions {
         comments: &comments,
@@ -340,13 +345,13 @@ fn save_report(
         output::write_text(&args.out.join(TRAJECTORY), &text)?;
     }
     if args.json {
-        return output::json(&report);
+        return output::print_json(&report);
     }
     if let Some(found) = &trajectory {
-        output::line(tracked::summary(found, report.tracking.as_ref()));
+        output::print_line(tracked::summary(found, report.tracking.as_ref()));
     }
     let summary = &report.summary;
-    output::line(format!(
+    output::print_line(format!(
         "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used, {} drawn",
         report.frames.len(),
         report.skipped.len(),
@@ -359,22 +364,22 @@ fn save_report(
     ));
     let fits = [&report.passes, &report.points].into_iter().flatten();
     for used in fits.filter(|used| used.device.is_some()) {
-        output::line(used.line());
+        output::print_line(used.summary_line());
     }
     if let Some(used) = &report.comparer {
-        output::line(used.line());
+        output::print_line(used.summary_line());
     }
-    report.seen.iter().for_each(|s| output::line(output::seen_early(s)));
-    report.eval.iter().for_each(|e| output::line(output::quality(e)));
-    output::line(format!("wrote {models}report.json to {}", args.out.display()));
+    report.seen.iter().for_each(|s| output::print_line(output::format_early(s)));
+    report.eval.iter().for_each(|e| output::print_line(output::quality(e)));
+    output::print_line(format!("wrote {models}report.json to {}", args.out.display()));
     Ok(())
 }
 
 /// Warns about outlier poses and about poses that do not follow the layout's convention, which would waste
 /// hours of training.
-fn doubt_poses(dataset: &Dataset) {
+fn warn_about_poses(dataset: &Dataset) {
     let split = dataset.training_split().ok();
-    for wild in split.map_or_else(Vec::new, |split| wild_poses(&dataset.splits[split])) {
+    for wild in split.map_or_else(Vec::new, |split| outlier_poses(&dataset.splits[split])) {
         eprintln!("warning: {wild}");
     }
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
@@ -384,7 +389,7 @@ fn doubt_poses(dataset: &Dataset) {
 }
 
 /// Prints a dataset's notes and warnings to stderr.
-pub fn announce(dataset: &Dataset) {
+pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }

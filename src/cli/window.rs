@@ -29,7 +29,7 @@ pub fn run(
     }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
     let interrupt = Interrupt::listen()?;
-    let is_ended = move |longest| interrupt.is_asked_within(longest);
+    let is_ended = move |longest| interrupt.wait_for_request(longest);
     end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 
@@ -39,7 +39,7 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
         (Ok(()), _) => Ok(()),
         // Training the demo headless would hide the program's error.
         (Err(error @ WindowError::Crashed(_)), _) => Err(Failure::failed(error)),
-        (Err(WindowError::Gone(error, run)), _) => go_on(&error, run),
+        (Err(WindowError::Gone(error, run)), _) => continue_headless(&error, run),
         (Err(error), None) => demo::run(&error.to_string()),
         (Err(error), Some(path)) => Err(Failure::failed(anyhow::anyhow!(
             "{}: {error}, so it cannot be opened in a window; use `train`, `eval`, `render`, `export` or `info`",
@@ -49,14 +49,16 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
 }
 
 /// Trains a run that lost its window to its end and writes its files.
-fn go_on(reason: &WindowError, run: Unattended) -> Result<(), Failure> {
-    output::line(format!("{reason}: the run continues without a window, output in {FOLDER}/"));
+fn continue_headless(reason: &WindowError, run: Unattended) -> Result<(), Failure> {
+    output::print_line(format!(
+        "{reason}: the run continues without a window, output in {FOLDER}/"
+    ));
     output::create_folder(Path::new(FOLDER))?;
     let notices = run.finish(Path::new(FOLDER));
     match notices.iter().find(|(kind, _)| *kind == NoticeKind::Error) {
         Some((_, text)) => Err(Failure::failed(anyhow::anyhow!("{text}"))),
         None => {
-            notices.iter().for_each(|(_, text)| output::line(text));
+            notices.iter().for_each(|(_, text)| output::print_line(text));
             Ok(())
         }
     }

@@ -25,13 +25,13 @@ pub fn warning(warning: &TrainingWarning) -> String {
         TrainingWarning::OverBudget { points } => format!(
             "{points} points were dropped because the budget was exhausted; raise --budget, or increase --scale if depth is noisy"
         ),
-        TrainingWarning::Coarsened { asked, scale } => format!(
+        TrainingWarning::Coarsened { requested: asked, scale } => format!(
             "the budget is too small for a structural scale of {asked}, which was increased to {scale}; raise --budget, or start with --scale {scale}, which is faster"
         ),
-        TrainingWarning::OutOfReach { points } => format!(
+        TrainingWarning::TooFarFromOrigin { points } => format!(
             "{points} points lie more than a million structural scales from the scene's origin and were dropped; correct outlier poses (listed by `info`) or the depth unit, or increase --scale"
         ),
-        TrainingWarning::Repaired { splats } => format!(
+        TrainingWarning::PrecisionReset { splats } => format!(
             "photometric precisions of {splats} splats were not positive definite and were reset; these splats again follow from points alone. --photometric off disables training on photographs"
         ),
     }
@@ -42,7 +42,7 @@ pub fn error(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain() {
         let told = cause.to_string();
-        let worded = by_options(cause);
+        let worded = reword_with_options(cause);
         if let Some(worded) = &worded
             && text.contains(&told)
         {
@@ -59,7 +59,7 @@ pub fn error(error: &anyhow::Error) -> String {
 }
 
 /// Rewords an error that refers to a setting with an option; `None` for other errors.
-fn by_options(error: &(dyn Error + 'static)) -> Option<String> {
+fn reword_with_options(error: &(dyn Error + 'static)) -> Option<String> {
     // The library's texts are edited rather than rewritten, because only they contain the numbers. A text
     // that no longer matches is shown unchanged, without its option.
     let text = || error.to_string();
@@ -218,9 +218,9 @@ mod tests {
     fn warnings_name_options() {
         let text = warning(&TrainingWarning::OverBudget { points: 3 });
         assert!(text.starts_with("3 points") && text.contains("raise --budget"), "{text}");
-        let text = warning(&TrainingWarning::Coarsened { asked: 0.01, scale: 0.0141421 });
+        let text = warning(&TrainingWarning::Coarsened { requested: 0.01, scale: 0.0141421 });
         assert!(text.contains("raise --budget") && text.contains("--scale 0.0141421,"), "{text}");
-        let text = warning(&TrainingWarning::OutOfReach { points: 4 });
+        let text = warning(&TrainingWarning::TooFarFromOrigin { points: 4 });
         assert!(text.contains("listed by `info`") && text.contains("increase --scale"), "{text}");
     }
 }

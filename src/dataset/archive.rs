@@ -2,7 +2,7 @@
 //! may unpack to a terabyte.
 
 use super::error::FrameProblem;
-use super::files::{PatientFile, open_file};
+use super::files::{RetryingFile, open_file};
 use std::borrow::Cow;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ const MAX_FACTOR: u64 = 1040;
 pub(super) struct Archive {
     path: PathBuf,
     // Reading moves the shared file position, hence the lock; decoding happens outside it.
-    zip: Mutex<ZipArchive<BufReader<PatientFile>>>,
+    zip: Mutex<ZipArchive<BufReader<RetryingFile>>>,
 }
 
 impl Archive {
@@ -27,7 +27,7 @@ impl Archive {
     ///
     /// # Errors
     /// Errors of the disk, so that an unreadable file does not count as another kind.
-    pub fn is_one(path: &Path) -> std::io::Result<bool> {
+    pub fn is_zip_archive(path: &Path) -> std::io::Result<bool> {
         let mut magic = [0; 4];
         match open_file(path).and_then(|mut file| file.read_exact(&mut magic)) {
             Ok(()) => Ok(magic == MAGIC),
@@ -38,7 +38,8 @@ impl Archive {
     }
 
     pub fn open(path: &Path) -> Result<Self, FrameProblem> {
-        let zip = ZipArchive::new(BufReader::new(PatientFile::open(path)?)).map_err(damaged)?;
+        let zip =
+            ZipArchive::new(BufReader::new(RetryingFile::open(path)?)).map_err(archive_error)?;
         Ok(Self { path: path.to_owned(), zip: Mutex::new(zip) })
     }
 
@@ -54,7 +55,7 @@ impl Archive {
     /// Reads and unpacks a member; refuses implausible sizes.
     pub fn read(&self, name: &str) -> Result<Vec<u8>, FrameProblem> {
         let mut zip = self.lock();
-        let mut member = zip.by_name(name).map_err(damaged)?;
+        let mut member = zip.by_name(name).map_err(archive_error)?;
         let (packed, stated) = (member.compressed_size(), member.size());
         if stated > MAX_MEMBER_BYTES || stated / MAX_FACTOR > packed {
             return Err(FrameProblem::ZipBomb { packed, unpacked: stated });
@@ -68,7 +69,7 @@ impl Archive {
         Ok(bytes)
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<PatientFile>>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {
         // A panic while unpacking leaves no state that the next seek does not reset.
         self.zip.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -80,7 +81,7 @@ impl std::fmt::Debug for Archive {
     }
 }
 
-fn damaged(error: ZipError) -> FrameProblem {
+fn archive_error(error: ZipError) -> FrameProblem {
     match error {
         // A disk error: exporting the recording again would not help.
         ZipError::Io(e) if e.raw_os_error().is_some() => FrameProblem::Read(e),

@@ -33,7 +33,7 @@ impl fmt::Display for ScaledCamera {
     "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or a size of the same aspect ratio, found {}×{}; give a calibration of these photographs",
     found[0], found[1], calibrated[0], calibrated[1]
 )]
-pub struct OtherShape {
+pub struct AspectRatioMismatch {
     /// Name of a frame with such a photograph.
     pub frame: String,
     /// Columns and rows of its photograph.
@@ -47,14 +47,17 @@ impl DatasetSplit {
     ///
     /// # Errors
     /// [`OtherShape`] for the first photograph whose aspect ratio differs.
-    pub fn scaling(&self, camera: &ColorCamera) -> Result<Option<ScaledCamera>, OtherShape> {
+    pub fn camera_scaling(
+        &self,
+        camera: &ColorCamera,
+    ) -> Result<Option<ScaledCamera>, AspectRatioMismatch> {
         let Some(calibrated) = camera.size else { return Ok(None) };
         let mut scaled = None;
         for frame in &self.frames {
             let k = frame.photo_camera(None).intrinsics;
             let found = [k.width, k.height];
-            if !have_one_shape(calibrated, found) {
-                return Err(OtherShape { frame: frame.name.clone(), found, calibrated });
+            if !have_same_aspect_ratio(calibrated, found) {
+                return Err(AspectRatioMismatch { frame: frame.name.clone(), found, calibrated });
             }
             if found != calibrated {
                 scaled = scaled.or(Some(ScaledCamera { calibrated, found }));
@@ -65,7 +68,7 @@ impl DatasetSplit {
 }
 
 /// True if the aspect ratios agree up to the rounding of sides to whole pixels.
-fn have_one_shape(one: [u32; 2], other: [u32; 2]) -> bool {
+fn have_same_aspect_ratio(one: [u32; 2], other: [u32; 2]) -> bool {
     let ([w, h], [width, height]) = (one.map(i64::from), other.map(i64::from));
     (w * height - h * width).abs() < w.max(h).max(width).max(height)
 }
@@ -77,10 +80,10 @@ mod tests {
     #[test]
     fn sizes_of_one_shape_differ_by_less_than_a_pixel() {
         for scaled in [[960, 720], [1920, 1440], [641, 481], [3, 2], [5760, 4321]] {
-            assert!(have_one_shape([1920, 1440], scaled), "{scaled:?}");
+            assert!(have_same_aspect_ratio([1920, 1440], scaled), "{scaled:?}");
         }
         for other in [[1920, 1080], [1440, 1920], [640, 478], [1920, 1442]] {
-            assert!(!have_one_shape([1920, 1440], other), "{other:?}");
+            assert!(!have_same_aspect_ratio([1920, 1440], other), "{other:?}");
         }
     }
 }

@@ -194,7 +194,7 @@ impl ColorCamera {
     };
 
     /// The depth camera's lens for a colour image of another size, as phones record it.
-    pub(super) fn resampled(depth: &Intrinsics, size: [u32; 2]) -> Self {
+    pub(super) fn from_depth_intrinsics(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],
             principal: [depth.cx, depth.cy],
@@ -202,12 +202,12 @@ impl ColorCamera {
             rotation: [0.0; 3],
             size: Some([depth.width, depth.height]),
         };
-        camera.at_size(size)
+        camera.scaled_to(size)
     }
 
     /// Scales the intrinsics to images of another size. Without a stored size, the intrinsics are those of
     /// `size`.
-    pub fn at_size(self, size: [u32; 2]) -> Self {
+    pub fn scaled_to(self, size: [u32; 2]) -> Self {
         let [own_width, own_height] = self.size.unwrap_or(size).map(f64::from);
         let [width, height] = size.map(f64::from);
         let ([sx, sy], [fx, fy], [cx, cy]) =
@@ -217,17 +217,17 @@ impl ColorCamera {
 
     /// Sets the extrinsics from the poses of the depth and colour image, for a camera that moved between
     /// them.
-    pub(super) fn standing(self, depth: &Pose, color: &Pose) -> Self {
+    pub(super) fn with_extrinsics_between(self, depth: &Pose, color: &Pose) -> Self {
         let (offset, turn) = depth.offset_to(color);
         Self { offset: offset.to_array(), rotation: turn.to_scaled_axis().to_array(), ..self }
     }
 
     /// World pose and intrinsics, given the depth camera.
-    pub fn beside(&self, depth: &Camera) -> Camera {
+    pub fn camera_at(&self, depth: &Camera) -> Camera {
         let offset = DVec3::from_array(self.offset);
         Camera {
             intrinsics: self.intrinsics(depth.intrinsics),
-            pose: depth.pose.attached(offset, self.turn()),
+            pose: depth.pose.attached_camera(offset, self.rotation_quat()),
         }
     }
 
@@ -239,24 +239,24 @@ impl ColorCamera {
     }
 
     /// Rotation from the colour camera's axes to the depth camera's.
-    pub(super) fn turn(&self) -> DQuat {
+    pub(super) fn rotation_quat(&self) -> DQuat {
         DQuat::from_scaled_axis(DVec3::from_array(self.rotation))
     }
 
     pub(super) fn color_from_depth(&self) -> DMat3 {
         // `rotation` maps axes from colour to depth; points map the other way.
-        DMat3::from_quat(self.turn().inverse())
+        DMat3::from_quat(self.rotation_quat().inverse())
     }
 
     /// Transforms a point from the depth camera's frame to the colour camera's.
-    pub fn turned(&self, point: DVec3) -> DVec3 {
+    pub fn to_color_frame(&self, point: DVec3) -> DVec3 {
         self.color_from_depth() * (point - DVec3::from_array(self.offset))
     }
 
     /// Projects a point of the depth camera's frame to pixel coordinates (centres at +½); `None` behind the
     /// camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
-        let p = self.turned(point);
+        let p = self.to_color_frame(point);
         let [focal, principal] = [self.focal, self.principal].map(DVec2::from_array);
         (p.z > 0.0).then(|| focal * p.truncate() / p.z + principal)
     }

@@ -5,7 +5,7 @@
 //! nothing, are checked in all frames.
 
 use super::entry::{DatasetSplit, FrameEntry};
-use super::sharpness::PictureMeasure;
+use super::sharpness::PhotoQuality;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
@@ -22,7 +22,7 @@ const MIN_NEIGHBOURS: usize = 3;
 const BLURRED: f64 = 0.5;
 /// A brightness step is a jump if it exceeds this factor and this multiple of the median step.
 const JUMP: f64 = 1.15;
-const TIMES_USUAL: f64 = 5.0;
+const JUMP_PER_MEDIAN: f64 = 5.0;
 /// A gap exceeds this multiple of the median time step: at least two frames are missing.
 const GAP: f64 = 2.5;
 
@@ -89,24 +89,24 @@ impl CaptureCheck {
 /// ```
 pub fn check(split: &DatasetSplit) -> CaptureCheck {
     let frames = &split.frames;
-    let runs: Vec<Vec<Look>> =
-        runs(frames.len()).into_iter().map(|run| look(frames, run)).collect();
-    let jumps = jumps(&runs);
-    let (usual_step_s, gaps) = gaps(frames);
+    let runs: Vec<Vec<MeasuredFrame>> =
+        runs(frames.len()).into_iter().map(|run| measure_frames(frames, run)).collect();
+    let jumps = find_brightness_jumps(&runs);
+    let (usual_step_s, gaps) = find_time_gaps(frames);
     CaptureCheck {
         looked_at: runs.iter().map(Vec::len).sum(),
         frames: frames.len(),
-        blurred: runs.iter().flat_map(|run| blurred(run)).collect(),
+        blurred: runs.iter().flat_map(|run| find_blurred(run)).collect(),
         brightness_jumps: jumps,
         usual_step_s,
         gaps,
     }
 }
 
-struct Look<'a> {
+struct MeasuredFrame<'a> {
     index: usize,
     name: &'a str,
-    measure: PictureMeasure,
+    measure: PhotoQuality,
 }
 
 /// All frames, or evenly spaced runs of them.
@@ -118,17 +118,17 @@ fn runs(n: usize) -> Vec<Range<usize>> {
     (0..n_runs).map(|i| i * (n - RUN) / (n_runs - 1)).map(|first| first..first + RUN).collect()
 }
 
-fn look(frames: &[FrameEntry], run: Range<usize>) -> Vec<Look<'_>> {
+fn measure_frames(frames: &[FrameEntry], run: Range<usize>) -> Vec<MeasuredFrame<'_>> {
     let one = |index: usize| {
         let frame = frames.get(index).filter(|frame| frame.has_photograph())?;
         let color = frame.load_color().ok()?;
-        Some(Look { index, name: &frame.name, measure: PictureMeasure::of(&color) })
+        Some(MeasuredFrame { index, name: &frame.name, measure: PhotoQuality::of(&color) })
     };
     run.into_par_iter().filter_map(one).collect()
 }
 
-fn blurred(run: &[Look]) -> Vec<BlurredFrame> {
-    let one = |(i, look): (usize, &Look)| {
+fn find_blurred(run: &[MeasuredFrame]) -> Vec<BlurredFrame> {
+    let one = |(i, look): (usize, &MeasuredFrame)| {
         let sharpness = look.measure.sharpness?;
         let near = run.iter().enumerate().take(i + REACH + 1).skip(i.saturating_sub(REACH));
         let others = near.filter(|(j, _)| *j != i).filter_map(|(_, look)| look.measure.sharpness);
@@ -140,25 +140,25 @@ fn blurred(run: &[Look]) -> Vec<BlurredFrame> {
     run.iter().enumerate().filter_map(one).collect()
 }
 
-fn jumps(runs: &[Vec<Look>]) -> Vec<BrightnessJump> {
+fn find_brightness_jumps(runs: &[Vec<MeasuredFrame>]) -> Vec<BrightnessJump> {
     let steps = runs.iter().flat_map(|run| run.windows(2)).filter_map(|pair| match pair {
         // An unreadable frame in between breaks the pair.
         [before, here] if here.index == before.index + 1 => {
             // Black frames have no ratio; half a code of 255 keeps it finite.
-            let lifted = |look: &Look| look.measure.brightness + 0.5 / 255.0;
+            let lifted = |look: &MeasuredFrame| look.measure.brightness + 0.5 / 255.0;
             Some((here.name, lifted(here) / lifted(before)))
         }
         _ => None,
     });
     let steps: Vec<(&str, f64)> = steps.collect();
     let usual = median(steps.iter().map(|(_, factor)| factor.ln().abs()).collect());
-    let limit = JUMP.ln().max(TIMES_USUAL * usual.unwrap_or(0.0));
+    let limit = JUMP.ln().max(JUMP_PER_MEDIAN * usual.unwrap_or(0.0));
     let far = steps.into_iter().filter(|(_, factor)| factor.ln().abs() > limit);
     far.map(|(frame, factor)| BrightnessJump { frame: frame.to_owned(), factor }).collect()
 }
 
 /// Median time step, and the steps that deviate from it.
-fn gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
+fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     let steps: Vec<(&str, f64)> = frames
         .array_windows()
         .filter_map(|[before, here]| Some((here.name.as_str(), here.time? - before.time?)))
@@ -180,12 +180,12 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn run_of(measures: &[(f64, f64)]) -> Vec<Look<'static>> {
+    fn run_of(measures: &[(f64, f64)]) -> Vec<MeasuredFrame<'static>> {
         let names = ["0", "1", "2", "3", "4", "5", "6", "7"];
-        let look = |(index, &(sharpness, brightness)): (usize, &(f64, f64))| Look {
+        let look = |(index, &(sharpness, brightness)): (usize, &(f64, f64))| MeasuredFrame {
             index,
             name: names[index],
-            measure: PictureMeasure { sharpness: Some(sharpness), brightness },
+            measure: PhotoQuality { sharpness: Some(sharpness), brightness },
         };
         measures.iter().enumerate().map(look).collect()
     }
@@ -203,22 +203,27 @@ mod tests {
     #[test]
     fn frames_are_judged_by_their_neighbours() {
         let falling = [1.0, 0.95, 0.9, 0.8, 0.45, 0.7, 0.65, 0.6].map(|s| (s, 0.5));
-        assert_eq!(blurred(&run_of(&falling)), [], "more than half of 0.8");
+        assert_eq!(find_blurred(&run_of(&falling)), [], "more than half of 0.8");
         let shaken = [1.0, 1.0, 0.2, 0.3, 1.0, 1.0, 1.0, 1.0].map(|s| (s, 0.5));
-        let found: Vec<String> = blurred(&run_of(&shaken)).into_iter().map(|b| b.frame).collect();
+        let found: Vec<String> =
+            find_blurred(&run_of(&shaken)).into_iter().map(|b| b.frame).collect();
         assert_eq!(found, ["2", "3"], "two in a row as well");
-        assert_eq!(blurred(&run_of(&[(1.0, 0.5), (0.1, 0.5)])), [], "too few to compare with");
+        assert_eq!(find_blurred(&run_of(&[(1.0, 0.5), (0.1, 0.5)])), [], "too few to compare with");
     }
 
     #[test]
     fn jumps_stand_out_from_what_is_usual() {
         let calm = [0.5, 0.51, 0.5, 0.75, 0.76, 0.75, 0.74, 0.75].map(|b| (1.0, b));
-        let found = jumps(&[run_of(&calm)]);
+        let found = find_brightness_jumps(&[run_of(&calm)]);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].frame == "3" && (found[0].factor - 1.5).abs() < 0.01, "{found:?}");
         let wild = [0.3, 0.6, 0.25, 0.7, 0.3, 0.5, 0.2, 0.6].map(|b| (1.0, b));
-        assert_eq!(jumps(&[run_of(&wild)]), [], "views all around have no neighbours");
+        assert_eq!(
+            find_brightness_jumps(&[run_of(&wild)]),
+            [],
+            "views all around have no neighbours"
+        );
         let apart = vec![run_of(&[(1.0, 0.2)]), run_of(&[(1.0, 0.8)])];
-        assert_eq!(jumps(&apart), [], "runs are far from each other");
+        assert_eq!(find_brightness_jumps(&apart), [], "runs are far from each other");
     }
 }

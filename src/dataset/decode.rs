@@ -2,7 +2,7 @@
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
-use super::files::{PatientFile, open_file};
+use super::files::{RetryingFile, open_file};
 use super::lengths;
 use super::source::ByteSource;
 use super::surface::sensor::Sensor;
@@ -19,7 +19,7 @@ pub(super) struct DepthEncoding {
     pub kind: DepthKind,
     pub trusted: [f64; 2],
     /// World units per metre.
-    pub metre: f64,
+    pub units_per_metre: f64,
     /// Kind of depth sensor, known from the layout and not from the file.
     pub sensor: Sensor,
 }
@@ -54,13 +54,13 @@ pub(super) struct ImageHeader {
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
         // Not read whole: opening a dataset reads thousands of headers.
-        ByteSource::File(path) => header_of(BufReader::new(PatientFile::open(path)?)),
+        ByteSource::File(path) => header_of(BufReader::new(RetryingFile::open(path)?)),
         _ => header_of(Cursor::new(source.read()?)),
     }
 }
 
 fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
-    guarded(|| {
+    catch_decoder_panic(|| {
         // The content decides, not the name: a JPEG named `.png` is decoded as JPEG.
         let decoder = ImageReader::new(bytes).with_guessed_format()?.into_decoder()?;
         let (width, height) = decoder.dimensions();
@@ -82,7 +82,7 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     if !lengths::is_known(&bytes) {
         return header_of(Cursor::new(bytes)).map(|header| (header.width, header.height));
     }
-    let (width, height) = guarded(|| lengths::size(&bytes))?;
+    let (width, height) = catch_decoder_panic(|| lengths::size(&bytes))?;
     Ok((width as u32, height as u32))
 }
 
@@ -118,13 +118,13 @@ pub(super) fn depth(
     let codes = match encoding.codes {
         CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
         CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
-            guarded(|| lengths::decode(&bytes, unit))?
+            catch_decoder_panic(|| lengths::decode(&bytes, unit))?
         }
         CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => linear16(image()?, unit)?,
         CodeKind::Inverse8 => inverse8(image()?)?,
     };
-    let DepthEncoding { kind, trusted, metre, .. } = *encoding;
-    Ok(Depth { codes, kind, trusted, metre })
+    let DepthEncoding { kind, trusted, units_per_metre: metre, .. } = *encoding;
+    Ok(Depth { codes, kind, trusted, units_per_metre: metre })
 }
 
 /// Decodes a sensor's confidence per pixel, 0 to 2: a grey image, or bytes without header of `size`.
@@ -153,9 +153,9 @@ fn inverse8(image: DynamicImage) -> Result<DepthCodes, FrameProblem> {
         DynamicImage::ImageLuma8(i) => {
             DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
         }
-        DynamicImage::ImageLumaA8(i) => eight(width, height, &i, 2),
-        DynamicImage::ImageRgb8(i) => eight(width, height, &i, 3),
-        DynamicImage::ImageRgba8(i) => eight(width, height, &i, 4),
+        DynamicImage::ImageLumaA8(i) => inverse8_channel(width, height, &i, 2),
+        DynamicImage::ImageRgb8(i) => inverse8_channel(width, height, &i, 3),
+        DynamicImage::ImageRgba8(i) => inverse8_channel(width, height, &i, 4),
         _ => {
             let hint = "export all depth of a split in one format";
             return Err(FrameProblem::DepthFormat { expected: "8-bit", found, hint });
@@ -170,9 +170,9 @@ fn linear16(image: DynamicImage, unit: f64) -> Result<DepthCodes, FrameProblem> 
         DynamicImage::ImageLuma16(i) => {
             DepthCodes::Linear16 { codes: Image::from_vec(width, height, i.into_raw()), unit }
         }
-        DynamicImage::ImageLumaA16(i) => sixteen(width, height, &i, 2, unit),
-        DynamicImage::ImageRgb16(i) => sixteen(width, height, &i, 3, unit),
-        DynamicImage::ImageRgba16(i) => sixteen(width, height, &i, 4, unit),
+        DynamicImage::ImageLumaA16(i) => linear16_channel(width, height, &i, 2, unit),
+        DynamicImage::ImageRgb16(i) => linear16_channel(width, height, &i, 3, unit),
+        DynamicImage::ImageRgba16(i) => linear16_channel(width, height, &i, 4, unit),
         _ => {
             let hint = "export depth as 16-bit gray PNG";
             return Err(FrameProblem::DepthFormat { expected: "16-bit gray", found, hint });
@@ -180,12 +180,18 @@ fn linear16(image: DynamicImage, unit: f64) -> Result<DepthCodes, FrameProblem> 
     })
 }
 
-fn eight(width: usize, height: usize, raw: &[u8], channels: usize) -> DepthCodes {
+fn inverse8_channel(width: usize, height: usize, raw: &[u8], channels: usize) -> DepthCodes {
     let data = raw.iter().copied().step_by(channels).collect();
     DepthCodes::Inverse8(Image::from_vec(width, height, data))
 }
 
-fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64) -> DepthCodes {
+fn linear16_channel(
+    width: usize,
+    height: usize,
+    raw: &[u16],
+    channels: usize,
+    unit: f64,
+) -> DepthCodes {
     let data = raw.iter().copied().step_by(channels).collect();
     DepthCodes::Linear16 { codes: Image::from_vec(width, height, data), unit }
 }
@@ -201,10 +207,10 @@ fn decode(
     // Decoders silently fill the rest of a truncated JPEG with grey. A truncated PNG is an error of its
     // decoder, but only after the memory is allocated.
     let format = reader.format();
-    if format == Some(ImageFormat::Jpeg) && !jpeg_ends(bytes) {
+    if format == Some(ImageFormat::Jpeg) && !has_jpeg_end(bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
-    guarded(|| {
+    catch_decoder_panic(|| {
         let decoder = reader.into_decoder()?;
         // Checked before decoding: a small file may unpack to a thousand times its bytes.
         if decoder.dimensions() != size {
@@ -224,13 +230,15 @@ fn decode(
 
 /// Turns a panic of a third-party image decoder into an error of that frame. Nothing that the panic could
 /// have left half done is used afterwards.
-fn guarded<T>(read: impl FnOnce() -> Result<T, FrameProblem>) -> Result<T, FrameProblem> {
+fn catch_decoder_panic<T>(
+    read: impl FnOnce() -> Result<T, FrameProblem>,
+) -> Result<T, FrameProblem> {
     catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(FrameProblem::DecoderCrash))
 }
 
 /// True if an end-of-image marker follows the first scan of a JPEG. Inside a scan every 0xFF byte is
 /// stuffed, so `FF D9` there cannot be data; thumbnails lie in segments before it.
-pub(super) fn jpeg_ends(bytes: &[u8]) -> bool {
+pub(super) fn has_jpeg_end(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
     // After the start-of-image marker, which has no length field.
     let mut at = 2;
@@ -253,10 +261,10 @@ mod tests {
 
     #[test]
     fn a_decoder_that_panics_is_an_error_of_the_file() {
-        let crash = guarded::<()>(|| panic!("a defect of the decoder"));
+        let crash = catch_decoder_panic::<()>(|| panic!("a defect of the decoder"));
         assert!(matches!(crash, Err(FrameProblem::DecoderCrash)), "{crash:?}");
-        assert!(matches!(guarded(|| Ok(7)), Ok(7)));
-        let error = guarded::<()>(|| Err(FrameProblem::TruncatedJpeg));
+        assert!(matches!(catch_decoder_panic(|| Ok(7)), Ok(7)));
+        let error = catch_decoder_panic::<()>(|| Err(FrameProblem::TruncatedJpeg));
         assert!(matches!(error, Err(FrameProblem::TruncatedJpeg)), "{error:?}");
     }
 }

@@ -52,7 +52,7 @@ pub struct Depth {
     /// unreliable.
     pub trusted: [f64; 2],
     /// World units per metre; converts sensor properties that are known in metres.
-    pub metre: f64,
+    pub units_per_metre: f64,
 }
 
 impl Depth {
@@ -75,7 +75,7 @@ impl Depth {
     }
 
     /// True if a length lies in the trusted interval.
-    pub fn trusts(&self, value: f64) -> bool {
+    pub fn is_trusted(&self, value: f64) -> bool {
         value > self.trusted[0] && value < self.trusted[1]
     }
 
@@ -93,7 +93,7 @@ impl Depth {
     }
 
     /// Makes holes at the pixel indices for which `is_hole` holds.
-    pub(super) fn punch(&mut self, is_hole: impl Fn(usize) -> bool) {
+    pub(super) fn make_holes(&mut self, is_hole: impl Fn(usize) -> bool) {
         fn punched<T: Copy>(data: &mut [T], hole: T, is_hole: impl Fn(usize) -> bool) {
             data.iter_mut().enumerate().filter(|(i, _)| is_hole(*i)).for_each(|(_, v)| *v = hole);
         }
@@ -105,7 +105,7 @@ impl Depth {
     }
 
     /// Resamples to the undistorted pinhole camera `k`.
-    pub(super) fn straighten(&mut self, lens: &Distortion, k: &Intrinsics) {
+    pub(super) fn undistort(&mut self, lens: &Distortion, k: &Intrinsics) {
         fn replace<T>(image: &mut Image<T>, new: impl Fn(&Image<T>) -> Option<Image<T>>) {
             if let Some(new) = new(image) {
                 *image = new;
@@ -115,18 +115,18 @@ impl Depth {
         match &mut self.codes {
             DepthCodes::Inverse8(codes) => {
                 // Ray distances do not change when the camera rotates.
-                replace(codes, |codes| lens.straighten_depth(k, codes, 0, |code, _| code));
+                replace(codes, |codes| lens.undistort_depth(k, codes, 0, |code, _| code));
             }
             DepthCodes::Linear16 { codes, .. } => {
                 let along_axis = |code: u16, factor| match code {
                     0 | HOLE16 => code,
                     code => (f64::from(code) * scaled(factor)).round() as u16,
                 };
-                replace(codes, |codes| lens.straighten_depth(k, codes, 0, along_axis));
+                replace(codes, |codes| lens.undistort_depth(k, codes, 0, along_axis));
             }
             DepthCodes::Lengths(lengths) => {
                 let along_axis = |length, factor| length * scaled(factor) as f32;
-                replace(lengths, |lengths| lens.straighten_depth(k, lengths, 0.0, along_axis));
+                replace(lengths, |lengths| lens.undistort_depth(k, lengths, 0.0, along_axis));
             }
         }
     }

@@ -25,7 +25,7 @@ pub(super) struct Distortion {
 }
 
 /// Position in the recorded image, pixels, and the factor on depth along the optical axis there.
-struct Source {
+struct SourcePixel {
     at: DVec2,
     factor: f64,
 }
@@ -36,7 +36,7 @@ impl Distortion {
     }
 
     /// Maps a pinhole camera's normalised image coordinates to distorted ones.
-    pub fn apply(&self, slope: DVec2) -> DVec2 {
+    pub fn distort(&self, slope: DVec2) -> DVec2 {
         let DVec2 { x, y } = slope;
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
         let r2 = slope.length_squared();
@@ -50,13 +50,13 @@ impl Distortion {
 
     /// Resamples the photograph to the pinhole `k`; `None` if nothing changes. Pixels outside the lens's
     /// image are transparent; if only the rolling shutter moved them out, they repeat the image's edge.
-    pub fn straighten_color(
+    pub fn undistort_color(
         &self,
         k: &Intrinsics,
         image: &Image<[u8; 4]>,
     ) -> Option<Image<[u8; 4]>> {
-        let beyond = !self.color.is_none(k) && self.is_pinhole();
-        self.resample(k, (self.color, beyond), image, [0; 4], |Source { at, .. }| {
+        let beyond = !self.color.is_negligible(k) && self.is_pinhole();
+        self.resample(k, (self.color, beyond), image, [0; 4], |SourcePixel { at, .. }| {
             let last = DVec2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
             let corner = (at - 0.5).clamp(DVec2::ZERO, last);
             let (x, y) = (corner.x as usize, corner.y as usize);
@@ -78,14 +78,14 @@ impl Distortion {
     /// Resamples depth to the pinhole `k` by nearest neighbour; `None` if nothing changes. Pixels outside
     /// the image become `hole`. `along_axis(value, factor)` converts depth along the optical axis of the
     /// pixel's own row to that of the middle row.
-    pub fn straighten_depth<T: Copy + Send + Sync>(
+    pub fn undistort_depth<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
         image: &Image<T>,
         hole: T,
         along_axis: impl Fn(T, f64) -> T + Sync,
     ) -> Option<Image<T>> {
-        self.resample(k, (self.depth, false), image, hole, |Source { at, factor }| {
+        self.resample(k, (self.depth, false), image, hole, |SourcePixel { at, factor }| {
             along_axis(*image.at(at.x as usize, at.y as usize), factor)
         })
     }
@@ -97,9 +97,9 @@ impl Distortion {
         (shutter, beyond): (RollingShutter, bool),
         image: &Image<T>,
         hole: T,
-        value: impl Fn(Source) -> T + Sync,
+        value: impl Fn(SourcePixel) -> T + Sync,
     ) -> Option<Image<T>> {
-        let is_still = shutter.is_none(k);
+        let is_still = shutter.is_negligible(k);
         if is_still && self.is_pinhole() {
             return None;
         }
@@ -110,12 +110,13 @@ impl Distortion {
         out.data.par_chunks_mut(image.width.max(1)).enumerate().for_each(|(row, out)| {
             for (column, out) in out.iter_mut().enumerate() {
                 let slope = k.ray(column, row).truncate();
-                let (slope, factor) = if is_still { (slope, 1.0) } else { shutter.apply(k, slope) };
-                let slope = if is_pinhole { slope } else { lens.apply(slope) };
+                let (slope, factor) =
+                    if is_still { (slope, 1.0) } else { shutter.source_direction(k, slope) };
+                let slope = if is_pinhole { slope } else { lens.distort(slope) };
                 let at = slope * focal + principal;
                 // This form treats NaN as outside.
                 if beyond || at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all() {
-                    *out = value(Source { at, factor });
+                    *out = value(SourcePixel { at, factor });
                 }
             }
         });
@@ -133,10 +134,10 @@ mod tests {
         let pixels = (0..16 * 12).map(|i| [i as u8, 7, 9, 255]).collect();
         let image = Image::from_vec(16, 12, pixels);
         let none = Distortion::default();
-        assert_eq!(none.straighten_color(&k, &image), None);
-        assert_eq!(none.straighten_depth(&k, &image, [0; 4], |v, _| v), None);
+        assert_eq!(none.undistort_color(&k, &image), None);
+        assert_eq!(none.undistort_depth(&k, &image, [0; 4], |v, _| v), None);
         let hardly = Distortion { radial: [1e-12, 0.0, 0.0], ..none };
-        assert_eq!(hardly.straighten_color(&k, &image), Some(image));
+        assert_eq!(hardly.undistort_color(&k, &image), Some(image));
     }
 
     /// Formula of OpenCV's documentation, worked by hand at (0.2, −0.1).
@@ -147,7 +148,7 @@ mod tests {
             tangential: [0.001, -0.002],
             ..Distortion::default()
         };
-        let found = lens.apply(DVec2::new(0.2, -0.1));
+        let found = lens.distort(DVec2::new(0.2, -0.1));
         let radial = 1.0 + 0.1 * 0.05 - 0.02 * 0.0025 + 0.003 * 0.000125;
         let x = 0.2 * radial + 2.0 * 0.001 * -0.02 - 0.002 * (0.05 + 0.08);
         let y = -0.1 * radial + 0.001 * (0.05 + 0.02) + 2.0 * -0.002 * -0.02;

@@ -46,7 +46,7 @@ impl<T: Copy> Padded<T> {
     }
 
     /// The padded rows above, at and below row `row` of the image.
-    fn around(&self, row: usize) -> [&[T]; 3] {
+    fn padded_rows(&self, row: usize) -> [&[T]; 3] {
         let at = |i: usize| &self.values[(row + i) * self.stride..(row + i + 1) * self.stride];
         [at(0), at(1), at(2)]
     }
@@ -54,8 +54,8 @@ impl<T: Copy> Padded<T> {
 
 /// Writes 1 for each mixed pixel of the row, else 0.
 #[inline(always)]
-pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
-    opposite_pairs(image, row, mixed, |a, d, b| {
+pub(super) fn mark_mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
+    mark_between_opposite(image, row, mixed, |a, d, b| {
         let (low, high) = (a.min(b), a.max(b));
         // `&` instead of `&&`: without branches the row vectorises.
         (high - low >= JUMP)
@@ -67,7 +67,7 @@ pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
 /// Writes 1 for each mixed pixel of a row of lengths, else 0. Lengths are in world units (0 at holes),
 /// `metre` in world units per metre, `focal` in pixels.
 #[inline(always)]
-pub(super) fn mixed_lengths(
+pub(super) fn mark_mixed_lengths(
     image: &Padded<f32>,
     row: usize,
     focal: f32,
@@ -76,7 +76,7 @@ pub(super) fn mixed_lengths(
 ) {
     let per_metre = 1.0 / metre;
     let per_depth = STEEPEST_PLANE / focal;
-    opposite_pairs(image, row, mixed, |a, d, b| {
+    mark_between_opposite(image, row, mixed, |a, d, b| {
         let q = metre * sensor_noise(d * per_metre);
         let jump = (f32::from(JUMP) * q).max(per_depth * d);
         let (low, high) = (a.min(b), a.max(b));
@@ -87,14 +87,14 @@ pub(super) fn mixed_lengths(
 
 /// Passes over whole rows of one length, which the compiler vectorises.
 #[inline(always)]
-fn opposite_pairs<T: Copy>(
+fn mark_between_opposite<T: Copy>(
     image: &Padded<T>,
     row: usize,
     mixed: &mut [u8],
     is_between: impl Fn(T, T, T) -> bool,
 ) {
     let width = mixed.len();
-    let [above, here, below] = image.around(row);
+    let [above, here, below] = image.padded_rows(row);
     let (al, ac, ar) = (&above[..width], &above[1..=width], &above[2..width + 2]);
     let (hl, hc, hr) = (&here[..width], &here[1..=width], &here[2..width + 2]);
     let (bl, bc, br) = (&below[..width], &below[1..=width], &below[2..width + 2]);
@@ -134,7 +134,7 @@ mod tests {
             (0, 179, 180, false),
             (250, 255, 255, false),
         ] {
-            let judge = |p: &Padded<u8>, m: &mut [u8]| mixed_levels(p, 1, m);
+            let judge = |p: &Padded<u8>, m: &mut [u8]| mark_mixed_levels(p, 1, m);
             let turned = [
                 [d, d, d, a, d, b, d, d, d],
                 [d, a, d, d, d, d, d, b, d],
@@ -162,7 +162,7 @@ mod tests {
             (3.0, 3.05, 3.1, 585.0, false),
             (3.0, 3.2, 3.4, 585.0, true),
         ] {
-            let judge = |p: &Padded<f32>, m: &mut [u8]| mixed_lengths(p, 1, focal, 1.0, m);
+            let judge = |p: &Padded<f32>, m: &mut [u8]| mark_mixed_lengths(p, 1, focal, 1.0, m);
             let image: [f32; 9] = [d, d, d, a, d, b, d, d, d];
             assert_eq!(middle(image, judge), is_mixed, "{image:?} at focal length {focal}");
         }

@@ -90,7 +90,7 @@ impl FrameEntry {
                     // The grey stand-in has the depth's size, checked when the depth is decoded.
                     ByteSource::Grey(_) => {
                         let depth = self.depth(files)?;
-                        (self.grey(), depth)
+                        (self.grey_image(), depth)
                     }
                     _ => (self.color(files)?, self.depth(files)?),
                 };
@@ -140,7 +140,7 @@ impl FrameEntry {
         // The photograph's size: decoding refuses any other.
         let size = self.color_camera.and_then(|color| color.size).unwrap_or([width, height]);
         let color = photographed_by(self.color_camera, calibrated, size);
-        color.map_or(camera, |color| color.beside(&camera))
+        color.map_or(camera, |color| color.camera_at(&camera))
     }
 
     /// True if the frame has a photograph.
@@ -175,7 +175,7 @@ impl FrameEntry {
                 let map = depth.confidence.as_ref().map(|(map, _)| map);
                 std::iter::once(&depth.file).chain(map)
             });
-            std::iter::once(&files.color).chain(depth).map(ByteSource::container)
+            std::iter::once(&files.color).chain(depth).map(ByteSource::disk_path)
         })
     }
 
@@ -193,7 +193,9 @@ impl FrameEntry {
     pub(super) fn metre(&self) -> Option<f64> {
         match &self.source {
             FrameSource::Synthetic { .. } => Some(1.0),
-            FrameSource::Files(files) => files.depth.as_ref().map(|depth| depth.encoding.metre),
+            FrameSource::Files(files) => {
+                files.depth.as_ref().map(|depth| depth.encoding.units_per_metre)
+            }
         }
     }
 
@@ -206,7 +208,7 @@ impl FrameEntry {
     }
 
     /// Stand-in for a missing photograph.
-    fn grey(&self) -> Image<[u8; 4]> {
+    fn grey_image(&self) -> Image<[u8; 4]> {
         let k = &self.camera.intrinsics;
         Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255])
     }
@@ -214,13 +216,14 @@ impl FrameEntry {
     fn color(&self, files: &FrameFiles) -> Result<Image<[u8; 4]>, FrameError> {
         if let ByteSource::Grey(_) = files.color {
             self.depth(files)?;
-            return Ok(self.grey());
+            return Ok(self.grey_image());
         }
         // The intrinsics come from a few images of the split or from metadata; every image must fit them.
         let k = self.photo_camera(None).intrinsics;
         let size = (k.width, k.height);
-        let color = decode::color(&files.color, size).map_err(|p| self.fail(&files.color, p))?;
-        Ok(files.lens.straighten_color(&k, &color).unwrap_or(color))
+        let color =
+            decode::color(&files.color, size).map_err(|p| self.frame_error(&files.color, p))?;
+        Ok(files.lens.undistort_color(&k, &color).unwrap_or(color))
     }
 
     fn depth(&self, files: &FrameFiles) -> Result<Option<Depth>, FrameError> {
@@ -229,19 +232,20 @@ impl FrameEntry {
         };
         let k = &self.camera.intrinsics;
         let size = (k.width, k.height);
-        let mut depth = decode::depth(file, encoding, size).map_err(|p| self.fail(file, p))?;
-        depth.check(size).map_err(|p| self.fail(file, p))?;
+        let mut depth =
+            decode::depth(file, encoding, size).map_err(|p| self.frame_error(file, p))?;
+        depth.check(size).map_err(|p| self.frame_error(file, p))?;
         if let Some((map, least)) = confidence {
-            let sure = decode::confidence(map, size).map_err(|p| self.fail(map, p))?;
-            depth.punch(|i| sure.data.get(i).is_none_or(|sure| sure < least));
+            let sure = decode::confidence(map, size).map_err(|p| self.frame_error(map, p))?;
+            depth.make_holes(|i| sure.data.get(i).is_none_or(|sure| sure < least));
             // The confidence may have removed every pixel; that is reported as empty depth.
-            depth.check(size).map_err(|p| self.fail(map, p))?;
+            depth.check(size).map_err(|p| self.frame_error(map, p))?;
         }
-        depth.straighten(&files.lens, k);
+        depth.undistort(&files.lens, k);
         Ok(Some(depth))
     }
 
-    fn fail(&self, source: &ByteSource, problem: FrameProblem) -> FrameError {
+    fn frame_error(&self, source: &ByteSource, problem: FrameProblem) -> FrameError {
         FrameError { file: source.path().to_owned(), frame: self.name.clone(), problem }
     }
 }

@@ -254,7 +254,7 @@ pub enum FrameProblem {
     Video(String),
     /// Two files or lines for one frame.
     #[error("expected one of each frame, found {0} as well; the first is used: remove the other")]
-    Doubled(String),
+    Duplicate(String),
     /// No pose close to the time of a frame.
     #[error(
         "expected a pose within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record poses for it or remove it"
@@ -349,7 +349,7 @@ pub enum FrameProblem {
     #[error(
         "expected a path inside the dataset folder, found `{0}` which leads outside; copy the file into the folder and use a relative path"
     )]
-    Escapes(String),
+    OutsideFolder(String),
     /// A depth image without any surface.
     #[error(
         "expected depth values, found only holes (0) in the whole image; the frame is skipped: export its depth again"

@@ -30,15 +30,15 @@ pub(super) fn is_file(path: &Path) -> IoResult<bool> {
 
 /// A file that retries reads interrupted by a signal, as happens on network drives; not every decoder does.
 #[derive(Debug)]
-pub(super) struct PatientFile(File);
+pub(super) struct RetryingFile(File);
 
-impl PatientFile {
+impl RetryingFile {
     pub fn open(path: &Path) -> IoResult<Self> {
         open_file(path).map(Self)
     }
 }
 
-impl Read for PatientFile {
+impl Read for RetryingFile {
     fn read(&mut self, bytes: &mut [u8]) -> IoResult<usize> {
         loop {
             match self.0.read(bytes) {
@@ -49,14 +49,14 @@ impl Read for PatientFile {
     }
 }
 
-impl Seek for PatientFile {
+impl Seek for RetryingFile {
     fn seek(&mut self, to: SeekFrom) -> IoResult<u64> {
         self.0.seek(to)
     }
 }
 
 /// Reads a whole file of at most `most` bytes.
-pub(super) fn bytes_of(path: &Path, most: u64) -> IoResult<Vec<u8>> {
+pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
     let mut file = open_file(path)?;
     let size = file.metadata()?.len();
     if size > most {
@@ -74,7 +74,7 @@ pub(super) fn bytes_of(path: &Path, most: u64) -> IoResult<Vec<u8>> {
 /// # Errors
 /// Errors of the system; not a regular file, too large, or not UTF-8.
 pub fn read_settings(path: &Path) -> IoResult<String> {
-    let bytes = bytes_of(path, MAX_SETTINGS_BYTES)?;
+    let bytes = read_bytes(path, MAX_SETTINGS_BYTES)?;
     String::from_utf8(bytes)
         .map_err(|e| Error::new(ErrorKind::InvalidData, format!("text that is not UTF-8 ({e})")))
 }

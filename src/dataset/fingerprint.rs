@@ -59,13 +59,13 @@ impl Fingerprint {
 
     /// Computes the fingerprint of a split with at least one frame.
     pub fn of(dataset: &Dataset, split: usize) -> Self {
-        Self::of_first(dataset, split, usize::MAX)
+        Self::of_first_frames(dataset, split, usize::MAX)
     }
 
     /// Computes the fingerprint of the first `n` frames: that of the split before later frames were
     /// appended.
     #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with at least one frame")]
-    pub fn of_first(dataset: &Dataset, split: usize, n: usize) -> Self {
+    pub fn of_first_frames(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];
         let frames = &split.frames[..n.clamp(1, split.frames.len())];
         let (first, last) = (&frames[0], &frames[frames.len() - 1]);
@@ -91,9 +91,9 @@ impl Fingerprint {
             poses: poses.finalize(),
             first: FrameMark::of(first),
             last: FrameMark::of(last),
-            reading: Some(crc(frames, read_by)),
+            reading: Some(crc(frames, add_decoding)),
             sizes: Some(crc(frames, |crc, frame| {
-                frame.files().for_each(|file| crc.number(bytes_in(file).unwrap_or(u64::MAX)));
+                frame.files().for_each(|file| crc.number(file_size(file).unwrap_or(u64::MAX)));
             })),
             content: Some(content(frames)),
         }
@@ -163,17 +163,17 @@ fn crc(frames: &[FrameEntry], mut add: impl FnMut(&mut Crc, &FrameEntry)) -> u32
     crc.0.finalize()
 }
 
-fn read_by(crc: &mut Crc, frame: &FrameEntry) {
+fn add_decoding(crc: &mut Crc, frame: &FrameEntry) {
     crc.intrinsics(&frame.camera.intrinsics);
     if let Some(color) = &frame.color_camera {
-        crc.intrinsics(&color.beside(&frame.camera).intrinsics);
+        crc.intrinsics(&color.camera_at(&frame.camera).intrinsics);
     }
     let FrameSource::Files(files) = &frame.source else { return };
     let FrameFiles { lens, depth, color: _ } = &**files;
     crc.reals(lens.radial.into_iter().chain(lens.tangential));
     let Some(depth) = depth else { return };
     // The sensor setting is stored with the run.
-    let DepthEncoding { codes, kind, trusted, sensor: _, metre: _ } = depth.encoding;
+    let DepthEncoding { codes, kind, trusted, sensor: _, units_per_metre: _ } = depth.encoding;
     let (code, unit) = match codes {
         CodeKind::Inverse8 => (0, 1.0),
         CodeKind::Linear16(unit) => (1, unit),
@@ -186,7 +186,7 @@ fn read_by(crc: &mut Crc, frame: &FrameEntry) {
     crc.number(depth.confidence.as_ref().map_or(u64::MAX, |(_, least)| u64::from(*least)));
 }
 
-fn bytes_in(path: &Path) -> Option<u64> {
+fn file_size(path: &Path) -> Option<u64> {
     Some(path.metadata().ok()?.len())
 }
 
@@ -197,12 +197,12 @@ fn content(frames: &[FrameEntry]) -> u32 {
     crc(&sampled, |crc, frame| {
         frame.files().for_each(|file| {
             // An unreadable file has no content; its size is recorded as unknown.
-            let _ = sample(file, &mut crc.0);
+            let _ = add_samples(file, &mut crc.0);
         });
     })
 }
 
-fn sample(path: &Path, crc: &mut crc32fast::Hasher) -> IoResult<()> {
+fn add_samples(path: &Path, crc: &mut crc32fast::Hasher) -> IoResult<()> {
     let mut file = open_file(path)?;
     let spare = file.metadata()?.len().saturating_sub(SAMPLED_BYTES);
     let mut bytes = Vec::new();

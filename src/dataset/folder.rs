@@ -9,7 +9,7 @@
 
 use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
-use super::files::{bytes_of, open_file};
+use super::files::{open_file, read_bytes};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::io::{ErrorKind, Read};
@@ -30,7 +30,7 @@ pub(super) struct Folder {
     canonical: PathBuf,
     pub listing: FolderListing,
     only_file: Option<String>,
-    recorded: Recorded,
+    recorded: RecordingState,
     listed: RefCell<HashMap<PathBuf, Rc<FolderListing>>>,
     texts: RefCell<BTreeSet<PathBuf>>,
     unread: RefCell<Option<DatasetError>>,
@@ -38,7 +38,7 @@ pub(super) struct Folder {
 
 /// State of an ongoing recording.
 #[derive(Clone, Default)]
-pub(super) struct Recorded {
+pub(super) struct RecordingState {
     /// True if files may still grow.
     pub is_growing: bool,
     /// Names of frames that were taken before; they are not read again.
@@ -61,7 +61,7 @@ enum EntryKind {
 
 impl Folder {
     /// Opens and lists the root folder, or the folder of an archive.
-    pub fn open(path: &Path, recorded: Recorded) -> Result<Self, DatasetError> {
+    pub fn open(path: &Path, recorded: RecordingState) -> Result<Self, DatasetError> {
         let read = |source| DatasetError::Read { path: path.to_owned(), source };
         // Resolved once: the targets of links are compared with the real path.
         let canonical = match path.canonicalize() {
@@ -73,7 +73,7 @@ impl Folder {
         };
         // A disk error here is returned: it does not mean that the path is no folder.
         let kind = std::fs::metadata(&canonical).map_err(read)?;
-        if kind.is_file() && Archive::is_one(&canonical).map_err(read)? {
+        if kind.is_file() && Archive::is_zip_archive(&canonical).map_err(read)? {
             return Self::of_file(path, &canonical);
         }
         if !kind.is_dir() {
@@ -103,7 +103,7 @@ impl Folder {
             canonical: parent.to_owned(),
             listing: FolderListing { entries },
             only_file: Some(name.to_owned()),
-            recorded: Recorded::default(),
+            recorded: RecordingState::default(),
             listed: RefCell::default(),
             texts: RefCell::default(),
             unread: RefCell::default(),
@@ -116,16 +116,16 @@ impl Folder {
     }
 
     /// True if the frame was taken before.
-    pub fn has_taken(&self, frame: &str) -> bool {
+    pub fn was_taken(&self, frame: &str) -> bool {
         self.recorded.taken.contains(frame)
     }
 
-    pub fn has_taken_any(&self) -> bool {
+    pub fn was_any_taken(&self) -> bool {
         !self.recorded.taken.is_empty()
     }
 
     /// Folders that were listed and texts that were read: a change of one of them calls for another poll.
-    pub fn asked(&self) -> Vec<PathBuf> {
+    pub fn watched_paths(&self) -> Vec<PathBuf> {
         let folders =
             self.listed.borrow().keys().map(|relative| self.path.join(relative)).collect();
         let texts = self.texts.borrow().iter().cloned().collect();
@@ -133,7 +133,7 @@ impl Folder {
     }
 
     /// Name of the archive, if one was opened instead of a folder.
-    pub fn only_file(&self) -> Option<&str> {
+    pub fn opened_archive(&self) -> Option<&str> {
         self.only_file.as_deref()
     }
 
@@ -142,7 +142,7 @@ impl Folder {
         if let Some(listing) = self.listed.borrow().get(relative) {
             return Ok(Rc::clone(listing));
         }
-        let listing = Rc::new(FolderListing::read(&self.inside(relative)?)?);
+        let listing = Rc::new(FolderListing::read(&self.resolve_inside(relative)?)?);
         self.listed.borrow_mut().insert(relative.to_owned(), Rc::clone(&listing));
         Ok(listing)
     }
@@ -158,7 +158,7 @@ impl Folder {
         // Only a link can lead outside: `folder` was checked when it was listed, and `name` is listed.
         // Resolving every frame's path would cost a system call per file.
         if listing.entries.get(name) == Some(&EntryKind::Link) {
-            self.inside(&relative)?;
+            self.resolve_inside(&relative)?;
         }
         Ok(self.path.join(relative))
     }
@@ -175,44 +175,44 @@ impl Folder {
 
     /// Reads the start of a text in the root that may identify a layout; empty if there is none.
     pub fn peek(&self, name: &str) -> String {
-        self.peek_by(name, read_small_text)
+        self.peek_with(name, read_small_text)
     }
 
     /// The same for the whole text.
     pub fn peek_whole(&self, name: &str) -> String {
-        self.peek_by(name, read_text)
+        self.peek_with(name, read_text)
     }
 
-    fn peek_by(&self, name: &str, read: fn(&Path) -> std::io::Result<String>) -> String {
+    fn peek_with(&self, name: &str, read: fn(&Path) -> std::io::Result<String>) -> String {
         let path = self.file(Path::new(""), &self.listing, name);
         let text = path.and_then(|path| Ok(read(&path)?));
         text.unwrap_or_else(|problem| {
-            self.not_read(name, problem);
+            self.record_unread(name, problem);
             String::new()
         })
     }
 
     /// Stores the reason why a file of the root, which could identify a layout, was not read. Missing
     /// files, broken links and files that are not text could not identify one and are ignored.
-    pub fn not_read(&self, name: &str, problem: FrameProblem) {
+    pub fn record_unread(&self, name: &str, problem: FrameProblem) {
         let is_told = match &problem {
             FrameProblem::Read(e) => match e.kind() {
                 ErrorKind::NotFound | ErrorKind::NotADirectory => false,
                 // Errors without a system error code concern files that are not text or too long.
                 _ => e.raw_os_error().is_some(),
             },
-            FrameProblem::Escapes(_) => true,
+            FrameProblem::OutsideFolder(_) => true,
             _ => false,
         };
         if is_told {
-            let error = refused(self.path.join(name), problem);
+            let error = metadata_error(self.path.join(name), problem);
             self.unread.borrow_mut().get_or_insert(error);
         }
     }
 
     /// Takes the error of the first file that could have identified a layout but was not read. The layout
     /// recognised without it may be wrong: images without their poses, for example.
-    pub fn unread(&self) -> Option<DatasetError> {
+    pub fn take_unread(&self) -> Option<DatasetError> {
         self.unread.take()
     }
 
@@ -220,8 +220,9 @@ impl Folder {
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let file = self.path.join(name);
         self.texts.borrow_mut().insert(file.clone());
-        let checked =
-            self.inside(Path::new(name)).map_err(|problem| refused(file.clone(), problem))?;
+        let checked = self
+            .resolve_inside(Path::new(name))
+            .map_err(|problem| metadata_error(file.clone(), problem))?;
         match read_text(&checked) {
             Ok(text) => Ok((file, text)),
             Err(source) => Err(DatasetError::Read { path: file, source }),
@@ -232,7 +233,7 @@ impl Folder {
     ///
     /// # Errors
     /// A path that leads outside the folder, or to nothing ([`FrameProblem::Read`]).
-    pub fn named(&self, text: &str) -> Result<PathBuf, FrameProblem> {
+    pub fn resolve_named(&self, text: &str) -> Result<PathBuf, FrameProblem> {
         let relative = relative_path(text)?;
         // As for listed files, only a link has to be resolved. An unlisted name may exist nevertheless:
         // some file systems ignore case.
@@ -240,7 +241,7 @@ impl Folder {
         let name = relative.file_name().and_then(|name| name.to_str());
         let kind = parent.zip(name).and_then(|(listing, name)| listing.entries.get(name).copied());
         if !matches!(kind, Some(EntryKind::File | EntryKind::Folder)) {
-            self.inside(&relative)?;
+            self.resolve_inside(&relative)?;
         }
         Ok(self.path.join(relative))
     }
@@ -259,12 +260,12 @@ impl Folder {
         self.listing.entries.keys().filter(|name| self.has_folder(name)).cloned().collect()
     }
 
-    fn inside(&self, relative: &Path) -> Result<PathBuf, FrameProblem> {
+    fn resolve_inside(&self, relative: &Path) -> Result<PathBuf, FrameProblem> {
         let target = self.path.join(relative).canonicalize()?;
         if target.starts_with(&self.canonical) {
             Ok(target)
         } else {
-            Err(FrameProblem::Escapes(relative.display().to_string()))
+            Err(FrameProblem::OutsideFolder(relative.display().to_string()))
         }
     }
 }
@@ -316,10 +317,10 @@ impl FolderListing {
 }
 
 /// Converts the problem of an unreadable metadata file to an error.
-fn refused(file: PathBuf, problem: FrameProblem) -> DatasetError {
+fn metadata_error(file: PathBuf, problem: FrameProblem) -> DatasetError {
     let found = match problem {
         FrameProblem::Read(source) => return DatasetError::Read { path: file, source },
-        FrameProblem::Escapes(_) => "a link that leads outside".to_owned(),
+        FrameProblem::OutsideFolder(_) => "a link that leads outside".to_owned(),
         other => other.to_string(),
     };
     DatasetError::Metadata {
@@ -332,7 +333,7 @@ fn refused(file: PathBuf, problem: FrameProblem) -> DatasetError {
 
 /// Converts a path from a dataset file to a normalised relative path.
 pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
-    let escapes = || FrameProblem::Escapes(text.to_owned());
+    let escapes = || FrameProblem::OutsideFolder(text.to_owned());
     // Lists exported on Windows name their files with backslashes.
     let forward = text.replace('\\', "/");
     if forward.as_bytes().get(1) == Some(&b':') {
@@ -353,7 +354,7 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
 
 /// Reads a whole text file; invalid UTF-8 becomes replacement characters.
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
-    Ok(String::from_utf8_lossy(&bytes_of(path, TEXT_LIMIT)?).into_owned())
+    Ok(String::from_utf8_lossy(&read_bytes(path, TEXT_LIMIT)?).into_owned())
 }
 
 /// Reads the start of a small text file; invalid UTF-8 becomes replacement characters.
@@ -376,7 +377,7 @@ mod tests {
             assert_eq!(relative_path(text).ok(), clean.map(PathBuf::from), "{text}");
         }
         for text in ["../x", "a/../../x", "/etc/passwd", "C:\\x.png", "..\\x", "\\\\host\\x"] {
-            assert!(matches!(relative_path(text), Err(FrameProblem::Escapes(_))), "{text}");
+            assert!(matches!(relative_path(text), Err(FrameProblem::OutsideFolder(_))), "{text}");
         }
     }
 }

@@ -94,12 +94,12 @@ impl Frame {
         color: ColorBuffer,
         depth: Option<DepthBuffer>,
     ) -> Result<Self, FrameError> {
-        Self::checked(name, intrinsics, world_from_camera, color, depth).map_err(|problem| {
-            FrameError { file: "memory".into(), frame: name.to_owned(), problem }
-        })
+        Self::try_from_memory(name, intrinsics, world_from_camera, color, depth).map_err(
+            |problem| FrameError { file: "memory".into(), frame: name.to_owned(), problem },
+        )
     }
 
-    fn checked(
+    fn try_from_memory(
         name: &str,
         intrinsics: Intrinsics,
         world_from_camera: DMat4,
@@ -129,7 +129,7 @@ impl Frame {
     /// World pose and intrinsics of the colours' camera, for the photograph's size.
     pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
         let color = self.photographed_by(calibrated);
-        color.map_or(self.camera, |color| color.beside(&self.camera))
+        color.map_or(self.camera, |color| color.camera_at(&self.camera))
     }
 
     /// True if a pixel of the depth image is opaque. Photographs of another camera have no such mask.
@@ -140,7 +140,7 @@ impl Frame {
 
     /// Registers colours to depth pixels: unchanged if they are registered already, else sampled from the
     /// photograph; transparent outside its image.
-    pub fn registered(&self) -> Cow<'_, Self> {
+    pub fn with_registered_color(&self) -> Cow<'_, Self> {
         let (Some(color_camera), Some(depth)) = (self.color_camera, &self.depth) else {
             return Cow::Borrowed(self);
         };
@@ -151,13 +151,13 @@ impl Frame {
             let k = &self.camera.intrinsics;
             let Some(value) = depth.value_at(column, row) else { continue };
             let z = value / length_per_z(k, depth.kind, column, row);
-            *pixel = self.color_of(&color_camera, k.ray(column, row) * z).unwrap_or([0; 4]);
+            *pixel = self.nearest_color(&color_camera, k.ray(column, row) * z).unwrap_or([0; 4]);
         }
         Cow::Owned(Self { color: color.into(), color_camera: None, ..self.clone() })
     }
 
     /// Nearest texel to a point in the depth camera's frame.
-    fn color_of(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
+    fn nearest_color(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
         let at = camera.project(point)?;
         let is_inside = at.min_element() >= 0.0
             && at.x < self.color.width as f64
@@ -169,7 +169,7 @@ impl Frame {
     ///
     /// # Errors
     /// [`FrameProblem::NoDepth`] for a frame with colour only.
-    pub(super) fn depth_to_use(&self) -> Result<&Depth, FrameError> {
+    pub(super) fn require_depth(&self) -> Result<&Depth, FrameError> {
         self.depth.as_ref().ok_or_else(|| FrameError {
             // The frame's name replaces the file, which a frame in memory does not store.
             file: self.name.clone().into(),
@@ -227,7 +227,7 @@ impl DepthBuffer<'_> {
         }
         let lengths = Image::from_vec(size.0 as usize, size.1 as usize, self.lengths.to_vec());
         let codes = DepthCodes::Lengths(lengths);
-        let depth = Depth { codes, kind: self.kind, trusted: self.trusted, metre: 1.0 };
+        let depth = Depth { codes, kind: self.kind, trusted: self.trusted, units_per_metre: 1.0 };
         depth.check(size)?;
         Ok(depth)
     }
@@ -252,7 +252,7 @@ pub(super) fn photographed_by(
     calibrated: Option<&ColorCamera>,
     size: [u32; 2],
 ) -> Option<ColorCamera> {
-    calibrated.copied().or(recorded).map(|camera| camera.at_size(size))
+    calibrated.copied().or(recorded).map(|camera| camera.scaled_to(size))
 }
 
 /// Ratio of a length of `kind` to the depth z at a pixel (1 for z itself).

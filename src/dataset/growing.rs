@@ -9,7 +9,7 @@
 use super::Dataset;
 use super::entry::{FrameEntry, HELD_OUT};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
-use super::folder::{Folder, Recorded};
+use super::folder::{Folder, RecordingState};
 use super::formats::Layout;
 use super::opened::{no_usable_frame, read};
 use super::options::LoadOptions;
@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub const END_MARKER: &str = "recording.done";
 
 /// Seconds for which an incomplete frame delays the frames after it, so that all are trained in order.
-const PATIENCE_S: f64 = 1.0;
+const MAX_DELAY_S: f64 = 1.0;
 
 /// A recording that may still grow.
 pub struct GrowingRecording {
@@ -35,12 +35,12 @@ pub struct GrowingRecording {
     /// Times at which incomplete frames were first listed, seconds.
     unfinished: HashMap<String, f64>,
     /// File marks of frames that were complete but could not be read.
-    failed: HashMap<String, FrameMarks>,
+    unreadable: HashMap<String, FrameMarks>,
     /// Paths that the last poll read, with their marks from before.
-    asked: Vec<(PathBuf, Option<FileMark>)>,
+    polled: Vec<(PathBuf, Option<FileMark>)>,
     /// True if they had changed since the poll before. They may have changed again within one tick of the
     /// file system's clock, so another poll is due.
-    is_fresh: bool,
+    has_recent_changes: bool,
     /// True if the last poll found an entry that is not a complete frame yet.
     is_unresolved: bool,
 }
@@ -70,8 +70,8 @@ impl GrowingRecording {
         let name = &dataset.splits.get(split)?.name;
         // All polls share one origin. A zero origin, which the options leave open, is therefore fixed as
         // well.
-        let mut growing = Self::begin(path, dataset.options.settled(), Some(name));
-        growing.take(dataset);
+        let mut growing = Self::begin(path, dataset.options.with_fixed_origin(), Some(name));
+        growing.mark_taken(dataset);
         Some(growing)
     }
 
@@ -83,9 +83,9 @@ impl GrowingRecording {
             layout: None,
             taken: Arc::default(),
             unfinished: HashMap::new(),
-            failed: HashMap::new(),
-            asked: Vec::new(),
-            is_fresh: true,
+            unreadable: HashMap::new(),
+            polled: Vec::new(),
+            has_recent_changes: true,
             is_unresolved: true,
         }
     }
@@ -102,7 +102,8 @@ impl GrowingRecording {
 
     /// True if folders or lists have changed since the last poll.
     pub fn has_changed(&self) -> bool {
-        self.is_fresh || self.asked.iter().any(|(path, mark)| FileMark::of(path) != *mark)
+        self.has_recent_changes
+            || self.polled.iter().any(|(path, mark)| FileMark::of(path) != *mark)
     }
 
     /// True if the last poll found an entry that is not a complete frame yet. It may become one without a
@@ -117,7 +118,7 @@ impl GrowingRecording {
     ///
     /// # Errors
     /// Any error of opening the folder; most vanish as the recording grows.
-    pub fn look(&mut self, is_growing: bool, now_s: f64) -> Result<Dataset, DatasetError> {
+    pub fn poll(&mut self, is_growing: bool, now_s: f64) -> Result<Dataset, DatasetError> {
         let found = self.read(is_growing);
         self.is_unresolved = match &found {
             Ok(dataset) => !dataset.warnings.is_empty(),
@@ -140,11 +141,11 @@ impl GrowingRecording {
             if let Some(split) = dataset.splits.get_mut(at) {
                 let frames = std::mem::take(&mut split.frames);
                 split.frames = match is_growing {
-                    true => self.whole(frames, now_s),
+                    true => self.complete_frames(frames, now_s),
                     false => with_depth(frames, &split.name, &mut dataset.warnings),
                 };
             }
-            dataset.hold_out(at);
+            dataset.extend_held_out(at);
         }
         dataset.splits.retain(|split| !split.frames.is_empty());
         if is_growing && !dataset.splits.is_empty() {
@@ -154,7 +155,7 @@ impl GrowingRecording {
     }
 
     /// Explains why a poll found no frame.
-    pub fn why_empty(&self, found: Dataset) -> DatasetError {
+    pub fn empty_poll_error(&self, found: Dataset) -> DatasetError {
         match self.unfinished.len() {
             0 => no_usable_frame(&self.path, found.warnings),
             frames => DatasetError::Unfinished { path: self.path.clone(), frames },
@@ -162,14 +163,16 @@ impl GrowingRecording {
     }
 
     /// Marks the frames of a poll as taken, so that later polls skip them; returns their number.
-    pub fn take(&mut self, found: &Dataset) -> usize {
+    pub fn mark_taken(&mut self, found: &Dataset) -> usize {
         let split = self.split_of(found).ok().and_then(|at| found.splits.get(at));
         let Some(split) = split else { return 0 };
         if !split.frames.is_empty() {
             self.layout = Some(found.layout);
             // The first frames determine the local origin.
-            self.options =
-                LoadOptions { local_origin: found.options.settled().local_origin, ..self.options };
+            self.options = LoadOptions {
+                local_origin: found.options.with_fixed_origin().local_origin,
+                ..self.options
+            };
             self.split = Some(split.name.clone());
         }
         let names = split.frames.iter().map(|frame| frame.name.clone());
@@ -194,37 +197,39 @@ impl GrowingRecording {
     }
 
     /// Returns a frame that could not be read; it is found again once its files differ from `marks`.
-    pub fn give_back(&mut self, frame: String, marks: FrameMarks) {
+    pub fn return_frame(&mut self, frame: String, marks: FrameMarks) {
         if Arc::make_mut(&mut self.taken).remove(&frame) {
-            self.failed.insert(frame, marks);
+            self.unreadable.insert(frame, marks);
             self.is_unresolved = true;
         }
     }
 
     fn read(&mut self, is_growing: bool) -> Result<Dataset, DatasetError> {
         // Marks are read first, so that the next poll detects changes made during this one.
-        let marks = self.asked.iter().map(|(path, _)| (path.clone(), FileMark::of(path)));
+        let marks = self.polled.iter().map(|(path, _)| (path.clone(), FileMark::of(path)));
         let marks: HashMap<PathBuf, Option<FileMark>> = marks.collect();
-        self.is_fresh = self.asked.iter().any(|(path, mark)| marks.get(path) != Some(mark));
-        let recorded = Recorded { is_growing, taken: Arc::clone(&self.taken) };
+        self.has_recent_changes =
+            self.polled.iter().any(|(path, mark)| marks.get(path) != Some(mark));
+        let recorded = RecordingState { is_growing, taken: Arc::clone(&self.taken) };
         let folder = Folder::open(&self.path, recorded)?;
         let dataset = read(&folder, &self.path, &self.options);
-        self.asked.clear();
-        for path in folder.asked() {
+        self.polled.clear();
+        for path in folder.watched_paths() {
             let mark = marks.get(&path).cloned();
-            self.is_fresh |= mark.is_none();
-            self.asked.push((path.clone(), mark.unwrap_or_else(|| FileMark::of(&path))));
+            self.has_recent_changes |= mark.is_none();
+            self.polled.push((path.clone(), mark.unwrap_or_else(|| FileMark::of(&path))));
         }
         dataset
     }
 
     /// The complete frames, up to the first incomplete one that still delays the others.
-    fn whole(&mut self, frames: Vec<FrameEntry>, now_s: f64) -> Vec<FrameEntry> {
+    fn complete_frames(&mut self, frames: Vec<FrameEntry>, now_s: f64) -> Vec<FrameEntry> {
         let is_first = self.taken.is_empty();
         let mut whole = Vec::new();
         for frame in frames {
-            let has_failed = self.failed.get(&frame.name).is_some_and(|old| *old == frame.marks());
-            if !has_failed && frame.depth_path().is_some() && frame.is_whole() {
+            let has_failed =
+                self.unreadable.get(&frame.name).is_some_and(|old| *old == frame.marks());
+            if !has_failed && frame.depth_path().is_some() && frame.is_complete() {
                 self.unfinished.remove(&frame.name);
                 whole.push(frame);
                 continue;
@@ -233,7 +238,7 @@ impl GrowingRecording {
             let since = *self.unfinished.entry(frame.name).or_insert(now_s);
             // In a recording that began before, the first poll delays nothing: files incomplete by now may
             // never be completed.
-            if !is_first && !has_failed && now_s - since < PATIENCE_S {
+            if !is_first && !has_failed && now_s - since < MAX_DELAY_S {
                 break;
             }
         }

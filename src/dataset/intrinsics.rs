@@ -11,7 +11,7 @@ pub(super) struct IntrinsicsDefect {
 }
 
 /// True if a pinhole camera can have this field of view: between 0.1 and 179 degrees.
-pub(super) fn is_sane_field_of_view(degrees: f64) -> bool {
+pub(super) fn is_plausible_field_of_view(degrees: f64) -> bool {
     degrees > 0.1 && degrees < 179.0
 }
 
@@ -19,7 +19,7 @@ pub(super) fn is_sane_field_of_view(degrees: f64) -> bool {
 ///
 /// # Errors
 /// [`DatasetError::Option`] if no camera has them.
-pub(super) fn given(
+pub(super) fn from_user(
     [fx, fy, cx, cy]: [f64; 4],
     size: (u32, u32),
 ) -> Result<Intrinsics, DatasetError> {
@@ -38,7 +38,7 @@ pub(super) fn check(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
     let fov_y = 2.0 * (0.5 * f64::from(k.height) / k.fy).atan();
     for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", fov_y)] {
         let degrees = fov.to_degrees();
-        if !is_sane_field_of_view(degrees) {
+        if !is_plausible_field_of_view(degrees) {
             return Err(IntrinsicsDefect {
                 expected: format!("a {axis} field of view between 0.1 and 179 degrees"),
                 found: format!("{degrees:.4} degrees (focal lengths {} and {})", k.fx, k.fy),

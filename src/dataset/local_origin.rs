@@ -8,7 +8,7 @@
 
 use super::entry::{DatasetSplit, FrameEntry};
 use super::options::FARTHEST_SENSED;
-use super::wild_poses::wild_poses;
+use super::wild_poses::outlier_poses;
 use glam::DVec3;
 
 /// Distance from zero beyond which a world is far, in multiples of the largest sensed depth. Below it,
@@ -20,7 +20,7 @@ const FAR_BESIDE_SPREAD: f64 = 8.0;
 /// Origin of the returned camera poses, and a notice for the user.
 pub(super) struct LocalOrigin {
     /// In the files' world frame, world units.
-    pub place: DVec3,
+    pub origin: DVec3,
     pub note: Option<String>,
 }
 
@@ -29,23 +29,23 @@ impl LocalOrigin {
     /// metre.
     pub fn of(split: &DatasetSplit, metre: f64, asked: Option<[f64; 3]>) -> Self {
         let Some(asked) = asked.map(DVec3::from_array) else {
-            let place = far_place(split, metre, DVec3::ZERO).unwrap_or(DVec3::ZERO);
-            let note = (place != DVec3::ZERO).then(|| moved(place));
-            return Self { place, note };
+            let place = far_origin(split, metre, DVec3::ZERO).unwrap_or(DVec3::ZERO);
+            let note = (place != DVec3::ZERO).then(|| moved_notice(place));
+            return Self { origin: place, note };
         };
-        let beside = far_place(split, metre, asked);
-        Self { place: asked, note: beside.map(|far| mismatched(asked, far)) }
+        let beside = far_origin(split, metre, asked);
+        Self { origin: asked, note: beside.map(|far| mismatch_notice(asked, far)) }
     }
 }
 
-fn moved(place: DVec3) -> String {
+fn moved_notice(place: DVec3) -> String {
     let ([x, y, z], distance) = (place.to_array(), place.length());
     format!(
         "the cameras lie {distance:.0} world units from zero, where 32-bit positions are coarse: positions are stored relative to the local origin ({x}, {y}, {z})"
     )
 }
 
-fn mismatched(asked: DVec3, far: DVec3) -> String {
+fn mismatch_notice(asked: DVec3, far: DVec3) -> String {
     let ([x, y, z], distance) = (asked.to_array(), far.length());
     format!(
         "the cameras lie {distance:.0} world units from the local origin ({x}, {y}, {z}) of the model beside them: expected cameras near it; pictures and metrics are imprecise or show another place; use a checkpoint, PLY or GLB trained on this dataset"
@@ -53,8 +53,8 @@ fn mismatched(asked: DVec3, far: DVec3) -> String {
 }
 
 /// Position near the first valid camera in whole metres, relative to `origin`, if it is far from `origin`.
-fn far_place(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
-    let centre = first_sound(split)?;
+fn far_origin(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
+    let centre = first_inlier_position(split)?;
     let from_origin = centre - origin;
     let distance = from_origin.length();
     let is_far = distance > FAR * FARTHEST_SENSED * metre
@@ -65,8 +65,8 @@ fn far_place(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
 }
 
 /// Position of the first camera whose pose is not an outlier.
-fn first_sound(split: &DatasetSplit) -> Option<DVec3> {
-    let wild = wild_poses(split);
+fn first_inlier_position(split: &DatasetSplit) -> Option<DVec3> {
+    let wild = outlier_poses(split);
     let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
     let first = (0..split.frames.len()).find(is_sound).unwrap_or(0);
     Some(split.frames.get(first)?.camera.pose.centre())

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 /// Parses exactly `N` numbers separated by whitespace or commas. Accepts `nan` and `inf`: the pose check
 /// reports them with row and column.
-pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub(super) fn parse_numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let mut values = [0.0; N];
     let mut count = 0;
     let is_separator = |c: char| c.is_whitespace() || c == ',';
@@ -23,7 +23,7 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 
 /// Parses the row-major text of a 4×4 matrix.
 pub(super) fn from_text(text: &str) -> Result<DMat4, FrameProblem> {
-    let values = numbers::<16>(text).map_err(FrameProblem::PoseShape)?;
+    let values = parse_numbers::<16>(text).map_err(FrameProblem::PoseShape)?;
     Ok(from_rows(&values))
 }
 
@@ -34,19 +34,19 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
         return wrong("no `transform_matrix`".to_owned());
     };
     let Some(rows) = value.as_array().filter(|rows| rows.len() == 4 || rows.len() == 3) else {
-        return wrong(describe(value));
+        return wrong(describe_json(value));
     };
     let mut values = [0.0; 16];
     // Three rows are an affine matrix without its last row.
     values[15] = 1.0;
     for (i, (row, values)) in rows.iter().zip(values.as_chunks_mut::<4>().0).enumerate() {
         let Some(row) = row.as_array().filter(|row| row.len() == 4) else {
-            return wrong(format!("{} as row {i}", describe(row)));
+            return wrong(format!("{} as row {i}", describe_json(row)));
         };
         for (j, (cell, value)) in row.iter().zip(values).enumerate() {
             match cell.as_f64() {
                 Some(number) => *value = number,
-                None => return wrong(format!("{} at row {i}, column {j}", describe(cell))),
+                None => return wrong(format!("{} at row {i}, column {j}", describe_json(cell))),
             }
         }
     }
@@ -54,7 +54,7 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
 }
 
 /// Describes a JSON value for a message.
-pub(super) fn describe(value: &Value) -> String {
+pub(super) fn describe_json(value: &Value) -> String {
     match value {
         Value::Null => "null".to_owned(),
         Value::Bool(b) => b.to_string(),

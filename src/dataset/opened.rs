@@ -4,7 +4,7 @@ use super::archive::Archive;
 use super::calibration::Calibration;
 use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
-use super::folder::{Folder, Recorded};
+use super::folder::{Folder, RecordingState};
 use super::formats::{self, Layout, ParsedFolder};
 use super::frame::Frame;
 use super::local_origin::LocalOrigin;
@@ -68,7 +68,7 @@ pub struct Dataset {
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
     // Before any file is read: an invalid option is wrong usage, whatever the folder holds.
     options.check()?;
-    let dataset = read(&Folder::open(path, Recorded::default())?, path, options)?;
+    let dataset = read(&Folder::open(path, RecordingState::default())?, path, options)?;
     match dataset.splits.is_empty() {
         true => Err(no_usable_frame(path, dataset.warnings)),
         false => Ok(dataset),
@@ -83,17 +83,17 @@ pub(super) fn read(
 ) -> Result<Dataset, DatasetError> {
     let (layout, recognised_by, mut parsed) = formats::parse(folder, options)?;
     if options.track {
-        forget_poses(&mut parsed);
+        clear_poses(&mut parsed);
     } else if let Some(asked) = options.poses {
         reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
     }
-    check_used(options, &parsed.splits)?;
+    check_options_used(options, &parsed.splits)?;
     // Of the resolved path: `.` has no last component.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
     let mut dataset = Dataset {
         name: name.unwrap_or_else(|| "dataset".to_owned()),
         path: Some(path.to_owned()),
-        is_folder: folder.only_file().is_none(),
+        is_folder: folder.opened_archive().is_none(),
         layout,
         recognised_by,
         // Splits are not empty, so that code may take the first frame of one.
@@ -103,22 +103,23 @@ pub(super) fn read(
         known_range: parsed.known_range,
         options: *options,
     };
-    let metre = dataset.metre();
+    let metre = dataset.units_per_metre();
     if metre != 1.0 {
         dataset.notes.push(format!(
             "depth scale and depth range imply {metre} world units to the metre; sensor properties such as noise are scaled accordingly"
         ));
     }
-    move_origin(&mut dataset);
+    apply_local_origin(&mut dataset);
     Ok(dataset)
 }
 
 /// Converts cameras and the known range to coordinates relative to the local origin.
-fn move_origin(dataset: &mut Dataset) {
+fn apply_local_origin(dataset: &mut Dataset) {
     let split = dataset.splits.get(dataset.training_split().unwrap_or(0));
     let Some(split) = split else { return };
     let asked = dataset.options.local_origin;
-    let LocalOrigin { place, note } = LocalOrigin::of(split, dataset.metre(), asked);
+    let LocalOrigin { origin: place, note } =
+        LocalOrigin::of(split, dataset.units_per_metre(), asked);
     dataset.notes.extend(note);
     // `None` for a zero origin: nearby worlds and files saved from them stay unchanged to the byte.
     dataset.options.local_origin = (place != DVec3::ZERO).then_some(place.to_array());
@@ -126,13 +127,13 @@ fn move_origin(dataset: &mut Dataset) {
         return;
     }
     for frame in dataset.splits.iter_mut().flat_map(|split| &mut split.frames) {
-        frame.camera.pose = frame.camera.pose.relative_to(place);
+        frame.camera.pose = frame.camera.pose.with_origin(place);
     }
     dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(place));
 }
 
 /// Refuses options that have no effect on these files: the user expects one.
-fn check_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), DatasetError> {
+fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), DatasetError> {
     let depths = || splits.iter().flat_map(|split| &split.frames).filter_map(|f| f.depth_source());
     if depths().next().is_none() {
         return Ok(());
@@ -158,7 +159,7 @@ fn check_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), Data
 /// True if a file is an archive that [`open`] accepts in place of a folder, judged by its content.
 pub fn is_archive(path: &Path) -> bool {
     // The next reader of the file reports a disk error.
-    Archive::is_one(path).unwrap_or(false)
+    Archive::is_zip_archive(path).unwrap_or(false)
 }
 
 /// Reinterprets poses by another convention than the layout's.
@@ -172,7 +173,7 @@ fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseC
 }
 
 /// Sets all poses to the identity: tracking estimates them.
-fn forget_poses(parsed: &mut ParsedFolder) {
+fn clear_poses(parsed: &mut ParsedFolder) {
     for frame in parsed.splits.iter_mut().flat_map(|split| &mut split.frames) {
         frame.camera.pose = Pose::IDENTITY;
     }
@@ -217,7 +218,7 @@ impl Dataset {
 
     /// Loads a frame from which settings are estimated. Retries once, because a passing disk error would
     /// change the settings silently; a lasting one is logged.
-    pub(crate) fn load_sampled(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
+    pub(crate) fn load_with_retry(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
         let loaded = self.load(split, index).or_else(|_| self.load(split, index));
         if let Err(error) = &loaded
             && matches!(error.problem, FrameProblem::Read(_))
@@ -229,7 +230,7 @@ impl Dataset {
 
     /// Adds the frames that a poll of the growing recording found: frames of `split` are appended, other
     /// splits replaced.
-    pub fn grow(&mut self, split: usize, found: Self) {
+    pub fn append_polled(&mut self, split: usize, found: Self) {
         for mut new in found.splits.into_iter().filter(|new| !new.frames.is_empty()) {
             // Extended below: a poll finds new frames only.
             if new.name == HELD_OUT {
@@ -244,11 +245,11 @@ impl Dataset {
             }
         }
         self.warnings.extend(found.warnings);
-        self.hold_out(split);
+        self.extend_held_out(split);
     }
 
     /// Extends the held-out split to the current frames of `split`, the training split.
-    pub(super) fn hold_out(&mut self, split: usize) {
+    pub(super) fn extend_held_out(&mut self, split: usize) {
         let held_out = self.splits.iter().position(|split| split.name == HELD_OUT);
         let Some(at) = held_out.filter(|at| *at != split) else { return };
         if let Ok([held_out, trained]) = self.splits.get_disjoint_mut([at, split]) {
@@ -264,7 +265,7 @@ impl Dataset {
         let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
         let mut known = self.layout.known_calibration(&depth_camera)?;
         if let Some(color) = &mut known.color_camera {
-            color.offset = color.offset.map(|metres| metres * self.metre());
+            color.offset = color.offset.map(|metres| metres * self.units_per_metre());
         }
         Some(known)
     }
@@ -283,11 +284,11 @@ impl Dataset {
 
     /// True if world units are known to be metres.
     pub fn is_metric(&self) -> bool {
-        self.layout.is_metric() && self.metre() == 1.0
+        self.layout.is_metric() && self.units_per_metre() == 1.0
     }
 
     /// World units per metre, from the user's options: 1 unless depth scale and range are in another unit.
-    pub fn metre(&self) -> f64 {
+    pub fn units_per_metre(&self) -> f64 {
         let mut frames = self.splits.iter().flat_map(|s| &s.frames);
         frames.find_map(FrameEntry::metre).unwrap_or(1.0)
     }

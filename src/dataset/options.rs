@@ -46,7 +46,7 @@ fn is_false(value: &bool) -> bool {
 }
 
 /// Ratio of a depth range to the sensors' range; geometric means are compared if it has two ends.
-fn in_sensor_ranges([near, far]: [f64; 2]) -> Option<f64> {
+fn relative_to_sensor_range([near, far]: [f64; 2]) -> Option<f64> {
     let [least, most] = SENSOR_RANGE;
     match (near > 0.0, far.is_finite()) {
         (true, true) => Some((near * far / (least * most)).sqrt()),
@@ -62,9 +62,9 @@ impl LoadOptions {
     /// the range resolves this, since it must match the range of sensors. Candidates are metres, the
     /// layout's own step, centimetres and millimetres; millimetre steps in a world of any unit are the
     /// fallback.
-    pub(super) fn metre(&self, unit: f64) -> f64 {
+    pub(super) fn units_per_metre(&self, unit: f64) -> f64 {
         let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
-        let Some(ratio) = in_sensor_ranges(range) else { return 1.0 };
+        let Some(ratio) = relative_to_sensor_range(range) else { return 1.0 };
         let off = |(metre, unlikely): &(f64, f64)| unlikely * (ratio / metre).max(metre / ratio);
         // Metres come first: `min_by` returns the first of equals.
         let units = [1.0, scale / unit, 100.0, 1000.0].map(|metre| (metre, 1.0));
@@ -74,7 +74,7 @@ impl LoadOptions {
 
     /// Options for opening another dataset in the same coordinates: fixes the local origin, also if it is
     /// zero.
-    pub fn settled(&self) -> Self {
+    pub fn with_fixed_origin(&self) -> Self {
         Self { local_origin: Some(self.local_origin.unwrap_or_default()), ..*self }
     }
 
@@ -132,7 +132,7 @@ mod tests {
         let metre = |scale, range| {
             let options =
                 LoadOptions { depth_scale: scale, depth_range: range, ..LoadOptions::default() };
-            options.metre(0.001)
+            options.units_per_metre(0.001)
         };
         assert_eq!(metre(None, Some([300.0, 4000.0])), 1.0, "the layout is in metres");
         assert_eq!(metre(Some(1.0), None), 1.0);
@@ -152,10 +152,10 @@ mod tests {
             depth_range: Some([300.0, 4000.0]),
             ..LoadOptions::default()
         };
-        assert_eq!(tum.metre(1.0 / 5000.0), 1000.0);
+        assert_eq!(tum.units_per_metre(1.0 / 5000.0), 1000.0);
         let of_tum = |scale, range| {
             let options = LoadOptions { depth_scale: Some(scale), depth_range: Some(range), ..tum };
-            options.metre(1.0 / 5000.0)
+            options.units_per_metre(1.0 / 5000.0)
         };
         assert_eq!(of_tum(0.01, [3.0, 40.0]), 10.0, "millimetres in a world of decimetres");
         assert_eq!(of_tum(0.002, [3.0, 40.0]), 10.0, "its own steps there");

@@ -20,7 +20,7 @@ const MAX_PAIRS: usize = 8;
 /// Frame distances tried for a pair, until the camera has moved enough.
 const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
 /// Sufficient motion of a pair: translation as a share of the depth, or rotation in radians.
-const MOVED: [f64; 2] = [0.05, 0.1];
+const MIN_MOTION: [f64; 2] = [0.05, 0.1];
 /// Frames of a growing recording after which its poses can be checked; earlier the camera has hardly moved.
 pub const ENOUGH_FRAMES: usize = 33;
 /// Samples along a row or column of depth.
@@ -33,7 +33,7 @@ const MIN_OVERLAP: f64 = 0.25;
 const UNITS: [f64; 11] =
     [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
 /// Least gain in agreement of another reading, and its least agreement.
-const BETTER: [f64; 2] = [0.2, 0.5];
+const MIN_GAIN: [f64; 2] = [0.2, 0.5];
 
 /// Result of the comparison.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,7 +43,7 @@ pub struct PoseCheck {
     /// Reading used when the recording was opened.
     pub opened: PoseTrial,
     /// True if the user set the pose convention, false if it is the layout's.
-    pub is_asked: bool,
+    pub is_user_set: bool,
     /// Best reading; equals `opened` unless another is far better.
     pub best: PoseTrial,
 }
@@ -63,7 +63,7 @@ pub struct PoseTrial {
 
 impl PoseCheck {
     /// True if another reading is better than the one used.
-    pub fn is_doubtful(&self) -> bool {
+    pub fn has_better_reading(&self) -> bool {
         self.best != self.opened
     }
 }
@@ -94,10 +94,16 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let opened = trial(stated, 1.0);
     let trials = PoseConvention::iter().flat_map(|poses| UNITS.map(|unit| trial(poses, unit)));
     let best = trials.max_by(|a, b| a.agreement.total_cmp(&b.agreement));
-    let best = best
-        .filter(|best| best.agreement > opened.agreement + BETTER[0] && best.agreement > BETTER[1]);
+    let best = best.filter(|best| {
+        best.agreement > opened.agreement + MIN_GAIN[0] && best.agreement > MIN_GAIN[1]
+    });
     let is_asked = dataset.options.poses.is_some();
-    Some(PoseCheck { pairs: pairs.len(), opened, is_asked, best: best.unwrap_or(opened) })
+    Some(PoseCheck {
+        pairs: pairs.len(),
+        opened,
+        is_user_set: is_asked,
+        best: best.unwrap_or(opened),
+    })
 }
 
 /// Samples of one frame in its camera's axes, and a neighbour that should contain them.
@@ -128,7 +134,7 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
         let turn = to.rotation().transpose() * from.rotation();
         let angle = (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0);
         // Either suffices: a wrong pose may rotate where the camera moved straight.
-        from.centre().distance(to.centre()) > MOVED[0] * usual || angle.acos() > MOVED[1]
+        from.centre().distance(to.centre()) > MIN_MOTION[0] * usual || angle.acos() > MIN_MOTION[1]
     };
     let candidates = || GAPS.iter().filter_map(|gap| frames.get(*gap));
     let second = candidates().find(has_moved).or_else(|| candidates().next_back())?;
@@ -162,7 +168,7 @@ fn depth_z(entry: &FrameEntry) -> Option<Image<f64>> {
     let mut out = Image::filled(width, height, 0.0);
     for (i, z) in out.data.iter_mut().enumerate() {
         let (column, row) = (i % width, i / width);
-        if let Some(value) = depth.value_at(column, row).filter(|value| depth.trusts(*value)) {
+        if let Some(value) = depth.value_at(column, row).filter(|value| depth.is_trusted(*value)) {
             *z = value / length_per_z(&entry.camera.intrinsics, depth.kind, column, row);
         }
     }

@@ -4,7 +4,7 @@ use super::error::FrameError;
 use super::opened::Dataset;
 pub use super::position_range::PositionRange;
 use super::unproject::{CameraConvention, camera_point};
-use super::wild_poses::wild_poses;
+use super::wild_poses::outlier_poses;
 use glam::DVec3;
 
 /// Evenly spaced frames that are sampled.
@@ -27,7 +27,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     if let Some(range) = &dataset.known_range {
         return Ok(range.clone());
     }
-    let wild = dataset.splits.get(split).map_or_else(Vec::new, wild_poses);
+    let wild = dataset.splits.get(split).map_or_else(Vec::new, outlier_poses);
     let n_frames = dataset.splits.get(split).map_or(0, |s| s.frames.len());
     // One of twelve frames has more points than the quantiles cut off, so outlier poses are excluded.
     let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
@@ -83,14 +83,14 @@ fn sample(
     index: usize,
     axes: &mut [Vec<f64>; 3],
 ) -> Result<(), FrameError> {
-    let frame = dataset.load_sampled(split, index)?;
+    let frame = dataset.load_with_retry(split, index)?;
     let Some(depth) = &frame.depth else { return Ok(()) };
     let (width, height) = depth.size();
     let k = &frame.camera.intrinsics;
     // From the middle of the first stride: no sample lies on the border of the image.
     for row in (STRIDE / 2..height).step_by(STRIDE) {
         for column in (STRIDE / 2..width).step_by(STRIDE) {
-            let value = depth.value_at(column, row).filter(|v| depth.trusts(*v));
+            let value = depth.value_at(column, row).filter(|v| depth.is_trusted(*v));
             let Some(value) = value else { continue };
             // Always exact: the published convention applies to Blender layouts only, whose range is known
             // and never estimated.

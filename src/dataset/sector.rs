@@ -22,7 +22,7 @@ const MIN_TRAINING: usize = 2;
 /// Share of the cameras that must face the object.
 const IN_FRONT: f64 = 0.95;
 /// Largest median distance of optical axes from the object's centre, relative to the camera distance.
-const MISS: f64 = 0.1;
+const MAX_AXIS_MISS: f64 = 0.1;
 /// Least range of azimuth of cameras around an object, degrees.
 const MIN_SPAN: f64 = 120.0;
 /// Least determinant of the mean projection off the axes: parallel axes have no common point.
@@ -47,7 +47,7 @@ impl Dataset {
 
     fn sector(&self, training_split: usize) -> Result<Evaluation, DatasetError> {
         let poses = self.poses(training_split);
-        let ring = Ring::around(&poses, self.up(training_split));
+        let ring = CameraRing::around(&poses, self.up(training_split));
         let parts = match &ring {
             Some(ring) => self.object(training_split, &poses, ring),
             None => recording(training_split, poses.len()),
@@ -59,7 +59,7 @@ impl Dataset {
                 None => ("a recording", "use a longer recording"),
             };
             return Err(DatasetError::Sector {
-                path: self.shown(),
+                path: self.display_path(),
                 kind,
                 frames: poses.len(),
                 training: training.len(),
@@ -79,7 +79,7 @@ impl Dataset {
     }
 
     /// Splits by azimuth; views come from the evaluation split, if there is one.
-    fn object(&self, training_split: usize, poses: &[Pose], ring: &Ring) -> Parts {
+    fn object(&self, training_split: usize, poses: &[Pose], ring: &CameraRing) -> Parts {
         let within = |poses: &[Pose], is_within: fn(f64) -> bool| -> Vec<usize> {
             let azimuths = poses.iter().map(|pose| ring.azimuth(pose).abs().to_degrees());
             azimuths
@@ -97,7 +97,7 @@ impl Dataset {
                 (split, sector, within(&poses, inside), within(&poses, beyond))
             }
             None => {
-                let (training, new_views) = thinned(sector);
+                let (training, new_views) = hold_out_eighth(sector);
                 (training_split, training, new_views, within(poses, beyond))
             }
         };
@@ -136,7 +136,7 @@ impl Parts {
 
 /// Trains on the start of a camera path and measures its end.
 fn recording(split: usize, n_frames: usize) -> Parts {
-    let (training, new_views) = thinned((0..n_frames * TRAINING_FIFTHS / 5).collect());
+    let (training, new_views) = hold_out_eighth((0..n_frames * TRAINING_FIFTHS / 5).collect());
     let first = (n_frames * SIDE_THIRDS).div_ceil(3);
     let side: Vec<usize> = (first..n_frames).collect();
     let why = format!(
@@ -149,7 +149,7 @@ fn recording(split: usize, n_frames: usize) -> Parts {
 }
 
 /// Separates every eighth frame: the others, and those.
-fn thinned(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
+fn hold_out_eighth(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
     let numbered = frames.into_iter().enumerate();
     let (held_out, training): (Vec<_>, Vec<_>) =
         numbered.partition(|(i, _)| i.is_multiple_of(HOLD_OUT_EVERY));
@@ -158,16 +158,16 @@ fn thinned(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
 }
 
 /// Cameras around an object, facing inward.
-struct Ring {
+struct CameraRing {
     centre: DVec3,
     /// Unit vectors perpendicular to the up axis: towards the first camera, and a quarter turn further.
     horizon: [DVec3; 2],
 }
 
-impl Ring {
+impl CameraRing {
     /// `None` if the cameras do not surround an object.
     fn around(poses: &[Pose], up: DVec3) -> Option<Self> {
-        let centre = meeting_point(poses)?;
+        let centre = axes_intersection(poses)?;
         let from_centre = |pose: &Pose| pose.centre() - centre;
         let is_in_front = |pose: &&Pose| pose.forward().dot(-from_centre(pose)) > 0.0;
         let n_in_front = poses.iter().filter(is_in_front).count();
@@ -180,7 +180,7 @@ impl Ring {
         };
         let mut misses: Vec<f64> = poses.iter().map(miss).collect();
         misses.sort_by(f64::total_cmp);
-        if *misses.get(misses.len() / 2)? > MISS {
+        if *misses.get(misses.len() / 2)? > MAX_AXIS_MISS {
             return None;
         }
         let first = from_centre(poses.first()?).reject_from(up).try_normalize()?;
@@ -206,7 +206,7 @@ impl Ring {
 }
 
 /// Least-squares intersection of all optical axes; `None` if they are nearly parallel.
-fn meeting_point(poses: &[Pose]) -> Option<DVec3> {
+fn axes_intersection(poses: &[Pose]) -> Option<DVec3> {
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for pose in poses {
         let axis = pose.forward();
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn cameras_that_look_past_each_other_or_span_little_walk() {
-        let is_object = |poses: &[Pose]| Ring::around(poses, DVec3::Z).is_some();
+        let is_object = |poses: &[Pose]| CameraRing::around(poses, DVec3::Z).is_some();
         assert!(is_object(&orbit(24, 0.0, 15.0, 0.1)));
         assert!(!is_object(&orbit(24, 0.0, 15.0, 0.5)), "axes miss the centre");
         assert!(!is_object(&orbit(12, 0.0, 10.0, 0.0)), "a span of 110 degrees");

@@ -15,7 +15,7 @@ const COARSE: usize = 4;
 
 /// Sharpness and brightness of one photograph.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PictureMeasure {
+pub struct PhotoQuality {
     /// Ratio of fine to coarse difference energy; comparable within one camera only. `None` without any
     /// detail.
     pub sharpness: Option<f64>,
@@ -23,7 +23,7 @@ pub struct PictureMeasure {
     pub brightness: f64,
 }
 
-impl PictureMeasure {
+impl PhotoQuality {
     /// Measures a photograph; transparent pixels count as black for sharpness.
     pub fn of(photograph: &Image<[u8; 4]>) -> Self {
         let luma = photograph.map(|&[r, g, b, a]| {
@@ -85,7 +85,7 @@ mod tests {
     }
 
     fn sharpness(picture: &Image<[u8; 4]>) -> f64 {
-        PictureMeasure::of(picture).sharpness.unwrap()
+        PhotoQuality::of(picture).sharpness.unwrap()
     }
 
     #[test]
@@ -108,7 +108,7 @@ mod tests {
         assert!(sharpness(&blurred) < 0.5 * sharpness(&sharp));
         let dim = textured(0.6);
         assert!((sharpness(&dim) / sharpness(&sharp) - 1.0).abs() < 0.1);
-        let ratio = PictureMeasure::of(&dim).brightness / PictureMeasure::of(&sharp).brightness;
+        let ratio = PhotoQuality::of(&dim).brightness / PhotoQuality::of(&sharp).brightness;
         assert!((ratio - 0.6).abs() < 0.01, "{ratio}");
     }
 
@@ -116,7 +116,7 @@ mod tests {
     fn a_picture_without_detail_is_neither_sharp_nor_blurred() {
         for (width, height) in [(64, 48), (3, 2), (1, 1)] {
             let grey = Image::filled(width, height, [128, 128, 128, 255]);
-            let measure = PictureMeasure::of(&grey);
+            let measure = PhotoQuality::of(&grey);
             assert_eq!(measure.sharpness, None);
             assert!((measure.brightness - 128.0 / 255.0).abs() < 1e-3);
         }
@@ -126,7 +126,7 @@ mod tests {
     fn only_opaque_pixels_have_a_brightness() {
         let mut half = Image::filled(8, 8, [200, 200, 200, 255]);
         half.data[..32].fill([255, 255, 255, 0]);
-        let found = PictureMeasure::of(&half).brightness;
+        let found = PhotoQuality::of(&half).brightness;
         assert!((found - 200.0 / 255.0).abs() < 1e-3, "{found}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::archive::Archive;
 use super::error::FrameProblem;
-use super::files::{MAX_IMAGE_BYTES, bytes_of};
+use super::files::{MAX_IMAGE_BYTES, read_bytes};
 use super::video::Video;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,7 +35,7 @@ impl ByteSource {
     }
 
     /// The file on disk that contains the bytes.
-    pub fn container(&self) -> &Path {
+    pub fn disk_path(&self) -> &Path {
         match self {
             Self::Member { archive, .. } => archive.path(),
             Self::File(_) | Self::Grey(_) | Self::VideoFrame { .. } => self.path(),
@@ -44,10 +44,10 @@ impl ByteSource {
 
     pub fn read(&self) -> Result<Vec<u8>, FrameProblem> {
         match self {
-            Self::File(path) | Self::Grey(path) => Ok(bytes_of(path, MAX_IMAGE_BYTES)?),
+            Self::File(path) | Self::Grey(path) => Ok(read_bytes(path, MAX_IMAGE_BYTES)?),
             Self::Member { archive, name, .. } => archive.read(name),
             Self::VideoFrame { video, index } => {
-                Ok(bytes_of(&video.frame(*index)?, MAX_IMAGE_BYTES)?)
+                Ok(read_bytes(&video.frame(*index)?, MAX_IMAGE_BYTES)?)
             }
         }
     }

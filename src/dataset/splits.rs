@@ -104,7 +104,7 @@ impl Dataset {
     /// [`DatasetError::NoSuchSplit`].
     pub fn split_named(&self, name: &str) -> Result<usize, DatasetError> {
         self.splits.iter().position(|s| s.name == name).ok_or_else(|| DatasetError::NoSuchSplit {
-            path: self.shown(),
+            path: self.display_path(),
             asked: name.to_owned(),
             splits: self.split_names(),
         })
@@ -118,19 +118,23 @@ impl Dataset {
     /// usable frame, because the remaining split may be the one for evaluation.
     pub fn training_split(&self) -> Result<usize, DatasetError> {
         let refuse = |split: &str, found: String| {
-            Err(DatasetError::TrainingSplit { path: self.shown(), split: split.to_owned(), found })
+            Err(DatasetError::TrainingSplit {
+                path: self.display_path(),
+                split: split.to_owned(),
+                found,
+            })
         };
         for name in TRAINING_NAMES {
             if let Some(split) = self.find(|s| s.has_depth && s.name == name) {
                 return Ok(split);
             }
-            if let Some((first, n_listed)) = self.refused_whole(name) {
+            if let Some((first, n_listed)) = self.unusable_split(name) {
                 let found = format!("none in {n_listed} listed; the first problem: {first}");
                 return refuse(name, found);
             }
         }
         let split = self.find(|s| s.has_depth).ok_or_else(|| DatasetError::NoDepth {
-            path: self.shown(),
+            path: self.display_path(),
             splits: self.split_names(),
         })?;
         let [training, ..] = TRAINING_NAMES;
@@ -143,7 +147,7 @@ impl Dataset {
     }
 
     /// First problem of a split without usable frames, and the number of its skipped frames.
-    fn refused_whole(&self, name: &str) -> Option<(String, usize)> {
+    fn unusable_split(&self, name: &str) -> Option<(String, usize)> {
         if self.find(|s| s.name == name).is_some() {
             return None;
         }
@@ -153,7 +157,7 @@ impl Dataset {
     }
 
     /// Path or name shown in messages.
-    pub(super) fn shown(&self) -> PathBuf {
+    pub(super) fn display_path(&self) -> PathBuf {
         self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
 

@@ -11,15 +11,15 @@ use std::collections::BTreeMap;
 
 impl Dataset {
     /// Reopens the recording with its recorded poses; `None` if that fails.
-    pub fn recorded(&self) -> Option<Self> {
+    pub fn with_recorded_poses(&self) -> Option<Self> {
         let options = LoadOptions { track: false, ..self.options };
         open(self.path.as_ref()?, &options).ok()
     }
 
     /// Replaces the images by those rectified with the recorded poses; `None` if nothing changes. Poses are
     /// unchanged.
-    pub fn straightened(&self) -> Option<Self> {
-        let recorded = self.options.track.then(|| self.recorded()).flatten()?;
+    pub fn rectified(&self) -> Option<Self> {
+        let recorded = self.options.track.then(|| self.with_recorded_poses()).flatten()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
         let recorded: BTreeMap<&str, &FrameEntry> =
             entries.map(|entry| (entry.name.as_str(), entry)).collect();
@@ -27,7 +27,7 @@ impl Dataset {
         let mut changes = false;
         for entry in straightened.splits.iter_mut().flat_map(|split| &mut split.frames) {
             if let Some(other) = recorded.get(entry.name.as_str()) {
-                changes |= entry.take_images(other);
+                changes |= entry.replace_images(other);
             }
         }
         changes.then_some(straightened)
@@ -36,7 +36,7 @@ impl Dataset {
 
 impl FrameEntry {
     /// Takes the images of another entry of the same frame; true if they differ.
-    fn take_images(&mut self, other: &Self) -> bool {
+    fn replace_images(&mut self, other: &Self) -> bool {
         let lens = |entry: &Self| match &entry.source {
             FrameSource::Files(files) => Some(files.lens),
             FrameSource::Synthetic { .. } => None,

@@ -134,7 +134,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Kernel for Emission<'_, C, L> {
                     // Rows of four without a point are skipped before their rays are computed.
                     let kept = four.map(|status| status == Status::Kept as u8);
                     if kept != [false; QUAD] {
-                        self.four(column, row, kept, &mut tile);
+                        self.emit_four(column, row, kept, &mut tile);
                     }
                 }
                 self.out.push_tile(tile.columns.each_ref().map(|column| &column[..tile.n]));
@@ -146,11 +146,11 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Kernel for Emission<'_, C, L> {
 impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
     /// Converts one row of a quad, of which at least one pixel is kept.
     #[inline(always)]
-    fn four(&self, column: usize, row: usize, kept: [bool; QUAD], tile: &mut TileBuffer) {
+    fn emit_four(&self, column: usize, row: usize, kept: [bool; QUAD], tile: &mut TileBuffer) {
         let at = row * self.width + column;
         let is_whole = kept == [true; QUAD];
         let (codes, colors) = match is_whole {
-            true => (fixed(&self.codes[at..]), fixed(&self.colors[at..])),
+            true => (first_four(&self.codes[at..]), first_four(&self.colors[at..])),
             // After the last column the next image row begins, or the buffer ends: dropped pixels are not
             // read.
             false => {
@@ -163,7 +163,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
         };
         let slopes = [&self.columns.tangents, &self.columns.stretches];
         let local = local_points(
-            slopes.map(|slopes| fixed(&slopes[column..])),
+            slopes.map(|slopes| first_four(&slopes[column..])),
             self.rows[row],
             self.kind,
             codes.map(&self.length),
@@ -218,7 +218,7 @@ impl TileBuffer {
 }
 
 #[inline(always)]
-fn fixed<T: Copy>(values: &[T]) -> [T; QUAD] {
+fn first_four<T: Copy>(values: &[T]) -> [T; QUAD] {
     let four = &values[..QUAD];
     std::array::from_fn(|j| four[j])
 }

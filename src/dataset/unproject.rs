@@ -10,7 +10,7 @@
 //! rounded.
 
 use super::depth::{Depth, DepthCodes, DepthKind, decode_inverse8, decode_length, decode_linear16};
-use super::edges::{Padded, mixed_lengths, mixed_levels};
+use super::edges::{Padded, mark_mixed_lengths, mark_mixed_levels};
 use super::error::FrameError;
 use super::frame::Frame;
 use super::tile_points::{Emission, Placement, Slope, Slopes, Status, TILE, local_points};
@@ -193,13 +193,13 @@ impl Unprojector {
         out: &mut Points<f32>,
     ) -> Result<PointCounts, FrameError> {
         out.clear();
-        let registered = frame.registered();
+        let registered = frame.with_registered_color();
         let frame = registered.as_ref();
-        let depth = frame.depth_to_use()?;
+        let depth = frame.require_depth()?;
         let mut tally = [0usize; 5];
         match &depth.codes {
             DepthCodes::Inverse8(codes) => {
-                self.judge_levels(frame, depth, codes, settings.filter, &mut tally);
+                self.classify_levels(frame, depth, codes, settings.filter, &mut tally);
                 // Holes have length 0, which is never read because they are not kept.
                 let lengths: [f64; 256] =
                     std::array::from_fn(|d| decode_inverse8(d as u8).unwrap_or(0.0));
@@ -208,14 +208,14 @@ impl Unprojector {
             }
             DepthCodes::Linear16 { codes, unit } => {
                 let length = |code: u16| decode_linear16(code, *unit).unwrap_or(f64::NAN);
-                self.judge_lengths(frame, depth, codes, length, settings.filter, &mut tally);
+                self.classify_lengths(frame, depth, codes, length, settings.filter, &mut tally);
                 let length = |code: u16| f64::from(code) * unit;
                 self.emit(frame, depth.kind, settings, out, &codes.data, length);
             }
             DepthCodes::Lengths(lengths) => {
                 let filter = settings.filter;
                 let length = |stored: f32| decode_length(stored).unwrap_or(f64::NAN);
-                self.judge_lengths(frame, depth, lengths, length, filter, &mut tally);
+                self.classify_lengths(frame, depth, lengths, length, filter, &mut tally);
                 self.emit(frame, depth.kind, settings, out, &lengths.data, f64::from);
             }
         }
@@ -231,7 +231,7 @@ impl Unprojector {
         })
     }
 
-    fn judge_levels(
+    fn classify_levels(
         &mut self,
         frame: &Frame,
         depth: &Depth,
@@ -241,7 +241,7 @@ impl Unprojector {
     ) {
         let plain: [u8; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
             (0, _) => Status::Hole as u8,
-            (_, Some(length)) if depth.trusts(length) => Status::Kept as u8,
+            (_, Some(length)) if depth.is_trusted(length) => Status::Kept as u8,
             // Includes code 255: the camera centre, which no sensor can have measured.
             _ => Status::Range as u8,
         });
@@ -249,7 +249,7 @@ impl Unprojector {
         if filter == EdgeFilter::DropMixed {
             levels.fill(codes.width, &codes.data, |d| d);
         }
-        Isa::best().run(Judging {
+        Isa::best().run(ClassifyPixels {
             frame,
             filter,
             statuses,
@@ -257,12 +257,12 @@ impl Unprojector {
             tally,
             codes: &codes.data,
             plain: |code: u8| plain[code as usize],
-            find_mixed: |row, mixed: &mut [u8]| mixed_levels(levels, row, mixed),
+            find_mixed: |row, mixed: &mut [u8]| mark_mixed_levels(levels, row, mixed),
         });
     }
 
     /// `length` converts a code to a length, NaN at holes.
-    fn judge_lengths<C: Copy>(
+    fn classify_lengths<C: Copy>(
         &mut self,
         frame: &Frame,
         depth: &Depth,
@@ -276,7 +276,7 @@ impl Unprojector {
         if filter == EdgeFilter::DropMixed {
             lengths.fill(codes.width, &codes.data, |code| length(code).max(0.0) as f32);
         }
-        Isa::best().run(Judging {
+        Isa::best().run(ClassifyPixels {
             frame,
             filter,
             statuses,
@@ -292,7 +292,7 @@ impl Unprojector {
                 if length.is_nan() { Status::Hole as u8 } else { measured }
             },
             find_mixed: |row, mixed: &mut [u8]| {
-                mixed_lengths(lengths, row, focal, depth.metre as f32, mixed);
+                mark_mixed_lengths(lengths, row, focal, depth.units_per_metre as f32, mixed);
             },
         });
     }
@@ -339,7 +339,7 @@ impl Unprojector {
 }
 
 /// First pass over an image: classifies every pixel, row by row.
-struct Judging<'a, C, P, M> {
+struct ClassifyPixels<'a, C, P, M> {
     frame: &'a Frame,
     filter: EdgeFilter,
     statuses: &'a mut Vec<u8>,
@@ -352,7 +352,7 @@ struct Judging<'a, C, P, M> {
     find_mixed: M,
 }
 
-impl<C: Copy, P: Fn(C) -> u8, M: Fn(usize, &mut [u8])> Kernel for Judging<'_, C, P, M> {
+impl<C: Copy, P: Fn(C) -> u8, M: Fn(usize, &mut [u8])> Kernel for ClassifyPixels<'_, C, P, M> {
     type Output = ();
 
     #[inline(always)]

@@ -24,7 +24,7 @@ impl Video {
     }
 
     /// True if `ffmpeg` can be run.
-    pub fn can_be_read() -> bool {
+    pub fn is_ffmpeg_available() -> bool {
         let quiet = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
         quiet.is_ok_and(|output| output.status.success())
     }
@@ -35,7 +35,7 @@ impl Video {
 
     /// Image file of a frame, counted from 0.
     pub fn frame(&self, index: usize) -> Result<PathBuf, FrameProblem> {
-        let unpacked = self.frames.get_or_init(|| unpack(&self.path));
+        let unpacked = self.frames.get_or_init(|| extract_frames(&self.path));
         let folder = unpacked.as_ref().map_err(|found| FrameProblem::Video(found.clone()))?;
         let file = folder.path().join(format!("{index:06}.jpg"));
         match is_file(&file)? {
@@ -48,7 +48,7 @@ impl Video {
 /// Option that extracts every frame once: since ffmpeg 5.1, and before it.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
-fn unpack(path: &Path) -> Result<TempDir, String> {
+fn extract_frames(path: &Path) -> Result<TempDir, String> {
     let folder = TempDir::new().map_err(|e| e.to_string())?;
     // An absolute path: a relative name may start with a dash or a protocol prefix.
     let video = std::path::absolute(path).map_err(|e| e.to_string())?;

@@ -20,15 +20,15 @@ const JPEG: [u8; 2] = [0xFF, 0xD8];
 
 impl FrameEntry {
     /// True if all of its files exist and are complete.
-    pub(super) fn is_whole(&self) -> bool {
+    pub(super) fn is_complete(&self) -> bool {
         let FrameSource::Files(files) = &self.source else { return true };
         let Some(depth) = files.depth.as_ref().filter(|_| is_whole(&files.color)) else {
             return is_whole(&files.color);
         };
         // Files without a header may start with any bytes, also those of an image.
         let is_bare = depth.encoding.codes == CodeKind::BareFloats;
-        let depth_ends = if is_bare { None } else { image_ends(depth.file.path()) };
-        let map_ends = depth.confidence.as_ref().map(|(map, _)| image_ends(map.path()));
+        let depth_ends = if is_bare { None } else { has_image_end(depth.file.path()) };
+        let map_ends = depth.confidence.as_ref().map(|(map, _)| has_image_end(map.path()));
         match (depth_ends, map_ends) {
             (Some(false), _) | (_, Some(Some(false))) => false,
             (Some(true), None | Some(Some(true))) => true,
@@ -55,7 +55,7 @@ pub struct FrameMarks(Vec<FileMark>);
 
 impl FrameMarks {
     /// Latest modification time of the files since 1970, by the file system's clock; `None` if unknown.
-    pub fn completed(&self) -> Option<Duration> {
+    pub fn last_modified(&self) -> Option<Duration> {
         self.0.iter().filter_map(|mark| mark.changed).max()
     }
 }
@@ -79,7 +79,7 @@ impl FileMark {
 
 fn is_whole(color: &ByteSource) -> bool {
     match color {
-        ByteSource::File(path) => image_ends(path).unwrap_or(false),
+        ByteSource::File(path) => has_image_end(path).unwrap_or(false),
         // The stand-in for a missing photograph needs no file.
         ByteSource::Grey(_) => true,
         // Videos and archives are read only once the recording has ended.
@@ -88,7 +88,7 @@ fn is_whole(color: &ByteSource) -> bool {
 }
 
 /// True if a PNG or JPEG has its end; `None` for files of other formats.
-fn image_ends(path: &Path) -> Option<bool> {
+fn has_image_end(path: &Path) -> Option<bool> {
     let Ok(mut file) = open_file(path) else { return Some(false) };
     let mut head = Vec::new();
     if file.by_ref().take(PNG.len() as u64).read_to_end(&mut head).is_err() || head.is_empty() {
@@ -102,7 +102,7 @@ fn image_ends(path: &Path) -> Option<bool> {
         return Some(read.is_ok() && end == PNG_END);
     }
     if head.starts_with(&JPEG) {
-        let ends = file.read_to_end(&mut head).is_ok() && decode::jpeg_ends(&head);
+        let ends = file.read_to_end(&mut head).is_ok() && decode::has_jpeg_end(&head);
         return Some(ends);
     }
     // A file shorter than the signature may become either format.
@@ -146,15 +146,15 @@ mod tests {
         for image in [png, jpeg] {
             for length in 0..image.len() {
                 std::fs::write(&path, &image[..length]).unwrap();
-                assert_eq!(image_ends(&path), Some(false), "{length} of {} bytes", image.len());
+                assert_eq!(has_image_end(&path), Some(false), "{length} of {} bytes", image.len());
             }
             std::fs::write(&path, &image).unwrap();
-            assert_eq!(image_ends(&path), Some(true));
+            assert_eq!(has_image_end(&path), Some(true));
         }
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(image_ends(&path), Some(false), "a missing file is no image");
+        assert_eq!(has_image_end(&path), Some(false), "a missing file is no image");
         std::fs::write(&path, [0.5f32.to_le_bytes(); 8].as_flattened()).unwrap();
-        assert_eq!(image_ends(&path), None, "bare floats have no end");
+        assert_eq!(has_image_end(&path), None, "bare floats have no end");
     }
 
     #[test]
@@ -167,6 +167,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("image.jpg");
         std::fs::write(&path, jpeg).unwrap();
-        assert_eq!(image_ends(&path), Some(true));
+        assert_eq!(has_image_end(&path), Some(true));
     }
 }

@@ -18,7 +18,7 @@ const SPREADS: f64 = 3.0;
 
 /// A frame whose camera is far from those before and after it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WildPose {
+pub struct OutlierPose {
     /// Index of the frame in the split.
     pub index: usize,
     /// Name of the frame within its split.
@@ -26,12 +26,12 @@ pub struct WildPose {
     /// Distance from the nearer of its two neighbours, world units.
     pub distance: f64,
     /// Median over all frames of that distance, world units.
-    pub usual: f64,
+    pub median_distance: f64,
 }
 
-impl std::fmt::Display for WildPose {
+impl std::fmt::Display for OutlierPose {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { frame, distance, usual, .. } = self;
+        let Self { frame, distance, median_distance: usual, .. } = self;
         write!(
             f,
             "{frame}: its pose lies {distance:.3} from those of the frames before and after it, where the median is {usual:.4}; correct the pose or remove the frame"
@@ -40,14 +40,14 @@ impl std::fmt::Display for WildPose {
 }
 
 /// Finds the outlier poses of a split whose frames are in order of capture.
-pub fn wild_poses(split: &DatasetSplit) -> Vec<WildPose> {
+pub fn outlier_poses(split: &DatasetSplit) -> Vec<OutlierPose> {
     let centres: Vec<DVec3> = split.frames.iter().map(|f| f.camera.pose.centre()).collect();
     let found = isolated(&centres);
-    let wild = |(index, distance, usual)| WildPose {
+    let wild = |(index, distance, usual)| OutlierPose {
         index,
         frame: split.frames.get(index).map(|frame| frame.name.clone()).unwrap_or_default(),
         distance,
-        usual,
+        median_distance: usual,
     };
     found.into_iter().map(wild).collect()
 }

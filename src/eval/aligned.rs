@@ -48,7 +48,7 @@ impl AlignedView {
         let Comparison { psnr, ssim, covered, .. } = compare(shown, coverage, truth)?;
         let Some(covered) = covered else { return Ok(None) };
         // At the photograph's exposure: a darker render has less energy but is not less sharp.
-        let exposed = covered.alignment.applied(shown, coverage);
+        let exposed = covered.alignment.apply(shown, coverage);
         let Some(bands) = sharpness::bands(&exposed, coverage, truth) else { return Ok(None) };
         let turn = DQuat::from_mat3(&(from.rotation().transpose() * to.rotation()));
         Ok(Some(Self {
@@ -97,7 +97,7 @@ mod tests {
         let truth = Image::from_vec(32, 24, (0..32 * 24).map(pixel).collect());
         let dark = truth.map(|p| p.map(|v| 0.5 * v));
         let turn = DQuat::from_rotation_y(0.5f64.to_radians());
-        let to = Pose::IDENTITY.attached(DVec3::new(0.0, 0.03, 0.04), turn);
+        let to = Pose::IDENTITY.attached_camera(DVec3::new(0.0, 0.03, 0.04), turn);
         let coverage = Image::filled(32, 24, 1.0);
         let poses = [&Pose::IDENTITY, &to];
         let view = AlignedView::compare(poses, &dark, &coverage, &truth).unwrap().unwrap();

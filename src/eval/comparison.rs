@@ -86,7 +86,7 @@ pub fn compare(
         0 => None,
         _ => {
             let alignment = sums.alignment();
-            let aligned = alignment.applied(render, coverage);
+            let aligned = alignment.apply(render, coverage);
             // Recomputed rather than derived from the fit: clamping to `[0, 1]` changes the error.
             let after = Sums::of(&aligned, coverage, truth);
             Some(Covered {
@@ -120,14 +120,14 @@ pub(super) fn aligned_error(
     let sums = Sums::of(render, coverage, truth);
     let error = match sums.n_covered {
         0 => sums.error,
-        _ => Sums::of(&sums.alignment().applied(render, coverage), coverage, truth).error,
+        _ => Sums::of(&sums.alignment().apply(render, coverage), coverage, truth).error,
     };
     Ok(error / (3 * render.data.len()) as f64)
 }
 
 impl Alignment {
     /// Applies the alignment to covered pixels of a render, clamped to `[0, 1]`.
-    pub(super) fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
+    pub(super) fn apply(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
         let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
             // The background is not part of the model; aligning it would reward guessing its colour.
             if coverage < COVERED {
@@ -282,7 +282,7 @@ mod tests {
                 let mut off = covered.alignment;
                 off.gain[i] += gain;
                 off.offset[i] += offset;
-                let worse = Sums::of(&off.applied(&render, &coverage), &coverage, &truth);
+                let worse = Sums::of(&off.apply(&render, &coverage), &coverage, &truth);
                 assert!(worse.psnr_covered() < covered.aligned_psnr, "channel {i} {gain} {offset}");
             }
         }

@@ -21,7 +21,7 @@ const V2: Names =
 
 /// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
 /// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
-pub(super) fn left_bytes(groups: &str, root: &Path) -> Option<u64> {
+pub(super) fn available_bytes(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| {
         let mut fields = line.splitn(3, ':').skip(1);
         let (controllers, group) = (fields.next()?, fields.next()?.trim_start_matches('/'));
@@ -34,12 +34,12 @@ pub(super) fn left_bytes(groups: &str, root: &Path) -> Option<u64> {
         // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
         let below: PathBuf = top.join(group);
         let all = below.ancestors().take_while(|path| path.starts_with(&top));
-        all.filter_map(|path| left_of(path, &names)).min()
+        all.filter_map(|path| available_in_group(path, &names)).min()
     };
     groups.lines().filter_map(of_line).min()
 }
 
-fn left_of(group: &Path, names: &Names) -> Option<u64> {
+fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
     let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
     // `max` does not parse: no limit.
     let (limit, used) = (number(names.limit)?, number(names.used)?);
@@ -65,9 +65,9 @@ mod tests {
     fn the_tightest_group_of_either_version_counts() {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path();
-        assert_eq!(left_bytes("0::/a/b\n", root), None, "no files");
+        assert_eq!(available_bytes("0::/a/b\n", root), None, "no files");
         written(root, &[("a/b/memory.max", "max\n"), ("a/b/memory.current", "5000\n")]);
-        assert_eq!(left_bytes("0::/a/b\n", root), None, "no limit");
+        assert_eq!(available_bytes("0::/a/b\n", root), None, "no limit");
         written(
             root,
             &[
@@ -76,12 +76,12 @@ mod tests {
                 ("a/memory.stat", "anon 5000\ninactive_file 500\nactive_file 1\n"),
             ],
         );
-        assert_eq!(left_bytes("0::/a/b\n", root), Some(3500));
+        assert_eq!(available_bytes("0::/a/b\n", root), Some(3500));
         // A container sees its own group at the root, regardless of the stated path.
         written(root, &[("memory.max", "2000"), ("memory.current", "1500")]);
-        assert_eq!(left_bytes("0::/not/here\n", root), Some(500));
+        assert_eq!(available_bytes("0::/not/here\n", root), Some(500));
         let v1 = "7:cpu:/x\n3:memory:/job\n";
-        assert_eq!(left_bytes(v1, root), None);
+        assert_eq!(available_bytes(v1, root), None);
         written(
             root,
             &[
@@ -90,7 +90,7 @@ mod tests {
                 ("memory/job/memory.stat", "total_inactive_file 300\n"),
             ],
         );
-        assert_eq!(left_bytes(v1, root), Some(200));
-        assert_eq!(left_bytes(&format!("{v1}0::/a\n"), root), Some(200));
+        assert_eq!(available_bytes(v1, root), Some(200));
+        assert_eq!(available_bytes(&format!("{v1}0::/a\n"), root), Some(200));
     }
 }

@@ -9,7 +9,7 @@
 //! approaches. Only pixels inside a surface count, because the background is visible next to a silhouette.
 
 use super::surfaces::Surfaces;
-use super::sweep::over_views;
+use super::sweep::visit_views;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
@@ -92,7 +92,7 @@ pub fn measure<'a>(
         let surfaces = Surfaces::of(&frame, sensor)?;
         in_view(frame.name, &surfaces, splats, render, renderer)
     };
-    let found = over_views(dataset, split, frames, visit, progress);
+    let found = visit_views(dataset, split, frames, visit, progress);
     // Views without interior pixels must not count as free of cracks.
     let found: Vec<ViewCracks> = found.into_iter().flatten().collect();
     let far: Vec<Cracks> = found.iter().map(|view| view.training_distance).collect();
@@ -124,7 +124,7 @@ fn in_view(
     Some(ViewCracks {
         frame,
         training_distance: shares(surfaces)?,
-        half_distance: shares(&surfaces.seen_by(&nearer, near)),
+        half_distance: shares(&surfaces.project_into(&nearer, near)),
     })
 }
 
@@ -133,7 +133,7 @@ fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
     // Median rather than mean: a distant background must not move the camera through near objects.
     let step = 0.5 * f64::from(surfaces.median_interior_z()?);
     let Camera { intrinsics, pose } = surfaces.camera;
-    Some(Camera { intrinsics, pose: pose.attached(step * DVec3::Z, DQuat::IDENTITY) })
+    Some(Camera { intrinsics, pose: pose.attached_camera(step * DVec3::Z, DQuat::IDENTITY) })
 }
 
 impl Cracks {
@@ -188,7 +188,12 @@ mod tests {
             camera,
             color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]).into(),
             color_camera: None,
-            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0], metre: 1.0 }),
+            depth: Some(Depth {
+                codes,
+                kind: DepthKind::Z,
+                trusted: [0.1, 4.0],
+                units_per_metre: 1.0,
+            }),
         }
     }
 

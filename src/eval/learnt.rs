@@ -10,14 +10,14 @@ use std::path::Path;
 pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
     let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
         let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);
-        frames.iter().filter_map(|&i| all.get(i)).map(mark).collect()
+        frames.iter().filter_map(|&i| all.get(i)).map(photograph_key).collect()
     };
     let learnt: HashSet<_> = marks(learnt).into_iter().collect();
     marks(views).iter().filter(|view| learnt.contains(*view)).count()
 }
 
 /// Identifies a photograph across splits.
-fn mark(frame: &FrameEntry) -> (String, Option<&Path>) {
+fn photograph_key(frame: &FrameEntry) -> (String, Option<&Path>) {
     (frame.name.clone(), frame.color_path())
 }
 

@@ -51,7 +51,7 @@ pub fn rss_bytes() -> Option<u64> {
 pub fn available_bytes() -> Option<u64> {
     let free = file_bytes("/proc/meminfo", "MemAvailable:");
     let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    let left = control_group::left_bytes(&groups, Path::new("/sys/fs/cgroup"));
+    let left = control_group::available_bytes(&groups, Path::new("/sys/fs/cgroup"));
     free.into_iter().chain(left).min()
 }
 

@@ -20,7 +20,7 @@ pub type Views<'a> = (usize, &'a [usize]);
 /// # Errors
 /// [`EvalError`] if a photograph does not fit or no view is usable; single unusable views are listed in the
 /// report.
-pub fn quality(
+pub fn measure_quality(
     splats: SplatView<'_>,
     dataset: &Dataset,
     (split, views): Views<'_>,

@@ -10,7 +10,7 @@ const SPLAT_BYTES: u64 = 420;
 const FIXED_BYTES: u64 = 50_000_000;
 
 /// Adds to an estimate the memory for evaluating views of `pixels` of a model with at most `components`.
-pub fn with_measuring(
+pub fn with_evaluation(
     estimate: MemoryEstimate,
     pixels: usize,
     components: usize,
@@ -53,7 +53,7 @@ mod tests {
                 SceneConfig { photometric, max_components: components, ..SceneConfig::exact(0.02) };
             let mut estimate = config.memory(pixels, 3);
             if measured {
-                estimate = with_measuring(estimate, pixels, components);
+                estimate = with_evaluation(estimate, pixels, components);
             }
             let share = estimate.total() as f64 / 1e6 / peak as f64;
             assert!((0.8..1.2).contains(&share), "{pixels} {components}: {share} of {peak} MB");

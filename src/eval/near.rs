@@ -2,7 +2,7 @@
 
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatView;
-use crate::render::{EVALUATION_NEAR, following_near};
+use crate::render::{EVALUATION_NEAR, near_plane_for};
 use crate::train::setting::Preset;
 use glam::DVec3;
 
@@ -55,7 +55,7 @@ pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> 
     }
     let mut beyond = |share: f64| {
         let at = (depths.len() as f64 * share) as usize;
-        following_near(*depths.select_nth_unstable_by(at, f64::total_cmp).1)
+        near_plane_for(*depths.select_nth_unstable_by(at, f64::total_cmp).1)
     };
     match rule {
         NearRule::Following => beyond(NEARER),

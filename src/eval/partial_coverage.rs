@@ -5,7 +5,7 @@ use crate::math::image::{Image, RgbImage};
 use crate::render::cpu::Rendered;
 
 /// Colours of the splats without the background, where coverage is at least [`COVERED`].
-pub(super) fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
+pub(super) fn divide_by_coverage(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
     let (color, coverage) = (&rendered.color, &rendered.coverage);
     let pixel = |(color, &coverage): (&[f32; 3], &f32)| {
         // With less coverage the colour is too uncertain to divide.
@@ -37,7 +37,7 @@ mod tests {
             depth: Image::filled(4, 1, 0.0),
             n_invalid: 0,
         };
-        let found = divided(&image, background).data;
+        let found = divide_by_coverage(&image, background).data;
         let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
         assert!(found[..3].iter().all(|&pixel| near(pixel, color)), "{found:?}");
         assert!(near(found[3], over(0.25)));

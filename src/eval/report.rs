@@ -7,7 +7,7 @@ use super::aligned::AlignedView;
 use super::choices::{PartialCoverage, ViewPoses};
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
-use super::seen::Seen;
+use super::seen::SeenQuality;
 use super::trajectory_error::TrajectoryError;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
@@ -16,7 +16,7 @@ use crate::model::scene::trajectory::TrackedPose;
 use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::comparer_use::ComparerUse;
-use crate::train::outcome::{Contradiction, PhotographOutcome};
+use crate::train::outcome::{OutlierReason, PhotographOutcome};
 use crate::train::pass_use::PassUse;
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
@@ -69,7 +69,7 @@ pub struct SeenReport {
     pub renderer: Renderer,
     /// Means over those frames.
     #[serde(flatten)]
-    pub seen: Seen,
+    pub seen: SeenQuality,
 }
 
 /// Training data of a run.
@@ -143,12 +143,12 @@ pub struct FrameReport {
 
 impl FrameReport {
     /// Warning about an outlier frame that was not, or only partially, trained on.
-    pub fn doubt(&self) -> Option<String> {
+    pub fn outlier_warning(&self) -> Option<String> {
         let PhotographOutcome { difference, usual, contradiction } = self.photograph?;
         let (found, left_out) = match contradiction? {
-            Contradiction::Picture => ("its photograph differs", "the photograph"),
-            Contradiction::Colors => ("the colours of its points differ", "the frame"),
-            Contradiction::Depth => {
+            OutlierReason::Picture => ("its photograph differs", "the photograph"),
+            OutlierReason::Colors => ("the colours of its points differ", "the frame"),
+            OutlierReason::Depth => {
                 return Some(format!(
                     "{}: its depth lies behind {:.0} % of the surfaces in view (usually {:.0} %), so the frame was not trained on; check its pose, and whether something moved",
                     self.frame,
@@ -272,7 +272,7 @@ pub struct EvalReport {
     /// Mean SSIM with colours aligned per view.
     pub ssim_aligned_mean: Option<f64>,
     /// Means over the pixels where the views' depth cameras measured a surface; `None` without depth.
-    pub seen_mean: Option<Seen>,
+    pub seen_mean: Option<SeenQuality>,
     /// Means over the views rendered from aligned poses, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_aligned_mean: Option<AlignedView>,
@@ -311,7 +311,7 @@ pub struct ViewReport {
     /// SSIM with colours aligned.
     pub ssim_aligned: Option<f64>,
     /// Quality on the pixels where the view's depth camera measured a surface; `None` without depth.
-    pub seen: Option<Seen>,
+    pub seen: Option<SeenQuality>,
     /// Quality at the aligned pose, if requested; `None` if no pixel is covered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_aligned: Option<AlignedView>,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 /// Quality on the seen pixels of one view, or the mean over views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct SeenQuality {
     /// PSNR over seen pixels, dB.
     pub psnr: f64,
     /// Share of seen pixels with coverage ≥ 0.5.
@@ -20,7 +20,7 @@ pub struct Seen {
     pub coverage_interior: Option<f64>,
 }
 
-impl Seen {
+impl SeenQuality {
     /// Compares a render with its photograph; `surfaces` are those of the view in the same image. `None` if
     /// no pixel has depth.
     ///
@@ -88,17 +88,20 @@ mod tests {
         let coverage = image(&|i| if quarter(i) == 3 { 0.4 } else { 0.9 });
         let render = coverage.map(|&a| if a < 0.5 { [0.0; 3] } else { [0.5; 3] });
         let truth = image(&|i| if quarter(i) == 0 { 1.0 } else { 0.5 }).map(|&v| [v; 3]);
-        let seen = Seen::compare(&render, &coverage, &truth, &surfaces).unwrap().unwrap();
+        let seen = SeenQuality::compare(&render, &coverage, &truth, &surfaces).unwrap().unwrap();
         assert!((seen.psnr - -10.0 * (0.25f64 / 3.0).log10()).abs() < 1e-9);
         assert_eq!(seen.coverage, 2.0 / 3.0);
         // The edge takes six columns: the first with depth, and five more.
         assert_eq!(seen.coverage_interior, Some((32.0 - 6.0) / (48.0 - 6.0)));
 
         let nothing = Surfaces::new(surfaces.camera, image(&|_| 0.0), [0.05, 0.0]);
-        assert_eq!(Seen::compare(&render, &coverage, &truth, &nothing), Ok(None));
-        let mean = Seen::mean(&[seen, Seen { psnr: 0.0, coverage: 0.0, coverage_interior: None }]);
+        assert_eq!(SeenQuality::compare(&render, &coverage, &truth, &nothing), Ok(None));
+        let mean = SeenQuality::mean(&[
+            seen,
+            SeenQuality { psnr: 0.0, coverage: 0.0, coverage_interior: None },
+        ]);
         let mean = mean.unwrap();
         assert_eq!((mean.coverage, mean.coverage_interior), (1.0 / 3.0, seen.coverage_interior));
-        assert_eq!(Seen::mean(&[]), None);
+        assert_eq!(SeenQuality::mean(&[]), None);
     }
 }

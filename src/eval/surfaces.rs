@@ -38,7 +38,8 @@ impl Surfaces {
         let width = z.width;
         for (i, z) in z.data.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
-            let is_trusted = depth.value_at(column, row).is_some_and(|value| depth.trusts(value));
+            let is_trusted =
+                depth.value_at(column, row).is_some_and(|value| depth.is_trusted(value));
             // Translucent pixels show a background of unknown depth.
             if !is_trusted || !frame.is_opaque(i) {
                 *z = 0.0;
@@ -57,7 +58,7 @@ impl Surfaces {
     /// Projects the surfaces into another camera. Squares between the centres of four neighbouring pixels
     /// without a jump are drawn with a depth test; points not beyond `near` (world units) are dropped.
     /// Interior pixels are interior in both images.
-    pub fn seen_by(&self, camera: &Camera, near: f32) -> Self {
+    pub fn project_into(&self, camera: &Camera, near: f32) -> Self {
         let corners = self.corners(camera, near);
         let width = self.z.width;
         let are_one = |a: usize, b: usize| !is_jump(self.z.data[a], self.z.data[b], self.jump);
@@ -93,7 +94,7 @@ impl Surfaces {
     }
 
     /// Depth in a renderer's convention; 0 if unknown.
-    pub fn depth_as(&self, kind: DepthKind) -> Image<f32> {
+    pub fn depth_of_kind(&self, kind: DepthKind) -> Image<f32> {
         let mut depth = self.z.clone();
         if kind == DepthKind::RayDistance {
             for (i, value) in depth.data.iter_mut().enumerate() {
@@ -120,7 +121,7 @@ fn is_jump(a: f32, b: f32, jump: [f32; 2]) -> bool {
 }
 
 fn interior(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
-    let near_edge = widened(&edges(z, jump));
+    let near_edge = dilate(&edges(z, jump));
     near_edge.map(|&near| !near)
 }
 
@@ -149,7 +150,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
 }
 
 /// Dilates the marks by [`EDGE_MARGIN`]: along rows, then along columns.
-fn widened(marks: &Image<bool>) -> Image<bool> {
+fn dilate(marks: &Image<bool>) -> Image<bool> {
     let (width, height) = (marks.width, marks.height);
     let mut along = Image::filled(width, height, false);
     let mut square = along.clone();
@@ -197,7 +198,12 @@ mod tests {
             camera,
             color: Image::filled(width, height, [0, 0, 0, 255]).into(),
             color_camera: None,
-            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0], metre: 1.0 }),
+            depth: Some(Depth {
+                codes,
+                kind: DepthKind::Z,
+                trusted: [0.1, 4.0],
+                units_per_metre: 1.0,
+            }),
         }
     }
 
@@ -241,8 +247,8 @@ mod tests {
         let frame = wall(here, |x, y| if (24..40).contains(&x) && y < 24 { 0 } else { 2000 });
         let surfaces = Surfaces::of(&frame, Sensor::Kinect).unwrap();
         assert_eq!(surfaces.median_interior_z(), Some(2.0));
-        let half = Camera { pose: here.pose.attached(DVec3::Z, DQuat::IDENTITY), ..here };
-        let seen = surfaces.seen_by(&half, 0.2);
+        let half = Camera { pose: here.pose.attached_camera(DVec3::Z, DQuat::IDENTITY), ..here };
+        let seen = surfaces.project_into(&half, 0.2);
         for row in 0..48 {
             for column in 0..64 {
                 let z = *seen.z.at(column, row);
@@ -264,14 +270,15 @@ mod tests {
         let here = camera(64, 48);
         let post = |x: usize, _| if (28..36).contains(&x) { 1000 } else { 2000 };
         let surfaces = Surfaces::of(&wall(here, post), Sensor::Kinect).unwrap();
-        let closer = Camera { pose: here.pose.attached(0.5 * DVec3::Z, DQuat::IDENTITY), ..here };
-        let seen = surfaces.seen_by(&closer, 0.2);
+        let closer =
+            Camera { pose: here.pose.attached_camera(0.5 * DVec3::Z, DQuat::IDENTITY), ..here };
+        let seen = surfaces.project_into(&closer, 0.2);
         // Pixel centres of the post at ±3.5 move to ±7; it occludes those of the wall at ±4.5 to ±6.
         let expected = |x| if (25..39).contains(&x) { 0.5 } else { 1.5 };
         assert!((0..64).all(|x| (*seen.z.at(x, 24) - expected(x)).abs() < 1e-5));
-        assert_eq!(seen.depth_as(DepthKind::Z), seen.z);
-        let along = *seen.depth_as(DepthKind::RayDistance).at(0, 0);
+        assert_eq!(seen.depth_of_kind(DepthKind::Z), seen.z);
+        let along = *seen.depth_of_kind(DepthKind::RayDistance).at(0, 0);
         assert!((along - 1.5 * here.intrinsics.ray(0, 0).length() as f32).abs() < 1e-5);
-        assert!(surfaces.seen_by(&closer, 0.6).z.data.iter().all(|&z| z == 0.0 || z > 1.4));
+        assert!(surfaces.project_into(&closer, 0.6).z.data.iter().all(|&z| z == 0.0 || z > 1.4));
     }
 }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 const VIEWS_AT_ONCE: usize = 4;
 
 /// Applies `visit` to all views; results are in order. `progress` receives the number of views done.
-pub fn over_views<T: Send>(
+pub fn visit_views<T: Send>(
     dataset: &Dataset,
     split: usize,
     views: &[usize],

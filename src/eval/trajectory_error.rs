@@ -97,14 +97,14 @@ mod tests {
     #[test]
     fn what_a_motion_of_all_explains_is_no_error() {
         let at = |x: f64, y: f64, z: f64| {
-            Pose::IDENTITY.attached(DVec3::new(x, y, z), DQuat::from_rotation_x(x + y))
+            Pose::IDENTITY.attached_camera(DVec3::new(x, y, z), DQuat::from_rotation_x(x + y))
         };
         let recorded: Vec<Pose> =
             (0..20).map(f64::from).map(|i| at(i.sin(), (2.0 * i).cos(), 0.1 * i)).collect();
         let world = at(1.0, -2.0, 0.4);
         let pair = |pose: &Pose, off: DVec3| {
             let turn = DQuat::from_mat3(&pose.rotation());
-            (world.attached(pose.centre() + off, turn), *pose)
+            (world.attached_camera(pose.centre() + off, turn), *pose)
         };
         let pairs: Vec<(Pose, Pose)> =
             recorded.iter().map(|pose| pair(pose, DVec3::ZERO)).collect();

@@ -35,9 +35,9 @@ const TURN_DEVIATION: f64 = 0.02;
 /// Prior standard deviation of a recorded position, relative to the mean depth of the view.
 const SHIFT_DEVIATION: f64 = 0.02;
 /// Number of pixels that count as one, because the errors of neighbouring pixels are correlated.
-const ALIKE: f64 = 100.0;
+const CORRELATED_PIXELS: f64 = 100.0;
 /// Residual, in multiples of the mean, at which a point has weight ½.
-const ROBUST: f64 = 2.0;
+const HALF_WEIGHT_MEANS: f64 = 2.0;
 /// Minimum number of pixels that determine a motion.
 const MIN_PIXELS: usize = 200;
 /// Pixels per partial sum; sums do not depend on the number of threads.
@@ -65,13 +65,13 @@ pub fn aligned(
 ) -> Result<AlignedCamera, MetricError> {
     let mut least = aligned_error(&rendered.color, &rendered.coverage, truth)?;
     let mut best = AlignedCamera { pose: camera.pose, rendered };
-    let mut memory = SeenPoints::default();
+    let mut memory = PhotographedPoints::default();
     for scale in SCALES {
         let k = camera.intrinsics.scaled(scale);
         let size = [k.width as usize, k.height as usize];
-        let points = shown(&best, &camera.intrinsics, &k, renderer);
+        let points = rendered_points(&best, &camera.intrinsics, &k, renderer);
         let photograph = area_averaged(truth, size);
-        let moved = moved(&points, &photograph, &k, [&camera.pose, &best.pose], &mut memory);
+        let moved = align_pose(&points, &photograph, &k, [&camera.pose, &best.pose], &mut memory);
         let Some(pose) = moved else { continue };
         let rendered = draw(&Camera { pose, ..*camera });
         let error = aligned_error(&rendered.color, &rendered.coverage, truth)?;
@@ -83,7 +83,7 @@ pub fn aligned(
 }
 
 /// World point with the colour rendered from the splats.
-struct ShownPoint {
+struct RenderedPoint {
     place: DVec3,
     color: [f64; 3],
     /// Derivative of the colour by column and row, per pixel.
@@ -91,12 +91,12 @@ struct ShownPoint {
 }
 
 /// Points of all covered pixels, at the image size of `k`.
-fn shown(
+fn rendered_points(
     view: &AlignedCamera,
     full: &Intrinsics,
     k: &Intrinsics,
     renderer: Renderer,
-) -> Vec<ShownPoint> {
+) -> Vec<RenderedPoint> {
     let Rendered { color, coverage, depth, .. } = &view.rendered;
     let (width, height) = (k.width as usize, k.height as usize);
     let small = area_averaged(color, [width, height]);
@@ -131,7 +131,11 @@ fn shown(
             };
             // Uses the full-size depth under the smaller image's pixel.
             let place = view.pose.transform_point(k.ray(column, row) * z);
-            points.push(ShownPoint { place, color: small.at(column, row).map(f64::from), slope });
+            points.push(RenderedPoint {
+                place,
+                color: small.at(column, row).map(f64::from),
+                slope,
+            });
         }
     }
     points
@@ -150,17 +154,17 @@ struct PhotographedPoint {
 /// Points inside a photograph, in order. Reused between iterations: allocating some 60 MB per iteration
 /// took a third of the time.
 #[derive(Default)]
-struct SeenPoints {
+struct PhotographedPoints {
     parts: Vec<Vec<PhotographedPoint>>,
     all: Vec<PhotographedPoint>,
 }
 
-impl SeenPoints {
+impl PhotographedPoints {
     /// Replaces all points by the results of `look_up`.
     fn fill(
         &mut self,
-        points: &[ShownPoint],
-        look_up: impl Fn(&ShownPoint) -> Option<PhotographedPoint> + Sync,
+        points: &[RenderedPoint],
+        look_up: impl Fn(&RenderedPoint) -> Option<PhotographedPoint> + Sync,
     ) {
         let Self { parts, all } = self;
         parts.resize_with(points.len().div_ceil(CHUNK), Vec::new);
@@ -175,18 +179,18 @@ impl SeenPoints {
 
 /// Iterates from the pose `first` to match the points' colours in a photograph, with a prior on `recorded`.
 /// `None` if too few points are in the image.
-fn moved(
-    points: &[ShownPoint],
+fn align_pose(
+    points: &[RenderedPoint],
     photograph: &RgbImage,
     k: &Intrinsics,
     [recorded, first]: [&Pose; 2],
-    memory: &mut SeenPoints,
+    memory: &mut PhotographedPoints,
 ) -> Option<Pose> {
     let mut pose = *first;
     for _ in 0..ROUNDS {
         let (rotation, translation) = pose.inverse();
         memory.fill(points, |point| {
-            look_up(photograph, k, rotation * point.place + translation, point)
+            sample_photograph(photograph, k, rotation * point.place + translation, point)
         });
         let seen = &memory.all;
         if seen.len() < MIN_PIXELS {
@@ -194,7 +198,7 @@ fn moved(
         }
         let depth = seen.iter().map(|point| point.z).sum::<f64>() / seen.len() as f64;
         let [turn, shift] = step(seen, recorded, &pose, SHIFT_DEVIATION * depth)?;
-        pose = pose.attached(shift, DQuat::from_scaled_axis(turn));
+        pose = pose.attached_camera(shift, DQuat::from_scaled_axis(turn));
         let pixels = k.fx.max(k.fy) * (turn.length() + shift.length() / depth);
         if pixels < MIN_STEP {
             break;
@@ -204,11 +208,11 @@ fn moved(
 }
 
 /// Samples the photograph at a point `p` of the camera frame; `None` outside.
-fn look_up(
+fn sample_photograph(
     photograph: &RgbImage,
     k: &Intrinsics,
     p: DVec3,
-    point: &ShownPoint,
+    point: &RenderedPoint,
 ) -> Option<PhotographedPoint> {
     let [x, y] = [k.fx * p.x / p.z + k.cx - 0.5, k.fy * p.y / p.z + k.cy - 0.5];
     let (width, height) = (photograph.width, photograph.height);
@@ -242,7 +246,7 @@ fn step(
     pose: &Pose,
     shift_deviation: f64,
 ) -> Option<[DVec3; 2]> {
-    let lines = [0, 1, 2].map(|channel| line(points, channel));
+    let lines = [0, 1, 2].map(|channel| fit_exposure(points, channel));
     let residual = |point: &PhotographedPoint, i: usize| {
         point.seen[i] - lines[i][0] * point.shown[i] - lines[i][1]
     };
@@ -250,7 +254,7 @@ fn step(
         |point: &PhotographedPoint| (0..3).map(|i| residual(point, i).powi(2)).sum::<f64>().sqrt();
     let usual = points.iter().map(size).sum::<f64>() / points.len() as f64;
     // Avoids division by zero for equal images, where any scale yields a zero step.
-    let scale = (ROBUST * usual).max(f64::MIN_POSITIVE.sqrt());
+    let scale = (HALF_WEIGHT_MEANS * usual).max(f64::MIN_POSITIVE.sqrt());
     let parts: Vec<CameraSums> = points
         .par_chunks(CHUNK)
         .map(|points| {
@@ -266,7 +270,7 @@ fn step(
         .collect();
     let mut sums = CameraSums::ZERO;
     parts.iter().for_each(|part| sums.add_sums(part));
-    let variance = ALIKE * (sums.square / sums.weight).max(f64::MIN_POSITIVE.sqrt());
+    let variance = CORRELATED_PIXELS * (sums.square / sums.weight).max(f64::MIN_POSITIVE.sqrt());
     let (mut matrix, mut right) =
         (sums.matrix.map(|v| v / variance), sums.right.map(|v| v / variance));
     // The prior stays on the recorded pose in all iterations; on the previous one, poses could drift.
@@ -287,7 +291,7 @@ fn step(
 }
 
 /// Gain and offset that map a channel to the photograph's exposure.
-fn line(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
+fn fit_exposure(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
     let n = points.len() as f64;
     let mean =
         |value: &dyn Fn(&PhotographedPoint) -> f64| points.iter().map(value).sum::<f64>() / n;
@@ -364,7 +368,7 @@ mod tests {
     #[test]
     fn a_moved_camera_is_found_whatever_the_exposure() {
         let turn = DQuat::from_scaled_axis(DVec3::new(0.01, -0.012, 0.008));
-        let real = Pose::IDENTITY.attached(DVec3::new(0.02, -0.015, 0.01), turn);
+        let real = Pose::IDENTITY.attached_camera(DVec3::new(0.02, -0.015, 0.01), turn);
         let truth = wall(&camera(real)).color.map(|p| p.map(|v| 0.8 * v + 0.05));
         let recorded = camera(Pose::IDENTITY);
         let found = aligned(&recorded, wall(&recorded), &truth, Renderer::Projected, wall).unwrap();
@@ -379,7 +383,7 @@ mod tests {
     /// Gradients of the photograph would include this detail and shorten every step.
     #[test]
     fn detail_that_splats_lack_does_not_hide_a_motion() {
-        let real = Pose::IDENTITY.attached(DVec3::new(0.03, -0.02, 0.0), DQuat::IDENTITY);
+        let real = Pose::IDENTITY.attached_camera(DVec3::new(0.03, -0.02, 0.0), DQuat::IDENTITY);
         let mut rng = Rng::new(4, Purpose::Synthetic, 0);
         let mut noisy = |v: f32| v + 0.3 * (rng.uniform() - 0.5) as f32;
         let truth = wall(&camera(real)).color.map(|p| p.map(&mut noisy));

@@ -9,13 +9,13 @@ use super::aligned::AlignedView;
 use super::choices::{GroundTruth, PartialCoverage, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
-use super::partial_coverage::divided;
+use super::partial_coverage::divide_by_coverage;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
 use super::scale::EvalScale;
-use super::seen::Seen;
+use super::seen::SeenQuality;
 use super::sizes::MetricError;
 use super::surfaces::Surfaces;
-use super::sweep::over_views;
+use super::sweep::visit_views;
 use super::view_alignment::aligned;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
@@ -123,7 +123,7 @@ pub fn evaluate<'a>(
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
         let mut frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
         if options.poses == ViewPoses::Corrected {
-            frame.camera.pose = splats.finishing().corrected(&frame.camera.pose);
+            frame.camera.pose = splats.finishing().corrected_pose(&frame.camera.pose);
         }
         let camera = options.photo_camera(&frame);
         let rendered = renderer.render(splats, &camera, &options.render);
@@ -143,7 +143,7 @@ pub fn evaluate<'a>(
     let refused = dataset.warnings.iter().filter(|w| w.split == split_name);
     let mut skipped: Vec<SkippedFrame> = refused.map(|w| SkippedFrame::from(&*w.error)).collect();
     let mut scores = Vec::with_capacity(views.len());
-    for visited in over_views(dataset, split, views, visit, progress) {
+    for visited in visit_views(dataset, split, views, visit, progress) {
         match visited {
             // Views too small for SSIM concern the whole split, so they are an error, not a skipped file.
             Ok(score) => scores.push(score?),
@@ -192,14 +192,14 @@ fn score(
     rendered: &Rendered,
     options: &EvalOptions,
 ) -> Result<ViewReport, MetricError> {
-    let truth = photograph(frame, options);
+    let truth = reference_image(frame, options);
     let Rendered { coverage, .. } = rendered;
-    let shown = shown(rendered, options);
+    let shown = displayed_color(rendered, options);
     let Comparison { psnr, ssim, coverage: covered_share, covered } =
         compare(&shown, coverage, &truth)?;
     let seen = match surfaces {
         None => None,
-        Some(surfaces) => Seen::compare(&shown, coverage, &truth, surfaces)?,
+        Some(surfaces) => SeenQuality::compare(&shown, coverage, &truth, surfaces)?,
     };
     let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
@@ -234,24 +234,26 @@ fn aligned_view(
     options: &EvalOptions,
     draw: impl FnMut(&Camera) -> Rendered,
 ) -> Result<Option<AlignedView>, MetricError> {
-    let (camera, truth) = (options.photo_camera(frame), photograph(frame, options));
+    let (camera, truth) = (options.photo_camera(frame), reference_image(frame, options));
     let found = aligned(&camera, rendered, &truth, options.render.method.renderer(), draw)?;
     let poses = [&camera.pose, &found.pose];
     let view = &found.rendered;
-    AlignedView::compare(poses, &shown(view, options), &view.coverage, &truth)
+    AlignedView::compare(poses, &displayed_color(view, options), &view.coverage, &truth)
 }
 
 /// Reference image at the compared size.
-fn photograph(frame: &Frame, options: &EvalOptions) -> RgbImage {
+fn reference_image(frame: &Frame, options: &EvalOptions) -> RgbImage {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
     options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
 }
 
 /// Render with the selected treatment of partially covered pixels.
-fn shown<'a>(rendered: &'a Rendered, options: &EvalOptions) -> Cow<'a, RgbImage> {
+fn displayed_color<'a>(rendered: &'a Rendered, options: &EvalOptions) -> Cow<'a, RgbImage> {
     match options.partial_coverage {
         PartialCoverage::Composited => Cow::Borrowed(&rendered.color),
-        PartialCoverage::Divided => Cow::Owned(divided(rendered, options.render.background)),
+        PartialCoverage::Divided => {
+            Cow::Owned(divide_by_coverage(rendered, options.render.background))
+        }
     }
 }
 
@@ -259,7 +261,9 @@ fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -
     let surfaces = Surfaces::of(frame, sensor)?;
     match options.is_depth_image(frame) {
         true => Some(surfaces),
-        false => Some(surfaces.seen_by(&options.photo_camera(frame), options.render.near as f32)),
+        false => {
+            Some(surfaces.project_into(&options.photo_camera(frame), options.render.near as f32))
+        }
     }
 }
 
@@ -273,7 +277,7 @@ fn measured_depth(
     match options.is_depth_image(frame) {
         // The file's full depth: projection would lose the border.
         true => frame.depth_as(kind),
-        false => surfaces.map(|s| s.depth_as(kind)),
+        false => surfaces.map(|s| s.depth_of_kind(kind)),
     }
 }
 
@@ -303,7 +307,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         GroundTruth::Composited => "composited",
         GroundTruth::Rgb => "rgb",
     };
-    let seen: Vec<Seen> = scores.iter().filter_map(|s| s.seen).collect();
+    let seen: Vec<SeenQuality> = scores.iter().filter_map(|s| s.seen).collect();
     let aligned: Vec<AlignedView> = scores.iter().filter_map(|s| s.pose_aligned).collect();
     EvalReport {
         group: None,
@@ -313,7 +317,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         response: exact.map(|e| e.response),
         ground_truth: ground_truth.to_owned(),
         partial_coverage: options.partial_coverage,
-        exposure: options.render.exposing,
+        exposure: options.render.exposure_mode,
         poses: options.poses,
         color_camera: options.color_camera,
         scale: options.scale,
@@ -330,7 +334,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         psnr_aligned_mean: mean(|s| s.psnr_aligned),
         psnr_aligned_covered_mean: mean(|s| s.psnr_aligned_covered),
         ssim_aligned_mean: mean(|s| s.ssim_aligned),
-        seen_mean: Seen::mean(&seen),
+        seen_mean: SeenQuality::mean(&seen),
         pose_aligned_mean: AlignedView::mean(&aligned),
         depth_mae_mean: mean(|s| s.depth_mae),
         cracks: None,
@@ -356,7 +360,12 @@ mod tests {
             camera: Camera { intrinsics, pose: Pose::IDENTITY },
             color: Image::filled(width, height, [0, 0, 0, 255]).into(),
             color_camera: None,
-            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0], metre: 1.0 }),
+            depth: Some(Depth {
+                codes,
+                kind: DepthKind::Z,
+                trusted: [0.1, 10.0],
+                units_per_metre: 1.0,
+            }),
         }
     }
 

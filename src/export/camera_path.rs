@@ -108,7 +108,7 @@ impl PacedPath {
         let failed = |error| CameraPathError::Io { path: path.to_owned(), error };
         let length = std::fs::metadata(path).map_err(failed)?.len();
         if length > MAX_BYTES {
-            return Err(value(path, "file", "at most 16 MiB", format!("{length} bytes")));
+            return Err(value_error(path, "file", "at most 16 MiB", format!("{length} bytes")));
         }
         let bytes = std::fs::read(path).map_err(failed)?;
         let text: FileText = serde_json::from_slice(&bytes)
@@ -137,7 +137,7 @@ impl PacedPath {
     }
 
     /// Returns the camera of every picture. The last keyframe of a loop equals its first and is left out.
-    pub fn pictures(&self) -> impl ExactSizeIterator<Item = Keyframe> {
+    pub fn keyframe_per_frame(&self) -> impl ExactSizeIterator<Item = Keyframe> {
         let steps = (self.path.duration() * self.fps).round().max(1.0) as usize;
         let n = if self.path.is_loop() { steps } else { steps + 1 };
         (0..n).map(|i| self.path.at(i as f64 / self.fps))
@@ -145,7 +145,7 @@ impl PacedPath {
 
     /// Returns the pinhole camera of every picture, for images of `[width, height]` pixels.
     pub fn cameras(&self, [width, height]: [u32; 2]) -> impl ExactSizeIterator<Item = Camera> {
-        self.pictures().map(move |Keyframe { pose, fov_y, .. }| Camera {
+        self.keyframe_per_frame().map(move |Keyframe { pose, fov_y, .. }| Camera {
             intrinsics: Intrinsics::from_vertical_fov(width, height, fov_y),
             pose,
         })
@@ -154,7 +154,8 @@ impl PacedPath {
 
 impl FileText {
     fn path(self, file: &Path, up: DVec3) -> Result<PacedPath, CameraPathError> {
-        let refuse = |of: &str, expected, found: String| Err(value(file, of, expected, found));
+        let refuse =
+            |of: &str, expected, found: String| Err(value_error(file, of, expected, found));
         if self.version != VERSION {
             return refuse(
                 "version",
@@ -204,10 +205,10 @@ impl FileText {
 impl KeyframeText {
     fn keyframe(&self, file: &Path, i: usize, up: DVec3) -> Result<Keyframe, CameraPathError> {
         let refuse = |of: &str, expected, found: String| {
-            value(file, &format!("keyframes[{i}].{of}"), expected, found)
+            value_error(file, &format!("keyframes[{i}].{of}"), expected, found)
         };
         let numbers = [Some(&self.eye), self.target.as_ref(), self.up.as_ref()];
-        if let Some(found) = numbers.into_iter().flatten().find(|v| !is_sensible(v)) {
+        if let Some(found) = numbers.into_iter().flatten().find(|v| !is_in_range(v)) {
             return Err(refuse("eye", "numbers up to 1e9 on every axis", format!("{found:?}")));
         }
         if !(self.time.is_finite() && self.time.abs() <= 1e6) {
@@ -226,7 +227,7 @@ impl KeyframeText {
                     let expected = "a quaternion x, y, z, w of length 1";
                     return Err(refuse("rotation", expected, format!("{rotation:?}")));
                 }
-                Pose::IDENTITY.attached(eye, turn)
+                Pose::IDENTITY.attached_camera(eye, turn)
             }
             (None, Some(target)) => {
                 let up = self.up.map_or(up, DVec3::from_array);
@@ -244,11 +245,11 @@ impl KeyframeText {
     }
 }
 
-fn is_sensible(place: &[f64; 3]) -> bool {
+fn is_in_range(place: &[f64; 3]) -> bool {
     place.iter().all(|x| x.abs() <= 1e9)
 }
 
-fn value(path: &Path, of: &str, expected: &'static str, found: String) -> CameraPathError {
+fn value_error(path: &Path, of: &str, expected: &'static str, found: String) -> CameraPathError {
     CameraPathError::Value { path: path.to_owned(), of: of.to_owned(), expected, found }
 }
 
@@ -274,9 +275,9 @@ mod tests {
     #[test]
     fn what_is_written_is_read_again() {
         let paced = with(&format!("{FIRST}, {LAST}")).unwrap();
-        assert_eq!((paced.pictures().len(), paced.path.duration()), (21, 2.0));
+        assert_eq!((paced.keyframe_per_frame().len(), paced.path.duration()), (21, 2.0));
         let again = read(&paced.to_json()).unwrap();
-        for (a, b) in paced.pictures().zip(again.pictures()) {
+        for (a, b) in paced.keyframe_per_frame().zip(again.keyframe_per_frame()) {
             assert!(a.pose.centre().distance(b.pose.centre()) < 1e-9);
             assert!(a.pose.forward().distance(b.pose.forward()) < 1e-9);
             assert!((a.fov_y - b.fov_y).abs() < 1e-9);
@@ -289,7 +290,7 @@ mod tests {
         let back = FIRST.replace("\"time\": 0", "\"time\": 4");
         let round = with(&format!("{FIRST}, {LAST}, {back}")).unwrap().to_json();
         let round = read(&round.replace("false", "true")).unwrap();
-        assert_eq!(round.pictures().len(), 40, "the last keyframe is the first");
+        assert_eq!(round.keyframe_per_frame().len(), 40, "the last keyframe is the first");
     }
 
     #[test]

@@ -186,7 +186,7 @@ pub enum Fault {
 pub(super) struct Cancelled;
 
 impl Fault {
-    pub(super) fn at(self, path: &Path) -> ExportError {
+    pub(super) fn with_path(self, path: &Path) -> ExportError {
         ExportError { path: path.to_path_buf(), fault: self }
     }
 
@@ -219,7 +219,7 @@ pub(super) fn shorten_to(text: &str, most: usize) -> String {
 }
 
 /// Returns an empty vector with capacity `n`, or [`Fault::OutOfMemory`].
-pub(super) fn reserved<T>(n: usize) -> Result<Vec<T>, Fault> {
+pub(super) fn try_with_capacity<T>(n: usize) -> Result<Vec<T>, Fault> {
     let mut items = Vec::new();
     let bytes = n as u64 * size_of::<T>() as u64;
     // Sizes come from files: an excessive one must give an error, not abort the program.

@@ -92,9 +92,9 @@ impl FilmWriter {
     }
 
     /// Aborts: pictures already written stay, an unfinished video is removed.
-    pub fn give_up(self) {
+    pub fn abort(self) {
         if let Self::Video(video) = self {
-            video.give_up();
+            video.abort();
         }
     }
 }
@@ -133,7 +133,7 @@ mod tests {
         let video = folder.path().join("film.mp4");
         if let Ok(mut film) = FilmWriter::new(&video, [8, 6], 30.0) {
             let _ = film.push(&picture);
-            film.give_up();
+            film.abort();
         }
         assert!(!video.exists());
         let is_file = FilmWriter::new(&output.join("00000-exact.png"), [8, 6], 30.0);

@@ -79,7 +79,7 @@ impl ModelFormat {
             Some("ply") => Ok(ModelFormat::Ply),
             Some("glb") => Ok(ModelFormat::Glb),
             Some("spz") => Ok(ModelFormat::Spz),
-            _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.at(path)),
+            _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.with_path(path)),
         }
     }
 }
@@ -136,7 +136,7 @@ pub struct WriteSelection<'a> {
 
 impl WriteSelection<'_> {
     /// True if splat `i` is selected. `evidence` and the lists of the selection have one entry per splat.
-    pub fn takes(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
+    pub fn selects(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
         let is_inside =
             self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
         let evidence = evidence.and_then(|all| all.get(i)).map_or(f64::INFINITY, |of| *of);

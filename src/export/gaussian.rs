@@ -35,7 +35,7 @@ pub(super) struct Gaussian {
 
 /// Range of view directions around the mean observed one in which the exported colour should match the native
 /// one, as a length of the difference of unit vectors: 60° to either side.
-const ORBIT: f64 = 1.0;
+const VIEW_RANGE: f64 = 1.0;
 
 /// Iterates over the drawable splats with their indices.
 pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian)> + Clone {
@@ -47,11 +47,11 @@ pub(super) fn drawable_at(view: SplatView, i: usize) -> Option<Gaussian> {
     let (splat, appearance) = (view.splats().get(i)?, view.appearance().get(i));
     let appearance = appearance.copied().unwrap_or_default();
     let is_sound = splat.is_finite() && appearance.is_valid();
-    is_sound.then(|| Gaussian::of(splat, &appearance))
+    is_sound.then(|| Gaussian::from_splat(splat, &appearance))
 }
 
 impl Gaussian {
-    pub const NOTHING: Gaussian = Gaussian {
+    pub const INVISIBLE: Gaussian = Gaussian {
         mean: DVec3::ZERO,
         opacity: 0.0,
         color: DVec3::ZERO,
@@ -61,11 +61,11 @@ impl Gaussian {
     };
 
     /// Converts a drawable splat and applies the lower bounds of all formats. The colour gradient is dropped.
-    pub fn of(splat: &Splat, appearance: &Appearance) -> Self {
+    pub fn from_splat(splat: &Splat, appearance: &Appearance) -> Self {
         let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let [w, x, y, z] = splat.rotation.map(f64::from);
         let slope = from_rows(appearance.directional);
-        let (mean, fit) = (appearance.observed.mean(), appearance.observed.linear_fit(ORBIT));
+        let (mean, fit) = (appearance.observed.mean(), appearance.observed.linear_fit(VIEW_RANGE));
         let raw = Self {
             mean: wide(splat.mean),
             opacity: f64::from(splat.opacity),
@@ -80,10 +80,10 @@ impl Gaussian {
     }
 
     /// Rotates position, orientation and view dependence into other axes.
-    pub fn turned(self, turn: &Turn) -> Self {
+    pub fn rotated(self, turn: &AxisRotation) -> Self {
         Self {
-            mean: turn.vector(self.mean),
-            rotation: turn.rotation(self.rotation),
+            mean: turn.rotate_vector(self.mean),
+            rotation: turn.rotate_quaternion(self.rotation),
             directional: self.directional * turn.matrix.transpose(),
             ..self
         }
@@ -137,7 +137,7 @@ impl Gaussian {
     }
 
     /// True if clamping changed the colour by more than rounding.
-    pub fn has_wild_color(&self) -> bool {
+    pub fn is_color_out_of_range(&self) -> bool {
         (self.color - self.bounded_color()).abs().max_element() > COLOR_SLACK
     }
 }
@@ -188,34 +188,35 @@ pub(super) fn linear_to_srgb(linear: f64) -> f64 {
 /// Rotation between coordinate axes. Between world axes it only permutes and negates coordinates, so
 /// positions stay exact.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Turn {
+pub(super) struct AxisRotation {
     matrix: DMat3,
     quaternion: DQuat,
 }
 
-impl Turn {
-    pub const NONE: Turn = Turn { matrix: DMat3::IDENTITY, quaternion: DQuat::IDENTITY };
+impl AxisRotation {
+    pub const IDENTITY: AxisRotation =
+        AxisRotation { matrix: DMat3::IDENTITY, quaternion: DQuat::IDENTITY };
 
     /// z-up to the y-up of glTF: `(x, y, z)` becomes `(x, z, −y)`.
-    pub const Z_UP_TO_Y_UP: Turn = Turn {
+    pub const Z_UP_TO_Y_UP: AxisRotation = AxisRotation {
         matrix: DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y),
         quaternion: DQuat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
     };
 
     /// The y-up of glTF to z-up.
-    pub const Y_UP_TO_Z_UP: Turn = Turn {
+    pub const Y_UP_TO_Z_UP: AxisRotation = AxisRotation {
         matrix: DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
         quaternion: DQuat::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
     };
 
     /// z-up to the y-down world of splat viewers: `(x, y, z)` becomes `(−x, −z, −y)`.
-    pub const Z_UP_TO_Y_DOWN: Turn = Turn {
+    pub const Z_UP_TO_Y_DOWN: AxisRotation = AxisRotation {
         matrix: DMat3::from_cols(DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y),
         quaternion: DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, -FRAC_1_SQRT_2, 0.0),
     };
 
     /// Shortest rotation from `up`, a unit vector, to z.
-    pub fn to_z_up(up: DVec3) -> Turn {
+    pub fn to_z_up(up: DVec3) -> AxisRotation {
         let quaternion = DQuat::from_rotation_arc(up, DVec3::Z);
         // A half turn has many possible axes; x is chosen because it keeps x unchanged.
         let quaternion = if up == DVec3::NEG_Z { DQuat::from_rotation_x(PI) } else { quaternion };
@@ -225,32 +226,35 @@ impl Turn {
         let exact = |v: DVec3| if is_axis { v.round() } else { v };
         let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(exact);
         if up == DVec3::Z {
-            return Turn::NONE;
+            return AxisRotation::IDENTITY;
         }
-        Turn { matrix: DMat3::from_cols(columns[0], columns[1], columns[2]), quaternion }
+        AxisRotation { matrix: DMat3::from_cols(columns[0], columns[1], columns[2]), quaternion }
     }
 
     /// Composes this rotation with a following one.
-    pub fn then(self, next: Turn) -> Turn {
-        Turn { matrix: next.matrix * self.matrix, quaternion: next.quaternion * self.quaternion }
+    pub fn then(self, next: AxisRotation) -> AxisRotation {
+        AxisRotation {
+            matrix: next.matrix * self.matrix,
+            quaternion: next.quaternion * self.quaternion,
+        }
     }
 
-    pub fn inverse(self) -> Turn {
-        Turn { matrix: self.matrix.transpose(), quaternion: self.quaternion.conjugate() }
+    pub fn inverse(self) -> AxisRotation {
+        AxisRotation { matrix: self.matrix.transpose(), quaternion: self.quaternion.conjugate() }
     }
 
-    pub fn is_none(&self) -> bool {
+    pub fn is_identity(&self) -> bool {
         self.matrix == DMat3::IDENTITY
     }
 
     /// Transforms a position or direction.
-    pub fn vector(&self, v: DVec3) -> DVec3 {
+    pub fn rotate_vector(&self, v: DVec3) -> DVec3 {
         // Adding zero turns −0 into 0, which some JSON readers print differently.
         self.matrix * v + DVec3::ZERO
     }
 
     /// Transforms an orientation.
-    pub fn rotation(&self, q: DQuat) -> DQuat {
+    pub fn rotate_quaternion(&self, q: DQuat) -> DQuat {
         self.quaternion * q
     }
 }
@@ -264,17 +268,22 @@ mod tests {
         let ups = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
         let ups = ups.chain([DVec3::new(2.0, -3.0, 6.0) / 7.0]);
         let arcs = ups.flat_map(|up| {
-            let turn = Turn::to_z_up(up);
-            assert!((turn.vector(up) - DVec3::Z).length() < 1e-15, "{up}");
-            [turn, turn.then(Turn::Z_UP_TO_Y_UP)]
+            let turn = AxisRotation::to_z_up(up);
+            assert!((turn.rotate_vector(up) - DVec3::Z).length() < 1e-15, "{up}");
+            [turn, turn.then(AxisRotation::Z_UP_TO_Y_UP)]
         });
-        let named = [Turn::NONE, Turn::Z_UP_TO_Y_UP, Turn::Y_UP_TO_Z_UP, Turn::Z_UP_TO_Y_DOWN];
+        let named = [
+            AxisRotation::IDENTITY,
+            AxisRotation::Z_UP_TO_Y_UP,
+            AxisRotation::Y_UP_TO_Z_UP,
+            AxisRotation::Z_UP_TO_Y_DOWN,
+        ];
         for turn in named.into_iter().chain(arcs) {
             let difference = DMat3::from_quat(turn.quaternion) - turn.matrix;
             assert!(difference.to_cols_array().iter().all(|v| v.abs() < 1e-15), "{turn:?}");
             assert!((turn.matrix.determinant() - 1.0).abs() < 1e-15, "{turn:?}");
         }
-        let there_and_back = Turn::Y_UP_TO_Z_UP.matrix * Turn::Z_UP_TO_Y_UP.matrix;
+        let there_and_back = AxisRotation::Y_UP_TO_Z_UP.matrix * AxisRotation::Z_UP_TO_Y_UP.matrix;
         assert_eq!(there_and_back, DMat3::IDENTITY);
     }
 

@@ -2,8 +2,8 @@
 //! first, so the encoders are fed directly; `tests/export/golden.rs` compares the public path.
 
 use super::format::{ModelFormat, WriteOptions};
-use super::gaussian::{Gaussian, Turn};
-use super::progress::{Steps, WriteProgress};
+use super::gaussian::{AxisRotation, Gaussian};
+use super::progress::{ProgressCounter, WriteProgress};
 use super::stream::SplatRows;
 use super::{glb, ply};
 use glam::{DMat3, DQuat, DVec3};
@@ -55,14 +55,14 @@ fn ply_files_are_equal_byte_for_byte() {
         let rows = gaussians();
         let layout = ply::write::PlyLayout::new(&rows, &options).unwrap();
         let mut bytes = Vec::new();
-        layout.write(&mut bytes, &rows, &mut Steps::new(WriteProgress::NONE, 2)).unwrap();
+        layout.write(&mut bytes, &rows, &mut ProgressCounter::new(WriteProgress::NONE, 2)).unwrap();
         assert!(bytes == golden(name), "{name} differs");
     }
 }
 
 #[test]
 fn glb_file_is_equal_byte_for_byte_except_the_generator() {
-    let rows = gaussians().into_iter().map(|g| g.turned(&Turn::Z_UP_TO_Y_UP));
+    let rows = gaussians().into_iter().map(|g| g.rotated(&AxisRotation::Z_UP_TO_Y_UP));
     let rows = rows.collect::<Vec<_>>();
     let mut layout =
         glb::write::GlbLayout::new(&rows, &WriteOptions::new(ModelFormat::Glb)).unwrap();
@@ -70,6 +70,6 @@ fn glb_file_is_equal_byte_for_byte_except_the_generator() {
     assert!(layout.json.contains(mine), "{}", layout.json);
     layout.json = layout.json.replace(mine, r#""generator":"vbgs""#);
     let mut bytes = Vec::new();
-    layout.write(&mut bytes, &rows, &mut Steps::new(WriteProgress::NONE, 2)).unwrap();
+    layout.write(&mut bytes, &rows, &mut ProgressCounter::new(WriteProgress::NONE, 2)).unwrap();
     assert!(bytes == golden("two_splats.glb"), "GLB differs");
 }

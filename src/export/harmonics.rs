@@ -10,7 +10,7 @@ const C0: f64 = 0.282_094_791_773_878_14;
 const C1: f64 = 0.488_602_511_902_919_9;
 
 /// Converts a colour to the coefficient of degree 0.
-pub(super) fn of_color(color: DVec3) -> DVec3 {
+pub(super) fn from_color(color: DVec3) -> DVec3 {
     (color - 0.5) / C0
 }
 
@@ -21,7 +21,7 @@ pub(super) fn to_color(coefficient: DVec3) -> DVec3 {
 
 /// Converts a change of colour `W·d` with the direction `d` to the three coefficients of degree 1, each with
 /// three channels.
-pub(super) fn of_directional(w: DMat3) -> [DVec3; 3] {
+pub(super) fn from_directional(w: DMat3) -> [DVec3; 3] {
     // Adding zero turns −0 into 0.
     [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
 }
@@ -39,7 +39,7 @@ mod tests {
     fn degree_1_is_linear_in_the_direction() {
         let w = DMat3::from_cols_array(&[0.3, -0.2, 0.1, 0.5, 0.7, -0.4, -0.6, 0.25, 0.9]);
         let d = DVec3::new(2.0, -3.0, 6.0) / 7.0;
-        let [f1, f2, f3] = of_directional(w);
+        let [f1, f2, f3] = from_directional(w);
         let change = C1 * (-d.y * f1 + d.z * f2 - d.x * f3);
         assert!((change - w * d).length() < 1e-15);
         let back = to_directional([f1, f2, f3]) - w;
@@ -48,7 +48,7 @@ mod tests {
 
     #[test]
     fn no_change_has_no_negative_zeros() {
-        let bits = of_directional(DMat3::ZERO).map(|f| f.to_array().map(f64::to_bits));
+        let bits = from_directional(DMat3::ZERO).map(|f| f.to_array().map(f64::to_bits));
         assert_eq!(bits, [[0; 3]; 3]);
     }
 }

@@ -3,7 +3,7 @@
 //! Non-finite rows are skipped and counted, so one broken splat does not lose a model of a million. Anything
 //! else that was ignored, guessed or converted is reported as a [`Note`].
 
-use super::error::{Fault, reserved};
+use super::error::{Fault, try_with_capacity};
 use super::gaussian::{Gaussian, unit_quaternion};
 use super::local_origin;
 use crate::model::splat::appearance::SplatSet;
@@ -137,8 +137,8 @@ pub(super) struct Rows {
 
 impl Rows {
     /// Reserves `n` rows; the file must be known to hold them.
-    pub fn with_room(n: usize) -> Result<Self, Fault> {
-        let splats: Vec<Splat> = reserved(n)?;
+    pub fn with_capacity(n: usize) -> Result<Self, Fault> {
+        let splats: Vec<Splat> = try_with_capacity(n)?;
         Ok(Self { splats: splats.into(), skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
     }
 
@@ -156,7 +156,7 @@ impl Rows {
         match row.with_positive_w().to_splat() {
             // Only rows that are retained count as clamped.
             Some((splat, appearance)) => {
-                self.n_wild_colors += usize::from(row.has_wild_color());
+                self.n_wild_colors += usize::from(row.is_color_out_of_range());
                 self.splats.push(splat, appearance);
             }
             None => self.skipped += 1,
@@ -175,7 +175,7 @@ impl Rows {
             return Err(Fault::NothingToImport { skipped: self.skipped });
         }
         if kind == ModelKind::PointCloud {
-            give_points_a_size(self.splats.splats_mut());
+            set_point_scales(self.splats.splats_mut());
         }
         if self.n_zero_rotations > 0 {
             notes.push(Note::ZeroRotation { n_splats: self.n_zero_rotations });
@@ -187,7 +187,7 @@ impl Rows {
         Ok(Imported {
             splats,
             kind,
-            local_origin: local_origin::of_comments(&comments),
+            local_origin: local_origin::from_comments(&comments),
             is_z_up: false,
             skipped,
             notes,
@@ -199,7 +199,7 @@ impl Rows {
 
 /// Sets the standard deviation to half the point spacing, estimated as if the points covered a surface as
 /// large as their bounding box. Neighbours then touch in any unit of length.
-fn give_points_a_size(points: &mut [Splat]) {
+fn set_point_scales(points: &mut [Splat]) {
     let diagonal = bounds(points).map_or(0.0, |(lo, hi)| (hi - lo).length());
     let spacing = diagonal / (points.len() as f64).sqrt();
     // A single point, or coincident ones, have no spacing; 1 mm (in metres) is at least visible.

@@ -58,12 +58,12 @@ pub(super) fn comment(origin: DVec3) -> Option<String> {
 }
 
 /// Reads the local origin from comments; zero if there is none.
-pub(super) fn of_comments(comments: &[String]) -> DVec3 {
+pub(super) fn from_comments(comments: &[String]) -> DVec3 {
     let named = comments.iter().find_map(|line| line.strip_prefix(COMMENT));
-    named.and_then(parsed).unwrap_or(DVec3::ZERO)
+    named.and_then(parse_origin).unwrap_or(DVec3::ZERO)
 }
 
-fn parsed(text: &str) -> Option<DVec3> {
+fn parse_origin(text: &str) -> Option<DVec3> {
     let numbers: Option<Vec<f64>> = text.split_whitespace().map(|n| n.parse().ok()).collect();
     Some(DVec3::from_array(numbers?.try_into().ok()?)).filter(|origin| origin.is_finite())
 }

@@ -23,7 +23,7 @@
 
 use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows, scale_floor};
 use crate::model::splat::appearance::{Appearance, GRADIENT_LIMIT, SplatSet, SplatView};
-use crate::model::splat::plain::{OPAQUE, PLAIN_WIDTH, of_equal_area};
+use crate::model::splat::plain::{OPAQUE, PLAIN_WIDTH, plain_of_equal_area};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -63,7 +63,7 @@ pub enum GradientSplit {
 
 impl Mapping {
     /// Returns the opacity treatment that measured best for a split.
-    pub fn of(split: GradientSplit) -> Self {
+    pub fn for_split(split: GradientSplit) -> Self {
         // On Lego, four clipped splats gave 26.6 dB and two of equal area 26.5. Single splats gave 26.1 with
         // equal area and 25.7 clipped.
         let opacity = match split {
@@ -97,7 +97,7 @@ impl GradientSplit {
     }
 
     /// Distance of the pieces' centres from the mean along each axis, in standard deviations.
-    fn reach(self) -> f64 {
+    fn piece_distance(self) -> f64 {
         match self {
             GradientSplit::One => 0.0,
             GradientSplit::Two => 0.75,
@@ -141,7 +141,7 @@ pub(super) fn plain_piece(
 ) -> Option<(Splat, Appearance)> {
     let full_coverage = f64::from(view.finishing().full_coverage);
     let piece = piece(native, gradient(view, i), mapping.split, k);
-    plain_of(piece, full_coverage, mapping).to_splat()
+    to_plain_opacity(piece, full_coverage, mapping).to_splat()
 }
 
 /// Number of plain splats that replace a native one.
@@ -171,10 +171,10 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
     let frame = DMat3::from_quat(native.rotation);
     let (mut scale, mut offset) = (native.scale, DVec3::ZERO);
     for (bit, axis) in split_axes(native, split).rev().enumerate() {
-        let step = split.reach() * native.scale[axis] * frame.col(axis);
+        let step = split.piece_distance() * native.scale[axis] * frame.col(axis);
         offset += if k >> bit & 1 == 1 { step } else { -step };
         // The spread of the centres adds variance, so each piece gets correspondingly less.
-        scale[axis] *= (1.0 - split.reach().powi(2)).sqrt();
+        scale[axis] *= (1.0 - split.piece_distance().powi(2)).sqrt();
     }
     let limit = DVec3::splat(GRADIENT_LIMIT);
     Gaussian {
@@ -186,12 +186,12 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
 }
 
 /// Limits the opacity to that of plain files.
-fn plain_of(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
+fn to_plain_opacity(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
     let mut factor = mapping.scale(full_coverage);
     // Undoes crack filling, exactly where a single splat covers a pixel.
     let splat = Gaussian { opacity: splat.opacity / full_coverage, ..splat };
     if mapping.opacity == OpacityMapping::EqualArea {
-        factor *= of_equal_area(splat.opacity).1;
+        factor *= plain_of_equal_area(splat.opacity).1;
     }
     Gaussian { opacity: splat.opacity.min(OPAQUE), scale: splat.scale * factor, ..splat }
 }

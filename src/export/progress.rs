@@ -25,13 +25,13 @@ impl fmt::Debug for WriteProgress<'_> {
     }
 }
 
-pub(super) struct Steps<'a> {
+pub(super) struct ProgressCounter<'a> {
     progress: WriteProgress<'a>,
     done: usize,
     total: usize,
 }
 
-impl<'a> Steps<'a> {
+impl<'a> ProgressCounter<'a> {
     /// Starts a count of `total` rows. Rows written per column count once for each column.
     pub fn new(progress: WriteProgress<'a>, total: usize) -> Self {
         Self { progress, done: 0, total }

@@ -1,6 +1,6 @@
 //! Import of model files. The format is detected from the content.
 
-use super::error::{ExportError, Fault, reserved, shorten};
+use super::error::{ExportError, Fault, shorten, try_with_capacity};
 use super::imported::Imported;
 use super::{glb, ply, splat, spz};
 use std::io::Read;
@@ -31,7 +31,7 @@ pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportErro
         let imported = parse(&bytes, folder, max_splats)?;
         Ok(Imported { bytes: bytes.len() as u64, ..imported })
     };
-    import().map_err(|fault: Fault| fault.at(path))
+    import().map_err(|fault: Fault| fault.with_path(path))
 }
 
 /// Reads a model from memory, without sibling files.
@@ -51,7 +51,7 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
         spz::read::spz(bytes, max_splats)
     } else if splat::is_likely(bytes) {
         // Last, because this format has no magic bytes.
-        splat::splat(bytes, max_splats)
+        splat::read_splat(bytes, max_splats)
     } else {
         let start = String::from_utf8_lossy(bytes.get(..16).unwrap_or(bytes));
         let found = match bytes {
@@ -76,7 +76,7 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     let mut file = std::fs::File::open(path).map_err(io)?;
     let size = file.metadata().map_err(io)?.len();
     let room = usize::try_from(size).map_err(|_| Fault::OutOfMemory { bytes: size })?;
-    let mut bytes = reserved(room)?;
+    let mut bytes = try_with_capacity(room)?;
     file.read_to_end(&mut bytes).map_err(io)?;
     Ok(bytes)
 }

@@ -2,8 +2,8 @@
 
 use super::error::Fault;
 use super::format::WriteOptions;
-use super::gaussian::{Gaussian, Turn};
-use super::source::turn;
+use super::gaussian::{AxisRotation, Gaussian};
+use super::source::file_rotation;
 use super::{read, write};
 use crate::model::splat::appearance::{SplatSet, SplatView};
 
@@ -43,20 +43,21 @@ pub fn read_back<'a>(
     let bytes = write::encode(splats.into(), options)?;
     let model = read::decode(&bytes)?;
     let there = match model.is_z_up {
-        true => turn(options).then(Turn::Y_UP_TO_Z_UP),
-        false => turn(options),
+        true => file_rotation(options).then(AxisRotation::Y_UP_TO_Z_UP),
+        false => file_rotation(options),
     };
-    let splats = back(model.splats, there.inverse(), 1.0 / options.unit_scale);
+    let splats = to_model_axes(model.splats, there.inverse(), 1.0 / options.unit_scale);
     Ok(ReadBack { splats, bytes: bytes.len() as u64 })
 }
 
-fn back(read: SplatSet, turn: Turn, scale: f64) -> SplatSet {
-    if turn.is_none() && scale == 1.0 {
+fn to_model_axes(read: SplatSet, turn: AxisRotation, scale: f64) -> SplatSet {
+    if turn.is_identity() && scale == 1.0 {
         return read;
     }
     let mut turned = SplatSet::default().finished(read.finishing().clone());
     for (i, splat) in read.iter().enumerate() {
-        let gaussian = Gaussian::of(splat, &read.appearance_of(i)).turned(&turn).scaled(scale);
+        let gaussian =
+            Gaussian::from_splat(splat, &read.appearance_of(i)).rotated(&turn).scaled(scale);
         if let Some((splat, appearance)) = gaussian.with_positive_w().to_splat() {
             turned.push(splat, appearance);
         }

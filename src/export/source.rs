@@ -5,18 +5,18 @@
 
 use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions, WriteSelection};
-use super::gaussian::{Gaussian, Turn, drawable_at};
+use super::gaussian::{AxisRotation, Gaussian, drawable_at};
 use super::mapping::{self, Mapping};
 use super::stream::SplatRows;
 use crate::model::splat::appearance::SplatView;
 use glam::DVec3;
 use rayon::prelude::*;
 
-pub(super) struct Source<'a> {
+pub(super) struct ExportRows<'a> {
     view: SplatView<'a>,
     /// Mapping of native splats; `None` for plain splats and point clouds.
     mapping: Option<Mapping>,
-    turn: Turn,
+    turn: AxisRotation,
     unit_scale: f64,
     rows: Vec<Row>,
     has_directions: bool,
@@ -32,7 +32,7 @@ struct Row {
     piece: u8,
 }
 
-impl<'a> Source<'a> {
+impl<'a> ExportRows<'a> {
     /// Selects the rows according to the options.
     pub fn new(view: SplatView<'a>, options: &WriteOptions) -> Result<Self, Fault> {
         check(view.splats().len(), options)?;
@@ -42,7 +42,7 @@ impl<'a> Source<'a> {
         let rows_of = |i: usize| -> Option<(u8, bool)> {
             let native = drawable_at(view, i)?;
             let n_pieces = mapping.map_or(1, |mapping| mapping::n_pieces(&native, mapping));
-            let n_pieces = match selection.takes(i, native.mean, evidence) {
+            let n_pieces = match selection.selects(i, native.mean, evidence) {
                 true => n_pieces as u8,
                 false => 0,
             };
@@ -61,7 +61,7 @@ impl<'a> Source<'a> {
         Ok(Self {
             view,
             mapping,
-            turn: turn(options),
+            turn: file_rotation(options),
             unit_scale: options.unit_scale,
             rows,
             has_directions: found.iter().flatten().any(|&(n_pieces, has)| n_pieces > 0 && has),
@@ -81,7 +81,7 @@ impl<'a> Source<'a> {
     }
 
     #[expect(clippy::indexing_slicing, reason = "rows are below the number of rows")]
-    pub fn splat_of(&self, row: usize) -> usize {
+    pub fn splat_index(&self, row: usize) -> usize {
         self.rows[row].splat as usize
     }
 
@@ -90,22 +90,22 @@ impl<'a> Source<'a> {
     pub fn in_world(&self, row: usize) -> Gaussian {
         let row = self.rows[row];
         // Rows only refer to drawable splats, so the fallback is never used.
-        plain(self.view, row, self.mapping).unwrap_or(Gaussian::NOTHING)
+        plain(self.view, row, self.mapping).unwrap_or(Gaussian::INVISIBLE)
     }
 
     /// Rotates a direction into the axes of the file.
     pub fn direction(&self, v: DVec3) -> DVec3 {
-        self.turn.vector(v)
+        self.turn.rotate_vector(v)
     }
 }
 
-impl SplatRows for Source<'_> {
+impl SplatRows for ExportRows<'_> {
     fn n_rows(&self) -> usize {
         self.rows.len()
     }
 
     fn row(&self, row: usize) -> Gaussian {
-        let turned = self.in_world(row).turned(&self.turn).with_positive_w();
+        let turned = self.in_world(row).rotated(&self.turn).with_positive_w();
         if self.unit_scale == 1.0 { turned } else { turned.scaled(self.unit_scale) }
     }
 
@@ -119,28 +119,28 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     let native = drawable_at(view, i)?;
     let Some(mapping) = mapping else { return Some(native) };
     let (splat, appearance) = mapping::plain_piece(view, i, &native, row.piece.into(), mapping)?;
-    Some(Gaussian::of(&splat, &appearance))
+    Some(Gaussian::from_splat(&splat, &appearance))
 }
 
 /// Rotation from the model's world to the axes of the file.
-pub(super) fn turn(options: &WriteOptions) -> Turn {
-    let to_z_up = Turn::to_z_up(options.up.normalize());
+pub(super) fn file_rotation(options: &WriteOptions) -> AxisRotation {
+    let to_z_up = AxisRotation::to_z_up(options.up.normalize());
     match (options.format, options.axes) {
-        (ModelFormat::Glb | ModelFormat::Spz, _) => to_z_up.then(Turn::Z_UP_TO_Y_UP),
-        (_, Axes::AsIs) => Turn::NONE,
-        (_, Axes::Viewer) => to_z_up.then(Turn::Z_UP_TO_Y_DOWN),
-        (_, Axes::YUp) => to_z_up.then(Turn::Z_UP_TO_Y_UP),
+        (ModelFormat::Glb | ModelFormat::Spz, _) => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
+        (_, Axes::AsIs) => AxisRotation::IDENTITY,
+        (_, Axes::Viewer) => to_z_up.then(AxisRotation::Z_UP_TO_Y_DOWN),
+        (_, Axes::YUp) => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
         (_, Axes::ZUp) => to_z_up,
     }
 }
 
 /// Local origin in the axes and units of the file.
-pub(super) fn origin(options: &WriteOptions) -> DVec3 {
-    turn(options).vector(options.local_origin) * options.unit_scale
+pub(super) fn file_origin(options: &WriteOptions) -> DVec3 {
+    file_rotation(options).rotate_vector(options.local_origin) * options.unit_scale
 }
 
 /// Refuses invalid axes and units.
-pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
+pub(super) fn check_axes(options: &WriteOptions) -> Result<(), Fault> {
     let setting = |setting, expected: &str, found: String| {
         Err(Fault::Setting { setting, expected: expected.into(), found })
     };
@@ -157,7 +157,7 @@ pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
 }
 
 fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
-    check_frame(options)?;
+    check_axes(options)?;
     let setting = |setting, expected: &str, found: String| {
         Err(Fault::Setting { setting, expected: expected.into(), found })
     };

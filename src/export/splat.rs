@@ -29,7 +29,7 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
     2 * probed.clone().filter(likely).count() > probed.len()
 }
 
-pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
+pub(super) fn read_splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
     let (records, rest) = bytes.as_chunks::<ROW_BYTES>();
     if !rest.is_empty() {
         let expected = format!("a multiple of {ROW_BYTES} bytes");
@@ -38,7 +38,7 @@ pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> 
     if records.len() > max_splats {
         return Err(Fault::TooMany { declared: records.len() as u64, cap: max_splats });
     }
-    let mut rows = Rows::with_room(records.len())?;
+    let mut rows = Rows::with_capacity(records.len())?;
     for record in records {
         let Record { mean, scale, color: [r, g, b, opacity], rotation } = Record::of(record);
         let rotation = rows.rotation(rotation);

@@ -4,7 +4,7 @@
 //! Encoding dominates the cost (logarithms, quaternions), and rows are independent.
 
 use super::gaussian::Gaussian;
-use super::progress::Steps;
+use super::progress::ProgressCounter;
 use rayon::prelude::*;
 use std::io::{self, Write};
 
@@ -27,7 +27,7 @@ pub(super) trait SplatRows: Sync {
 pub(super) fn write_rows(
     out: &mut dyn Write,
     n_rows: usize,
-    steps: &mut Steps,
+    steps: &mut ProgressCounter,
     encode: impl Fn(usize, &mut Vec<u8>) + Sync,
 ) -> io::Result<()> {
     for start in (0..n_rows).step_by(BLOCK_ROWS) {

@@ -88,7 +88,7 @@ impl VideoWriter {
     }
 
     /// Aborts the video and removes all its files.
-    pub fn give_up(mut self) {
+    pub fn abort(mut self) {
         // Fails if ffmpeg has already exited.
         let _ = self.ffmpeg.kill();
         let _ = self.ffmpeg.wait();

@@ -2,8 +2,8 @@
 
 use super::error::{ExportError, Fault, shorten};
 use super::format::{ModelFormat, WriteOptions};
-use super::progress::Steps;
-use super::source::Source;
+use super::progress::ProgressCounter;
+use super::source::ExportRows;
 use super::stream::SplatRows;
 use super::{atomic, glb, ply, spz};
 use crate::model::splat::appearance::SplatView;
@@ -40,8 +40,8 @@ pub fn write<'a>(
     options: &WriteOptions,
 ) -> Result<WriteSummary, ExportError> {
     let view: SplatView = splats.into();
-    let source = source(view, options).map_err(|fault| fault.at(path))?;
-    let content = prepare(&source, options).map_err(|fault| fault.at(path))?;
+    let source = select_rows(view, options).map_err(|fault| fault.with_path(path))?;
+    let content = prepare_content(&source, options).map_err(|fault| fault.with_path(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
     let n_skipped = view.splats().len() - source.n_drawable();
     let n_left_out = source.n_left_out();
@@ -50,17 +50,17 @@ pub fn write<'a>(
 
 /// Returns the bytes that [`write()`] would write.
 pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
-    let source = source(view, options)?;
-    let content = prepare(&source, options)?;
+    let source = select_rows(view, options)?;
+    let content = prepare_content(&source, options)?;
     let mut bytes = Vec::new();
-    content(&mut bytes).map_err(atomic::failed("convert", 0))?;
+    content(&mut bytes).map_err(atomic::to_fault("convert", 0))?;
     Ok(bytes)
 }
 
 /// Selects the rows of the file; fails if there are none.
-fn source<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Source<'a>, Fault> {
+fn select_rows<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<ExportRows<'a>, Fault> {
     check_comments(options.comments)?;
-    let source = Source::new(view, options)?;
+    let source = ExportRows::new(view, options)?;
     match (source.n_drawable(), source.n_rows()) {
         (0, _) => Err(Fault::NothingToExport { n_splats: view.splats().len() }),
         (n_drawable, 0) => Err(Fault::NothingSelected { n_drawable }),
@@ -71,8 +71,12 @@ fn source<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Source<'a>,
 type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
 
 /// Checks all options before a file is created, and returns the writer of its content.
-fn prepare<'a>(source: &'a Source<'a>, options: &'a WriteOptions) -> Result<Content<'a>, Fault> {
-    let steps = |n_columns: usize| Steps::new(options.progress, source.n_rows() * n_columns);
+fn prepare_content<'a>(
+    source: &'a ExportRows<'a>,
+    options: &'a WriteOptions,
+) -> Result<Content<'a>, Fault> {
+    let steps =
+        |n_columns: usize| ProgressCounter::new(options.progress, source.n_rows() * n_columns);
     Ok(match options.format {
         ModelFormat::Ply => {
             let layout = ply::write::PlyLayout::new(source, options)?;

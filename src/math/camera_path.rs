@@ -102,14 +102,18 @@ impl CameraPath {
         }
         let span = b.time - a.time;
         let (from, to) = (values(&a, None), values(&b, Some(&a)));
-        let [out, into] = [self.speed(i, from.turn), self.speed(i + 1, to.turn)];
+        let [out, into] = [self.derivative_at(i, from.turn), self.derivative_at(i + 1, to.turn)];
         let found = hermite((time - a.time) / span, [from, to], [out, into].map(|v| v.times(span)));
         let turn = DQuat::from_vec4(found.turn.normalize());
-        Keyframe { time, pose: Pose::IDENTITY.attached(found.place, turn), fov_y: found.fov_y }
+        Keyframe {
+            time,
+            pose: Pose::IDENTITY.attached_camera(found.place, turn),
+            fov_y: found.fov_y,
+        }
     }
 
     /// Change per second at keyframe `i`; `turn` is its quaternion with the sign to use.
-    fn speed(&self, i: usize, turn: DVec4) -> Values {
+    fn derivative_at(&self, i: usize, turn: DVec4) -> Values {
         let last = self.keyframes.len() - 1;
         let here = self.keyframes[i];
         // In a loop, the successor of the last keyframe is the second one.
@@ -126,7 +130,7 @@ impl CameraPath {
         let here_values = Values { turn, ..values(&here, None) };
         let slope = |(other, period): (Keyframe, f64), sign: f64| {
             let span = sign * (other.time - here.time) + period;
-            let there = signed(values(&other, None), turn);
+            let there = with_matching_sign(values(&other, None), turn);
             there.minus(here_values).times(sign / span)
         };
         match (before, after) {
@@ -149,11 +153,11 @@ fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     let turn =
         |keyframe: &Keyframe| DVec4::from(DQuat::from_mat3(&keyframe.pose.rotation()).normalize());
     let own = Values { place: keyframe.pose.centre(), turn: turn(keyframe), fov_y: keyframe.fov_y };
-    beside.map_or(own, |beside| signed(own, turn(beside)))
+    beside.map_or(own, |beside| with_matching_sign(own, turn(beside)))
 }
 
 /// Chooses the sign of the quaternion nearer to `beside`; both signs are the same rotation.
-fn signed(values: Values, beside: DVec4) -> Values {
+fn with_matching_sign(values: Values, beside: DVec4) -> Values {
     let sign = if values.turn.dot(beside) < 0.0 { -1.0 } else { 1.0 };
     Values { turn: sign * values.turn, ..values }
 }

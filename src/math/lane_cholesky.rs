@@ -76,7 +76,7 @@ mod tests {
             let mut x = [V::splat(1.0), V::splat(-2.0), V::splat(3.0)];
             let sound = factor::<V, 3, 6>(&mut lower);
             substitute::<V, 3, 6>(&lower, &mut x);
-            (sound.signs(), [x[0].to_array(), x[1].to_array(), x[2].to_array()])
+            (sound.sign_bits(), [x[0].to_array(), x[1].to_array(), x[2].to_array()])
         }
     }
 

@@ -19,12 +19,12 @@ pub struct MeasuredPixel {
 
 impl MeasuredPixel {
     /// Creates a pixel with colour and coverage but no depth.
-    pub fn flat([r, g, b, coverage]: [f32; 4]) -> Self {
+    pub fn without_depth([r, g, b, coverage]: [f32; 4]) -> Self {
         Self { color: [r, g, b], coverage, depth: 0.0, per_tolerance: 0.0 }
     }
 
     /// Adds a depth with tolerance `margin[0] + margin[1]·depth` (world units), if both are valid.
-    pub fn at_depth(self, depth: f32, margin: [f32; 2]) -> Self {
+    pub fn with_depth(self, depth: f32, margin: [f32; 2]) -> Self {
         let per_tolerance = 1.0 / (margin[0] + margin[1] * depth);
         // Invalid depths and zero tolerances leave the depth unknown.
         match per_tolerance.is_finite() && per_tolerance > 0.0 && depth > 0.0 {
@@ -44,13 +44,13 @@ mod tests {
 
     #[test]
     fn depths_that_are_none_say_nothing() {
-        let flat = MeasuredPixel::flat([0.1, 0.2, 0.3, 1.0]);
-        let found = flat.at_depth(2.0, [0.03, 0.02]);
+        let flat = MeasuredPixel::without_depth([0.1, 0.2, 0.3, 1.0]);
+        let found = flat.with_depth(2.0, [0.03, 0.02]);
         assert_eq!((found.depth, found.color), (2.0, flat.color));
         assert!((found.per_tolerance - 1.0 / 0.07).abs() < 1e-5);
         for depth in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(flat.at_depth(depth, [0.03, 0.02]), flat, "{depth}");
+            assert_eq!(flat.with_depth(depth, [0.03, 0.02]), flat, "{depth}");
         }
-        assert_eq!(flat.at_depth(2.0, [0.0; 2]), flat);
+        assert_eq!(flat.with_depth(2.0, [0.0; 2]), flat);
     }
 }

@@ -119,7 +119,7 @@ impl Pose {
     }
 
     /// Returns the same camera in a world whose origin is at `origin`.
-    pub fn relative_to(&self, origin: DVec3) -> Self {
+    pub fn with_origin(&self, origin: DVec3) -> Self {
         Self { translation: self.translation - origin, ..*self }
     }
 
@@ -130,13 +130,13 @@ impl Pose {
 
     /// Returns the pose of a camera rigidly attached to this one: its centre is at `offset` in this
     /// camera's frame (world units), its axes are rotated by `turn`.
-    pub fn attached(&self, offset: DVec3, turn: DQuat) -> Self {
+    pub fn attached_camera(&self, offset: DVec3, turn: DQuat) -> Self {
         let rotation = self.rotation * DMat3::from_quat(turn.normalize());
         Self { rotation, translation: self.transform_point(offset) }
     }
 
     /// Applies a rigid motion of the world; `motion` maps old coordinates to new ones.
-    pub fn moved(&self, motion: &Self) -> Self {
+    pub fn transformed_by(&self, motion: &Self) -> Self {
         let rotation = motion.rotation * self.rotation;
         Self { rotation, translation: motion.transform_point(self.translation) }
     }
@@ -222,11 +222,11 @@ mod tests {
     fn an_attached_camera_rides_along() {
         let pose = Pose::look_at(DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
         let (offset, turn) = (DVec3::new(0.1, -0.2, 0.5), DQuat::from_rotation_y(0.3));
-        let attached = pose.attached(offset, turn);
+        let attached = pose.attached_camera(offset, turn);
         let point = DVec3::new(0.4, 0.5, -1.0);
         let expected = pose.transform_point(offset + turn * point);
         assert!((attached.transform_point(point) - expected).length() < 1e-14);
-        assert_eq!(pose.attached(DVec3::ZERO, DQuat::IDENTITY), pose);
+        assert_eq!(pose.attached_camera(DVec3::ZERO, DQuat::IDENTITY), pose);
     }
 
     #[test]

@@ -15,7 +15,7 @@ pub enum Purpose {
     /// Procedural scenes and their sensor noise.
     Synthetic,
     /// Selection from the shuffle buffer of photographs.
-    Photographs,
+    ShuffleBuffer,
 }
 
 /// A reproducible stream of random numbers.

@@ -40,8 +40,8 @@ impl ComponentAttributes {
     }
 
     /// Replaces the uncertainty by the photometric one, if photographs have changed the splat.
-    pub fn photographed(self, found: Option<PhotometricDeviations>) -> Self {
-        let uncertainty = found.map(|found| found.position() as f32).or(self.uncertainty);
+    pub fn with_photometric_uncertainty(self, found: Option<PhotometricDeviations>) -> Self {
+        let uncertainty = found.map(|found| found.position_deviation() as f32).or(self.uncertainty);
         Self { uncertainty, ..self }
     }
 }

@@ -35,7 +35,7 @@ pub struct Inspection {
     /// Variation of its colour with position and direction.
     pub appearance: Appearance,
     /// Standard deviations of the photometric estimate; `None` without photometric learning.
-    pub photographed: Option<PhotometricDeviations>,
+    pub photometric_deviations: Option<PhotometricDeviations>,
 }
 
 impl Inspection {
@@ -61,7 +61,7 @@ impl Inspection {
             attributes,
             splat,
             appearance,
-            photographed: None,
+            photometric_deviations: None,
             posterior,
         }
     }

@@ -24,9 +24,9 @@ pub enum StoredModel {
 impl StoredModel {
     /// Drops the stored frames that await a second alignment. If several runs continue from one start, each
     /// would move the contributions of these frames, and fusion would add up all the motions.
-    pub fn let_go_of_kept(&mut self) {
+    pub fn drop_stored_frames(&mut self) {
         if let Self::Scene(state) = self {
-            state.kept.clear();
+            state.stored_frames.clear();
         }
     }
 }

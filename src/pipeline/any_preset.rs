@@ -32,7 +32,7 @@ pub trait AnyPreset {
 
     /// Names and values of settings that were estimated on the dataset and position the model in the world.
     /// Models are only merged if these agree.
-    fn placement(&self) -> Vec<(&'static str, String)>;
+    fn world_placement(&self) -> Vec<(&'static str, String)>;
 
     /// Convention by which pixels of a layout become rays.
     fn camera_convention(&self, layout: Layout) -> CameraConvention;
@@ -62,7 +62,7 @@ pub trait AnyPreset {
     ///
     /// # Errors
     /// As [`TypedPreset::restore`](super::preset::TypedPreset::restore).
-    fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch>;
+    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch>;
 }
 
 /// Maximum number of components of a model.
@@ -85,7 +85,7 @@ impl ComponentLimit {
 }
 
 /// Learner restored from a checkpoint.
-pub struct Revived {
+pub struct RestoredLearner {
     /// The learner.
     pub learner: Box<dyn Learner>,
     /// World to model coordinates.

@@ -5,7 +5,7 @@
 //! neither frames nor memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
-use super::panic_text::{NO_WORDS, panic_text};
+use super::panic_text::{NO_MESSAGE, panic_text};
 use super::session::Session;
 use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
@@ -111,13 +111,13 @@ impl Autosave {
 
     /// Starts a save if one is due and none is in progress; call it between frames. Returns the result of the
     /// previous save, once, when it has finished.
-    pub fn between_frames(&mut self, session: &Session) -> Option<SaveOutcome> {
+    pub fn poll(&mut self, session: &Session) -> Option<SaveOutcome> {
         if self.in_flight.as_ref().is_some_and(|save| !save.is_finished()) {
             return None;
         }
         let ended = self.wait();
         let is_due = self.is_due(session.learner().frames());
-        let refused = is_due.then(|| self.begin(session).err()).flatten();
+        let refused = is_due.then(|| self.start_save(session).err()).flatten();
         // A thread that did not start takes precedence over the success of the previous save.
         refused.map(Err).or(ended)
     }
@@ -132,11 +132,11 @@ impl Autosave {
     ///
     /// # Errors
     /// [`AutosaveError::Thread`], or the error of the save in progress.
-    pub fn begin(&mut self, session: &Session) -> Result<(), AutosaveError> {
-        self.begin_by(write, session)
+    pub fn start_save(&mut self, session: &Session) -> Result<(), AutosaveError> {
+        self.start_save_with(write, session)
     }
 
-    fn begin_by(
+    fn start_save_with(
         &mut self,
         save: impl FnOnce(&Path, SessionSnapshot) -> SaveOutcome + Send + 'static,
         session: &Session,
@@ -157,7 +157,7 @@ impl Autosave {
     pub fn wait(&mut self) -> Option<SaveOutcome> {
         let outcome = self.in_flight.take()?.join();
         Some(outcome.unwrap_or_else(|panic| {
-            let said = panic_text(&*panic).unwrap_or(NO_WORDS).to_owned();
+            let said = panic_text(&*panic).unwrap_or(NO_MESSAGE).to_owned();
             Err(AutosaveError::Panicked { path: self.path.clone(), said })
         }))
     }
@@ -205,24 +205,24 @@ mod tests {
         };
         let room = Arc::new(dataset(&small).unwrap());
         let mut session =
-            Session::new(room, SceneOverrides::default(), Selection::everything()).unwrap();
+            Session::new(room, SceneOverrides::default(), Selection::all_frames()).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.vbgs");
         let every_frame = AutosaveInterval { frames: Some(1), ..AutosaveInterval::default() };
         let mut autosave = Autosave::new(path.clone(), every_frame, &session);
         session.step().unwrap();
-        autosave.begin(&session).unwrap();
+        autosave.start_save(&session).unwrap();
         assert_eq!(autosave.wait().unwrap().unwrap().frames, 1);
 
         let defect = |path: &Path, _: SessionSnapshot| -> SaveOutcome {
-            let written = atomic::write_keeping_old(path, |out| {
+            let written = atomic::write_with_backup(path, |out| {
                 out.write_all(&[0; 1 << 20])?;
                 panic!("injected into a save")
             });
             Ok(Autosaved { frames: 0, bytes: written.unwrap() })
         };
         session.step().unwrap();
-        autosave.begin_by(defect, &session).unwrap();
+        autosave.start_save_with(defect, &session).unwrap();
         let said = autosave.wait().unwrap().unwrap_err().to_string();
         for part in ["run.vbgs", "injected into a save", "training continues", "when it is due"] {
             assert!(said.contains(part), "{part:?} is missing in: {said}");
@@ -231,7 +231,7 @@ mod tests {
         assert_eq!(frames(), 1, "the previous save is complete");
 
         session.step().unwrap();
-        assert!(autosave.between_frames(&session).is_none(), "started, not finished");
+        assert!(autosave.poll(&session).is_none(), "started, not finished");
         assert_eq!(autosave.wait().unwrap().unwrap().frames, 3);
         assert_eq!(frames(), 3);
         let left = std::fs::read_dir(folder.path()).unwrap().count();

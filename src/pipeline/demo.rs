@@ -26,5 +26,5 @@ pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
 
 /// Starts a session over all frames of the demo.
 pub fn session(asked: impl Into<MethodRequest>) -> Result<Session, DemoError> {
-    Ok(Session::new(dataset()?, asked, Selection::everything())?)
+    Ok(Session::new(dataset()?, asked, Selection::all_frames())?)
 }

@@ -3,12 +3,12 @@
 //! The training thread polls between frames with a short timeout; no background watcher exists.
 
 use super::error::SessionError;
-use super::looks::{Found, Looks};
+use super::looks::{ScanFindings, Scans};
 use super::plan::{Order, Plan, Selection};
 use super::settings::scene::SceneError;
 use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
-use crate::dataset::pace::LookPace;
+use crate::dataset::pace::PollSchedule;
 use crate::dataset::splits::{HELD_OUT, HoldOut};
 use crate::dataset::{Dataset, FrameMarks, LoadOptions};
 use std::path::{Path, PathBuf};
@@ -16,20 +16,20 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Maximum time that training waits for a scan; most take less, and it is not noticeable.
-const MOMENT: Duration = Duration::from_millis(50);
+const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Time after which a drive counts as not responding.
-const SILENT: Duration = Duration::from_secs(3);
+const DRIVE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Recording that is followed while it grows.
 pub struct Follow {
     path: PathBuf,
-    looks: Looks,
+    looks: Scans,
     selection: Selection,
     /// Frames found before a session has started.
     dataset: Option<Arc<Dataset>>,
     started: Instant,
-    pace: LookPace,
+    pace: PollSchedule,
     problem: Option<String>,
     /// Why a session could not start on the frames so far.
     unfit: Option<String>,
@@ -49,17 +49,17 @@ impl Follow {
         selection: &Selection,
     ) -> Result<Self, DatasetError> {
         if selection.order != Order::Sequential {
-            return Err(not_followed("order", "sequential with follow", "shuffled"));
+            return Err(follow_error("order", "sequential with follow", "shuffled"));
         }
         if selection.passes > 1 {
-            return Err(not_followed("passes", "1 with follow", &selection.passes.to_string()));
+            return Err(follow_error("passes", "1 with follow", &selection.passes.to_string()));
         }
         if selection.hold_out == HoldOut::Sector {
-            return Err(not_followed("hold-out", "every-8th with follow", "sector"));
+            return Err(follow_error("hold-out", "every-8th with follow", "sector"));
         }
         if selection.split.as_deref() == Some(HELD_OUT) {
             let expected = "the recorded split, with follow";
-            return Err(not_followed("split", expected, HELD_OUT));
+            return Err(follow_error("split", expected, HELD_OUT));
         }
         let recording = GrowingRecording::new(path, load, selection.split.as_deref())?;
         Ok(Self::with(recording, selection))
@@ -76,11 +76,11 @@ impl Follow {
     fn with(recording: GrowingRecording, selection: &Selection) -> Self {
         Self {
             path: recording.path().to_owned(),
-            looks: Looks::new(recording),
+            looks: Scans::new(recording),
             selection: Selection { follow: true, ..selection.clone() },
             dataset: None,
             started: Instant::now(),
-            pace: LookPace::default(),
+            pace: PollSchedule::default(),
             problem: None,
             unfit: None,
             silence: None,
@@ -93,18 +93,18 @@ impl Follow {
     ///
     /// # Errors
     /// A defect of a recording that has ended.
-    pub fn more(&mut self) -> Result<Option<Arc<Dataset>>, DatasetError> {
-        let (Found::Frames(found) | Found::End(Some(found))) = self.look()? else {
+    pub fn poll_dataset(&mut self) -> Result<Option<Arc<Dataset>>, DatasetError> {
+        let (ScanFindings::Frames(found) | ScanFindings::End(Some(found))) = self.poll()? else {
             return Ok(None);
         };
         self.unfit = None;
         let Some(recording) = self.looks.recording() else { return Ok(None) };
         let dataset = match self.dataset.take() {
-            None if found.splits.is_empty() => return Err(recording.why_empty(found)),
+            None if found.splits.is_empty() => return Err(recording.empty_poll_error(found)),
             None => Arc::new(found),
             Some(mut known) => {
                 let split = recording.split_of(&known)?;
-                Arc::make_mut(&mut known).grow(split, found);
+                Arc::make_mut(&mut known).append_polled(split, found);
                 known
             }
         };
@@ -116,7 +116,7 @@ impl Follow {
 
     /// True if a session may start later with more frames although it failed now, because these have no
     /// usable points.
-    pub fn forgives(&mut self, error: &SessionError) -> bool {
+    pub fn may_succeed_later(&mut self, error: &SessionError) -> bool {
         let is_of_frames =
             matches!(error, SessionError::Range(_) | SessionError::Scene(SceneError::NoPoints(_)));
         if is_of_frames {
@@ -132,10 +132,10 @@ impl Follow {
     }
 
     /// Time until the next scan may find something.
-    pub fn rest(&self) -> Duration {
-        match self.looks.under_way() {
+    pub fn time_to_next_scan(&self) -> Duration {
+        match self.looks.scan_elapsed() {
             Some(_) => Duration::ZERO,
-            None => self.pace.rest(self.started.elapsed()),
+            None => self.pace.time_to_next_check(self.started.elapsed()),
         }
     }
 
@@ -151,7 +151,7 @@ impl Follow {
     }
 
     /// Drops the dataset, once a session owns the frames.
-    pub(super) fn hand_over(self) -> Self {
+    pub(super) fn without_dataset(self) -> Self {
         Self { dataset: None, ..self }
     }
 
@@ -159,24 +159,27 @@ impl Follow {
     ///
     /// # Errors
     /// A defect of a recording that has ended. Before the end it may be temporary.
-    pub(super) fn look(&mut self) -> Result<Found, DatasetError> {
+    pub(super) fn poll(&mut self) -> Result<ScanFindings, DatasetError> {
         if self.is_over {
-            return Ok(Found::End(None));
+            return Ok(ScanFindings::End(None));
         }
         let now = self.started.elapsed();
-        if self.looks.under_way().is_none() {
-            if !self.pace.rest(now).is_zero() {
-                return Ok(Found::Nothing);
+        if self.looks.scan_elapsed().is_none() {
+            if !self.pace.time_to_next_check(now).is_zero() {
+                return Ok(ScanFindings::Nothing);
             }
-            self.pace.ask(now);
-            if let Err(source) = self.looks.begin(self.pace.retries(now), now.as_secs_f64()) {
+            self.pace.record_check(now);
+            if let Err(source) =
+                self.looks.start_scan(self.pace.is_retry_due(now), now.as_secs_f64())
+            {
                 self.problem =
                     Some(format!("{}: no thread to scan it: {source}", self.path.display()));
             }
         }
-        let Some(looked) = self.looks.wait(MOMENT) else {
-            self.silence = self.looks.under_way().and_then(|elapsed| silence(&self.path, elapsed));
-            return Ok(Found::Nothing);
+        let Some(looked) = self.looks.wait(POLL_TIMEOUT) else {
+            self.silence =
+                self.looks.scan_elapsed().and_then(|elapsed| silence(&self.path, elapsed));
+            return Ok(ScanFindings::Nothing);
         };
         self.silence = None;
         if looked.has_ended {
@@ -184,12 +187,12 @@ impl Follow {
             return looked.found;
         }
         let Some(took) = looked.took else {
-            return Ok(Found::Nothing);
+            return Ok(ScanFindings::Nothing);
         };
         self.problem = looked.found.as_ref().err().map(ToString::to_string);
-        let found = looked.found.unwrap_or(Found::Nothing);
-        let (now, has_grown) = (self.started.elapsed(), matches!(found, Found::Frames(_)));
-        self.pace.looked(now.saturating_sub(took), now, has_grown);
+        let found = looked.found.unwrap_or(ScanFindings::Nothing);
+        let (now, has_grown) = (self.started.elapsed(), matches!(found, ScanFindings::Frames(_)));
+        self.pace.record_poll(now.saturating_sub(took), now, has_grown);
         Ok(found)
     }
 
@@ -199,14 +202,14 @@ impl Follow {
     }
 }
 
-fn not_followed(setting: &'static str, expected: &'static str, found: &str) -> DatasetError {
+fn follow_error(setting: &'static str, expected: &'static str, found: &str) -> DatasetError {
     DatasetError::Option { setting, expected, found: found.to_owned() }
 }
 
 /// Returns a warning if a drive has not responded for too long.
 pub fn silence(path: &Path, elapsed: Duration) -> Option<String> {
-    let (path, s) = (path.display(), SILENT.as_secs());
-    (elapsed > SILENT).then(|| format!(
+    let (path, s) = (path.display(), DRIVE_TIMEOUT.as_secs());
+    (elapsed > DRIVE_TIMEOUT).then(|| format!(
         "{path}: expected its drive to respond, found it silent for {s} seconds; check the connection: the result so far can be saved meanwhile"
     ))
 }

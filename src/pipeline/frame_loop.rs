@@ -12,7 +12,7 @@ use std::time::Duration;
 /// Prefetch and learner of one preset, with their types erased.
 pub(super) trait FrameLoop: Send {
     /// Trains on the next frame, waiting at most `patience` for it to be decoded.
-    fn step(&mut self, patience: Duration) -> Stepped;
+    fn step(&mut self, patience: Duration) -> StepResult;
 
     /// Appends frames to the queue.
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
@@ -23,7 +23,7 @@ pub(super) trait FrameLoop: Send {
 }
 
 /// Result of a step.
-pub(super) enum Stepped {
+pub(super) enum StepResult {
     Frame(SteppedFrame),
     /// The next frame is not decoded yet.
     Unread,
@@ -65,19 +65,19 @@ pub(super) struct PresetLoop<P: Prepare> {
 }
 
 impl<P: Prepare> FrameLoop for PresetLoop<P> {
-    fn step(&mut self, patience: Duration) -> Stepped {
+    fn step(&mut self, patience: Duration) -> StepResult {
         let Prepared { position, is_repeat, name, marks, result } =
             match self.prefetch.next_within(patience) {
                 NextFrame::Ready(frame) => frame,
-                NextFrame::Unread => return Stepped::Unread,
-                NextFrame::None => return Stepped::Finished,
+                NextFrame::Unread => return StepResult::Unread,
+                NextFrame::None => return StepResult::Finished,
             };
         let status = match result {
             Err(message) => FrameStatus::Skipped(message),
             Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
                 let learnt = match is_repeat {
                     false => self.learner.learn(&observation),
-                    true => Ok(self.learner.look_again(&observation)),
+                    true => Ok(self.learner.revisit_photograph(&observation)),
                 };
                 self.prefetch.recycle(observation);
                 match learnt {
@@ -92,7 +92,7 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                 }
             }
         };
-        Stepped::Frame(SteppedFrame { position, name, marks, status })
+        StepResult::Frame(SteppedFrame { position, name, marks, status })
     }
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>) {

@@ -12,11 +12,11 @@ impl Session {
 
     fn attributes(&self, component: usize) -> ComponentAttributes {
         let engine = self.learner();
-        let elbo = engine.component_elbo().of(component).map(|(mean, _)| mean);
+        let elbo = engine.component_elbo().mean_elbo_of(component).map(|(mean, _)| mean);
         let posterior = engine.posterior(component);
         let birth = self.birth_of(component);
         ComponentAttributes::new(&posterior, self.normalization(), elbo, birth)
-            .photographed(engine.photographed(component))
+            .with_photometric_uncertainty(engine.photometric_deviations(component))
     }
 
     /// Returns all data of a component; `None` if `id` is out of range.
@@ -32,6 +32,9 @@ impl Session {
         let (attributes, splat) = (self.attributes(component), self.learner().splat(component));
         let inspection =
             Inspection::new(id, posterior, total, attributes, splat, self.normalization());
-        Some(Inspection { photographed: self.learner().photographed(component), ..inspection })
+        Some(Inspection {
+            photometric_deviations: self.learner().photometric_deviations(component),
+            ..inspection
+        })
     }
 }

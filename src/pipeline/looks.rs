@@ -11,7 +11,7 @@ use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// Result of a scan.
-pub(super) enum Found {
+pub(super) enum ScanFindings {
     /// No complete new frame.
     Nothing,
     Frames(Dataset),
@@ -19,8 +19,8 @@ pub(super) enum Found {
     End(Option<Dataset>),
 }
 
-pub(super) struct Looked {
-    pub found: Result<Found, DatasetError>,
+pub(super) struct ScanResult {
+    pub found: Result<ScanFindings, DatasetError>,
     /// True if the recorder has written its last file.
     pub has_ended: bool,
     /// Time spent reading; `None` if there was nothing to read.
@@ -28,7 +28,7 @@ pub(super) struct Looked {
 }
 
 /// Recording, and its scan in progress, if any.
-pub(super) struct Looks {
+pub(super) struct Scans {
     // Locked by the scan thread for as long as the drive takes.
     recording: Arc<Mutex<GrowingRecording>>,
     under_way: Option<UnderWay>,
@@ -38,11 +38,11 @@ pub(super) struct Looks {
 
 struct UnderWay {
     since: Instant,
-    answer: Receiver<Looked>,
+    answer: Receiver<ScanResult>,
     thread: JoinHandle<()>,
 }
 
-impl Looks {
+impl Scans {
     pub fn new(recording: GrowingRecording) -> Self {
         let recording = Arc::new(Mutex::new(recording));
         Self { recording, under_way: None, returned: Vec::new() }
@@ -56,7 +56,7 @@ impl Looks {
         }
     }
 
-    pub fn under_way(&self) -> Option<Duration> {
+    pub fn scan_elapsed(&self) -> Option<Duration> {
         self.under_way.as_ref().map(|look| look.since.elapsed())
     }
 
@@ -65,15 +65,15 @@ impl Looks {
     ///
     /// # Errors
     /// The system cannot start a thread.
-    pub fn begin(&mut self, retries: bool, now_s: f64) -> std::io::Result<()> {
+    pub fn start_scan(&mut self, retries: bool, now_s: f64) -> std::io::Result<()> {
         for (frame, marks) in self.returned.drain(..) {
-            lock(&self.recording).give_back(frame, marks);
+            lock(&self.recording).return_frame(frame, marks);
         }
         let (tell, answer) = channel();
         let recording = Arc::clone(&self.recording);
         let thread = Builder::new().name("look".into()).spawn(move || {
             // The receiver may be gone.
-            let _ = tell.send(look(&mut lock(&recording), retries, now_s));
+            let _ = tell.send(scan(&mut lock(&recording), retries, now_s));
         })?;
         self.under_way = Some(UnderWay { since: Instant::now(), answer, thread });
         Ok(())
@@ -83,7 +83,7 @@ impl Looks {
     ///
     /// # Panics
     /// If the scan panicked.
-    pub fn wait(&mut self, patience: Duration) -> Option<Looked> {
+    pub fn wait(&mut self, patience: Duration) -> Option<ScanResult> {
         let look = self.under_way.take()?;
         match look.answer.recv_timeout(patience) {
             Ok(looked) => {
@@ -106,7 +106,7 @@ impl Looks {
     pub fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.under_way {
             Some(_) => self.returned.push((frame, marks)),
-            None => lock(&self.recording).give_back(frame, marks),
+            None => lock(&self.recording).return_frame(frame, marks),
         }
     }
 }
@@ -115,23 +115,23 @@ fn lock(recording: &Mutex<GrowingRecording>) -> MutexGuard<'_, GrowingRecording>
     recording.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn look(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> Looked {
+fn scan(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> ScanResult {
     // Checked before the scan: once the recorder has ended, the scan is complete.
     let has_ended = recording.has_ended();
     let retries = retries && recording.is_unresolved();
     if !(has_ended || retries || recording.has_changed()) {
-        return Looked { found: Ok(Found::Nothing), has_ended, took: None };
+        return ScanResult { found: Ok(ScanFindings::Nothing), has_ended, took: None };
     }
     let begun = Instant::now();
-    let found = recording.look(!has_ended, now_s);
+    let found = recording.poll(!has_ended, now_s);
     let found = match (found, has_ended) {
         (Err(error), _) => Err(error),
-        (Ok(found), true) => Ok(Found::End(Some(found))),
-        (Ok(found), false) => match recording.take(&found) {
-            0 if !recording.has_begun() => Err(recording.why_empty(found)),
-            0 => Ok(Found::Nothing),
-            _ => Ok(Found::Frames(found)),
+        (Ok(found), true) => Ok(ScanFindings::End(Some(found))),
+        (Ok(found), false) => match recording.mark_taken(&found) {
+            0 if !recording.has_begun() => Err(recording.empty_poll_error(found)),
+            0 => Ok(ScanFindings::Nothing),
+            _ => Ok(ScanFindings::Frames(found)),
         },
     };
-    Looked { found, has_ended, took: Some(begun.elapsed()) }
+    ScanResult { found, has_ended, took: Some(begun.elapsed()) }
 }

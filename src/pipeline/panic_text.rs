@@ -3,7 +3,7 @@
 use std::any::Any;
 
 /// Placeholder for a panic without a message.
-pub const NO_WORDS: &str = "a panic without a message";
+pub const NO_MESSAGE: &str = "a panic without a message";
 
 /// Returns the message of a panic's payload, if any.
 pub fn panic_text(payload: &(dyn Any + Send)) -> Option<&str> {

@@ -6,7 +6,7 @@ use crate::train::outcome::ComparedPhotograph;
 
 /// Progress and frame reports of a run so far.
 #[derive(Clone)]
-pub(super) struct Past {
+pub(super) struct RunProgress {
     /// Number of visited positions of the plan.
     pub visited: usize,
     /// Number of pixels that the points represent.
@@ -18,9 +18,9 @@ pub(super) struct Past {
     pub wall_s: f64,
 }
 
-impl Past {
+impl RunProgress {
     /// Starts empty, with the frames that the dataset refused when it was opened as skipped.
-    pub fn none(dataset: &Dataset, split: usize) -> Self {
+    pub fn at_start(dataset: &Dataset, split: usize) -> Self {
         let name = &dataset.splits[split].name;
         let refused = dataset.warnings.iter().filter(|w| w.split == *name);
         Self {
@@ -34,20 +34,24 @@ impl Past {
 
     /// Stores how a photograph compared in its frame's report, after `n_learnt` frames. Returns a warning if
     /// the frame is a new outlier.
-    pub fn compared(&mut self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<String> {
-        let at = self.place_of(n_learnt, compared)?;
+    pub fn record_comparison(
+        &mut self,
+        n_learnt: u64,
+        compared: &ComparedPhotograph,
+    ) -> Option<String> {
+        let at = self.report_index(n_learnt, compared)?;
         let report = self.frames.get_mut(at)?;
-        let is_told = report.doubt().is_some();
+        let is_told = report.outlier_warning().is_some();
         report.photograph = Some(compared.outcome);
-        report.doubt().filter(|_| !is_told)
+        report.outlier_warning().filter(|_| !is_told)
     }
 
     /// Report of the frame whose photograph was compared, after `n_learnt` frames.
     pub fn report_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<&FrameReport> {
-        self.frames.get(self.place_of(n_learnt, compared)?)
+        self.frames.get(self.report_index(n_learnt, compared)?)
     }
 
-    fn place_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<usize> {
+    fn report_index(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<usize> {
         // The reports of the first frames of a resumed run may be unknown.
         let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
         usize::try_from(compared.frame.checked_sub(n_before)?).ok()

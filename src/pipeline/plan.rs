@@ -95,7 +95,7 @@ fn is_once(passes: &usize) -> bool {
 
 impl Selection {
     /// Selects all frames of the training split, in sequential order.
-    pub fn everything() -> Self {
+    pub fn all_frames() -> Self {
         let (split, shard, max_frames) = (None, None, None);
         let (order, stride, passes, follow) = (Order::Sequential, 1, 1, false);
         let hold_out = HoldOut::default();
@@ -103,7 +103,7 @@ impl Selection {
     }
 
     /// Returns the frames in the order of further pass `pass`, from 1; reshuffled if they are shuffled.
-    fn again(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
+    fn repeat_order(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
         let mut frames = frames.to_vec();
         if self.order == Order::Shuffled {
             frames.sort_unstable();
@@ -113,7 +113,7 @@ impl Selection {
     }
 
     /// Selection without shard and limit, common to all runs that share the frames.
-    pub fn whole(&self) -> Self {
+    pub fn without_shard(&self) -> Self {
         Self { shard: None, max_frames: None, ..self.clone() }
     }
 
@@ -175,18 +175,19 @@ impl Plan {
     /// Appends the further passes.
     fn repeat(&mut self, selection: &Selection, seed: u64) {
         let first = self.frames.clone();
-        let further = (1..selection.passes).flat_map(|pass| selection.again(&first, seed, pass));
+        let further =
+            (1..selection.passes).flat_map(|pass| selection.repeat_order(&first, seed, pass));
         self.frames.extend(further);
     }
 
     /// Frames of the first pass.
     pub fn first_pass(&self) -> Vec<usize> {
-        let repeats = self.repeats();
+        let repeats = self.repeat_flags();
         self.frames.iter().zip(repeats).filter(|(_, again)| !again).map(|(&i, _)| i).collect()
     }
 
     /// For each position, true if its frame occurs at an earlier one.
-    pub fn repeats(&self) -> Vec<bool> {
+    pub fn repeat_flags(&self) -> Vec<bool> {
         let mut known = BTreeSet::new();
         self.frames.iter().map(|&frame| !known.insert(frame)).collect()
     }
@@ -218,7 +219,7 @@ impl Plan {
 
     /// Plans the continuation of a run that visited `visited` in this order: these come first, then the
     /// remaining frames. `max_frames` counts both, each frame once.
-    pub fn after(
+    pub fn resumed(
         dataset: &Dataset,
         selection: &Selection,
         seed: u64,
@@ -261,7 +262,7 @@ mod tests {
             ..SyntheticParams::demo()
         };
         let room = synthetic::dataset(&params).unwrap();
-        Plan::after(&room, selection, 5, visited).unwrap().frames
+        Plan::resumed(&room, selection, 5, visited).unwrap().frames
     }
 
     #[test]
@@ -269,7 +270,7 @@ mod tests {
         for (passes, order) in
             [(1, Order::Sequential), (2, Order::Sequential), (3, Order::Shuffled)]
         {
-            let selection = Selection { passes, order, ..Selection::everything() };
+            let selection = Selection { passes, order, ..Selection::all_frames() };
             let whole = plan(&selection, &[]);
             assert_eq!(whole.len(), 6 * passes);
             assert!(whole.chunks(6).all(|pass| pass.iter().collect::<BTreeSet<_>>().len() == 6));
@@ -278,14 +279,14 @@ mod tests {
                 assert_eq!(plan(&selection, &visited), whole, "{passes} passes, {n} visited");
             }
         }
-        let shuffled = Selection { passes: 2, order: Order::Shuffled, ..Selection::everything() };
+        let shuffled = Selection { passes: 2, order: Order::Shuffled, ..Selection::all_frames() };
         let whole = plan(&shuffled, &[]);
         assert_ne!(whole[..6], whole[6..], "each pass has its own order");
     }
 
     #[test]
     fn more_frames_and_passes_come_behind_those_visited() {
-        let few = Selection { passes: 2, max_frames: Some(2), ..Selection::everything() };
+        let few = Selection { passes: 2, max_frames: Some(2), ..Selection::all_frames() };
         assert_eq!(plan(&few, &[]), [0, 1, 0, 1]);
         let more = Selection { max_frames: Some(3), ..few.clone() };
         assert_eq!(plan(&more, &[0, 1, 0]), [0, 1, 0, 2, 1, 2]);
@@ -303,12 +304,12 @@ mod tests {
             ..SyntheticParams::demo()
         };
         let room = synthetic::dataset(&params).unwrap();
-        let selection = Selection { hold_out: HoldOut::Sector, ..Selection::everything() };
+        let selection = Selection { hold_out: HoldOut::Sector, ..Selection::all_frames() };
         let mut plan = Plan::new(&room, &selection, 0).unwrap();
         let trained = [1, 2, 3, 4, 5, 6, 7, 9, 10, 11];
         assert_eq!(plan.frames, trained);
         assert!(plan.held_out.as_ref().is_some_and(|why| why.contains("a recording")));
-        let on = Plan::after(&room, &selection, 0, &[1, 2, 3]).unwrap();
+        let on = Plan::resumed(&room, &selection, 0, &[1, 2, 3]).unwrap();
         assert_eq!(on.frames, trained);
         plan.extend(&selection, 20, 40);
         assert_eq!(plan.frames, trained);
@@ -319,10 +320,10 @@ mod tests {
     #[test]
     fn files_leave_the_default_out_and_name_a_sector() {
         let text = |selection: &Selection| serde_json::to_string(selection).unwrap();
-        let plain = text(&Selection::everything());
+        let plain = text(&Selection::all_frames());
         assert!(!plain.contains("hold_out"), "{plain}");
-        assert_eq!(serde_json::from_str::<Selection>(&plain).unwrap(), Selection::everything());
-        let sector = Selection { hold_out: HoldOut::Sector, ..Selection::everything() };
+        assert_eq!(serde_json::from_str::<Selection>(&plain).unwrap(), Selection::all_frames());
+        let sector = Selection { hold_out: HoldOut::Sector, ..Selection::all_frames() };
         assert!(text(&sector).contains(r#""hold_out":"sector""#));
         assert_eq!(serde_json::from_str::<Selection>(&text(&sector)).unwrap(), sector);
     }

@@ -4,7 +4,7 @@
 //!
 //! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 
-use super::panic_text::{NO_WORDS, panic_text};
+use super::panic_text::{NO_MESSAGE, panic_text};
 use super::plan::Plan;
 use super::prepare::Prepare;
 use crate::dataset::error::FrameError;
@@ -31,14 +31,14 @@ pub fn default_threads() -> usize {
 
 /// Number of frames in memory at once on the current thread pool: in training, ready, or in preparation.
 pub fn frames_at_once() -> usize {
-    match decoders() {
+    match decoder_count() {
         0 => rayon::current_num_threads().min(MAX_AT_ONCE) + 1,
         decoders => decoders + 2,
     }
 }
 
 /// Number of decoding threads: one for each core that the current thread pool leaves free.
-fn decoders() -> usize {
+fn decoder_count() -> usize {
     cores().saturating_sub(rayon::current_num_threads()).min(MAX_AT_ONCE)
 }
 
@@ -86,7 +86,7 @@ impl PlannedFrame {
     /// Iterates over the frames of a plan, starting at position `first`.
     pub fn of(dataset: &Dataset, plan: &Plan, first: usize) -> impl Iterator<Item = Self> {
         let frames = &dataset.splits[plan.split].frames;
-        let planned = plan.frames.iter().zip(plan.repeats()).enumerate().skip(first);
+        let planned = plan.frames.iter().zip(plan.repeat_flags()).enumerate().skip(first);
         planned.map(|(position, (&i, is_repeat))| Self {
             position,
             is_repeat,
@@ -162,7 +162,7 @@ impl<P: Prepare> Prefetch<P> {
         preparation: P,
     ) -> Result<Self, SpawnError> {
         let upcoming = PlannedFrame::of(&dataset, plan, first).collect();
-        match decoders() {
+        match decoder_count() {
             0 => {
                 let at_once = rayon::current_num_threads().clamp(1, MAX_AT_ONCE);
                 Self::with_threads(upcoming, preparation, at_once, Pace::Between(at_once))
@@ -201,12 +201,12 @@ impl<P: Prepare> Prefetch<P> {
     /// Requests more frames in ahead mode.
     fn run_ahead(&mut self) {
         if let Pace::Ahead(most) = self.pace {
-            self.ask(most);
+            self.request_frames(most);
         }
     }
 
     /// Requests frames until `most` are outstanding.
-    fn ask(&mut self, most: usize) {
+    fn request_frames(&mut self, most: usize) {
         while self.coming.len() < most
             && let Some(frame) = self.upcoming.pop_front()
         {
@@ -232,7 +232,7 @@ impl<P: Prepare> Prefetch<P> {
             && self.ready.is_empty()
             && self.coming.is_empty()
         {
-            self.ask(at_once);
+            self.request_frames(at_once);
         }
         let begun = Instant::now();
         while let Some(first) = self.coming.front() {
@@ -269,8 +269,8 @@ impl<P: Prepare> Shared<P> {
     /// Prepares frames until the handle is dropped.
     fn run(&self) {
         let mut worker = Worker::<P>::default();
-        while let Some((frame, slot)) = received(&self.tasks, |tasks| tasks.recv().ok()) {
-            worker.recycled = received(&self.recycled, |recycled| recycled.try_recv().ok());
+        while let Some((frame, slot)) = receive_shared(&self.tasks, |tasks| tasks.recv().ok()) {
+            worker.recycled = receive_shared(&self.recycled, |recycled| recycled.try_recv().ok());
             // Fails if the handle was dropped.
             drop(slot.send(worker.prepare(&self.preparation, &frame)));
         }
@@ -278,7 +278,7 @@ impl<P: Prepare> Shared<P> {
 }
 
 /// Receives from a channel that several threads read.
-fn received<T>(
+fn receive_shared<T>(
     channel: &Mutex<Receiver<T>>,
     next: impl FnOnce(&Receiver<T>) -> Option<T>,
 ) -> Option<T> {
@@ -300,7 +300,7 @@ impl<P: Prepare> Worker<P> {
             *self = Self::default();
             Err(format!(
                 "{name}: skipped because of a defect of this program, please report it: {}",
-                panic_text(&*panic).unwrap_or(NO_WORDS)
+                panic_text(&*panic).unwrap_or(NO_MESSAGE)
             ))
         });
         Prepared { position: *position, is_repeat: *is_repeat, name, marks, result }
@@ -383,7 +383,7 @@ mod tests {
             ..SyntheticParams::demo()
         };
         let room = Arc::new(dataset(&small).unwrap());
-        let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
+        let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
         (room, plan)
     }
 

@@ -2,7 +2,7 @@
 //! learner receives the other preset's observations. Only `pipeline/start.rs` distinguishes the presets of a
 //! run; code that does not need the types uses [`AnyPreset`].
 
-use super::any_preset::{AnyPreset, Revived};
+use super::any_preset::{AnyPreset, RestoredLearner};
 use super::error::SessionError;
 use super::mismatch::Mismatch;
 use super::prepare::Prepare;
@@ -35,7 +35,7 @@ pub trait TypedPreset: AnyPreset {
         run: &RunConfig,
         range: &PositionRange,
         pixels: usize,
-    ) -> Result<Beginning<ObservationOf<Self>>, SessionError>;
+    ) -> Result<InitialLearner<ObservationOf<Self>>, SessionError>;
 
     /// Restores a learner after `frames` frames from a stored model.
     ///
@@ -45,11 +45,11 @@ pub trait TypedPreset: AnyPreset {
         &self,
         model: &StoredModel,
         frames: u64,
-    ) -> Result<Beginning<ObservationOf<Self>>, Mismatch>;
+    ) -> Result<InitialLearner<ObservationOf<Self>>, Mismatch>;
 }
 
 /// Learner at the start of a session.
-pub struct Beginning<O> {
+pub struct InitialLearner<O> {
     /// The learner.
     pub learner: Box<dyn Learns<O>>,
     /// World to model coordinates.
@@ -64,10 +64,10 @@ pub(super) fn revive<P: TypedPreset>(
     preset: &P,
     model: &StoredModel,
     frames: u64,
-) -> Result<Revived, Mismatch>
+) -> Result<RestoredLearner, Mismatch>
 where
     ObservationOf<P>: 'static,
 {
-    let Beginning { learner, normalization } = preset.restore(model, frames)?;
-    Ok(Revived { learner, normalization })
+    let InitialLearner { learner, normalization } = preset.restore(model, frames)?;
+    Ok(RestoredLearner { learner, normalization })
 }

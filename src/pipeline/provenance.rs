@@ -14,7 +14,7 @@ pub fn file_comments(method: &Method, n_frames: u64) -> Vec<String> {
         // Other programs also have a rule that reduces the opacity by as much as the area grows.
         format!("vbgs antialias {}: 0.3 px2 added, opacity kept", Antialias::Footprint),
     ];
-    if method.any().covariance_form() == CovarianceForm::LegacyCholesky {
+    if method.as_any().covariance_form() == CovarianceForm::LegacyCholesky {
         comments.push("vbgs legacy-cov".to_owned());
     }
     comments

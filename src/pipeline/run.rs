@@ -39,7 +39,7 @@ impl RunConfig {
     ) -> Self {
         Self {
             load: dataset.options,
-            camera_convention: method.any().camera_convention(dataset.layout),
+            camera_convention: method.as_any().camera_convention(dataset.layout),
             edge_filter: EdgeFilter::DropMixed,
             position_range: [range.lo().to_array(), range.hi().to_array()],
             position_range_source: range.source.clone(),
@@ -48,7 +48,7 @@ impl RunConfig {
         }
     }
     /// Settings of the run over all shards.
-    pub fn whole(&self) -> Self {
-        Self { selection: self.selection.whole(), ..self.clone() }
+    pub fn without_shard(&self) -> Self {
+        Self { selection: self.selection.without_shard(), ..self.clone() }
     }
 }

@@ -2,15 +2,15 @@
 
 use super::error::SessionError;
 use super::follow::Follow;
-use super::frame_loop::{FrameLoop, FrameStatus, Stepped, SteppedFrame};
-use super::looks::Found;
+use super::frame_loop::{FrameLoop, FrameStatus, StepResult, SteppedFrame};
+use super::looks::ScanFindings;
 use super::memory;
-use super::past::Past;
+use super::past::RunProgress;
 use super::plan::{Plan, Selection};
 use super::prefetch::PlannedFrame;
 use super::run::RunConfig;
 use super::settings::method::MethodRequest;
-use super::start::{Origin, frame_loop};
+use super::start::{InitialState, frame_loop};
 use crate::dataset::range;
 use crate::dataset::{Dataset, FrameMarks};
 use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
@@ -68,7 +68,7 @@ pub struct Session {
     is_followed: bool,
     births: BirthLog,
     /// Progress up to the last step.
-    past: Past,
+    past: RunProgress,
     /// Warnings about outlier frames, not yet taken.
     doubts: Vec<String>,
     started: Instant,
@@ -88,11 +88,11 @@ impl Session {
         let seed = asked.seed();
         let plan = Plan::new(&dataset, &selection, seed)?;
         // First, because a scene reports problems with depth best.
-        let method = asked.on(&dataset, &selection)?;
+        let method = asked.fit_to_dataset(&dataset, &selection)?;
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
-        let past = Past::none(&dataset, plan.split);
-        Self::begin(dataset, config, plan, &Origin::Fresh(&range), past)
+        let past = RunProgress::at_start(&dataset, plan.split);
+        Self::begin(dataset, config, plan, &InitialState::Fresh(&range), past)
     }
 
     /// Starts decoding after the frames already visited.
@@ -100,10 +100,10 @@ impl Session {
         dataset: Arc<Dataset>,
         config: RunConfig,
         plan: Plan,
-        origin: &Origin,
-        past: Past,
+        origin: &InitialState,
+        past: RunProgress,
     ) -> Result<Self, SessionError> {
-        let (preset, pixels) = (config.method.any(), plan.pixels(&dataset));
+        let (preset, pixels) = (config.method.as_any(), plan.pixels(&dataset));
         memory::check(preset.memory(pixels), preset.component_limit())?;
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
         let passes = config.selection.passes;
@@ -132,7 +132,7 @@ impl Session {
     pub fn follow(&mut self, follow: Option<Follow>) -> bool {
         let (split, selection) = (self.plan.split, &self.config.selection);
         let follow = follow.or_else(|| Follow::of(&self.dataset, split, selection));
-        self.follow = follow.map(Follow::hand_over);
+        self.follow = follow.map(Follow::without_dataset);
         self.is_followed |= self.follow.is_some();
         self.config.selection.follow |= self.is_followed;
         self.follow.is_some()
@@ -155,7 +155,7 @@ impl Session {
 
     /// Polls a followed recording if all frames were visited. True if the next step need not wait for further
     /// frames.
-    fn catch_up(&mut self) -> Result<bool, SessionError> {
+    fn poll_new_frames(&mut self) -> Result<bool, SessionError> {
         let n_planned = self.plan.frames.len();
         if !self.is_caught_up() {
             return Ok(true);
@@ -165,10 +165,10 @@ impl Session {
             self.follow = None;
             return Ok(true);
         }
-        let (found, is_end) = match follow.look()? {
-            Found::Nothing => return Ok(false),
-            Found::Frames(found) => (Some(found), false),
-            Found::End(found) => (found, true),
+        let (found, is_end) = match follow.poll()? {
+            ScanFindings::Nothing => return Ok(false),
+            ScanFindings::Frames(found) => (Some(found), false),
+            ScanFindings::End(found) => (found, true),
         };
         if is_end {
             self.follow = None;
@@ -186,7 +186,7 @@ impl Session {
         self.past.skipped.extend(refused.map(|warning| SkippedFrame::from(&*warning.error)));
         let dataset = Arc::make_mut(&mut self.dataset);
         let known = dataset.splits[split].frames.len();
-        dataset.grow(split, found);
+        dataset.append_polled(split, found);
         let n_frames = dataset.splits[split].frames.len();
         self.plan.extend(&self.config.selection, known, n_frames);
         self.frames.append(&mut PlannedFrame::of(&self.dataset, &self.plan, n_planned));
@@ -204,26 +204,28 @@ impl Session {
     /// Like [`Self::step`], waiting at most `patience`. `None` if the frame is not decoded yet, so that a
     /// slow drive does not block saving.
     pub fn step_within(&mut self, patience: Duration) -> Result<Option<Step>, SessionError> {
-        if !self.catch_up()? {
+        if !self.poll_new_frames()? {
             return Ok(Some(Step::Waiting));
         }
         let SteppedFrame { position, name, marks, status } = match self.frames.step(patience) {
-            Stepped::Frame(frame) => frame,
-            Stepped::Unread => return Ok(None),
-            Stepped::Finished => return self.finish().map(Some),
+            StepResult::Frame(frame) => frame,
+            StepResult::Unread => return Ok(None),
+            StepResult::Finished => return self.finish().map(Some),
         };
         // Set before the result is handled: no resumed run may train on this frame twice.
         self.past.visited = position + 1;
         let step = match status {
             FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms } => {
                 let ms = FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms };
-                Step::Trained(Box::new(self.learnt(position, name, &marks, &outcome, dropped, ms)))
+                Step::Trained(Box::new(
+                    self.record_trained(position, name, &marks, &outcome, dropped, ms),
+                ))
             }
             FrameStatus::Skipped(message) => {
                 if let Some(follow) = &mut self.follow {
                     follow.give_back(name.clone(), marks);
                 }
-                self.forgive(&name);
+                self.forget_skipped(&name);
                 self.skipped_frame(name, message)
             }
             FrameStatus::Lost(loss) => {
@@ -232,11 +234,11 @@ impl Session {
             }
             FrameStatus::Failed(error) => return Err(error.into()),
         };
-        self.look_at_the_clock();
+        self.update_wall_time();
         Ok(Some(step))
     }
 
-    fn look_at_the_clock(&mut self) {
+    fn update_wall_time(&mut self) {
         self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
     }
 
@@ -262,7 +264,7 @@ impl Session {
         })
     }
 
-    fn learnt(
+    fn record_trained(
         &mut self,
         position: usize,
         frame: String,
@@ -271,8 +273,8 @@ impl Session {
         points_dropped: usize,
         ms: FrameMs,
     ) -> FrameReport {
-        let behind_ms = self.is_followed.then(|| behind_ms(marks)).flatten();
-        self.forgive(&frame);
+        let behind_ms = self.is_followed.then(|| latency_ms(marks)).flatten();
+        self.forget_skipped(&frame);
         let learner = self.frames.learner();
         self.births.record(learner.changed(), learner.components(), position);
         let report = FrameReport {
@@ -282,7 +284,7 @@ impl Session {
             points_dropped,
             components: learner.components(),
             used: learner.used(),
-            born: outcome.born,
+            born: outcome.new_components,
             reassigned: outcome.reassigned,
             merged: outcome.merged,
             elbo_mean: outcome.elbo_mean,
@@ -296,20 +298,20 @@ impl Session {
         };
         self.past.points += outcome.evidence;
         self.past.frames.push(report.clone());
-        self.take_compared();
+        self.record_comparisons();
         self.past.frames.last().cloned().unwrap_or(report)
     }
 
     /// Stores how photographs compared with the scene.
-    fn take_compared(&mut self) {
+    fn record_comparisons(&mut self) {
         let learner = self.frames.learner();
-        for compared in learner.compared() {
-            self.doubts.extend(self.past.compared(learner.frames(), compared));
+        for compared in learner.compared_photographs() {
+            self.doubts.extend(self.past.record_comparison(learner.frames(), compared));
         }
     }
 
     /// Takes the warnings about outlier frames.
-    pub fn take_doubts(&mut self) -> Vec<String> {
+    pub fn take_outlier_warnings(&mut self) -> Vec<String> {
         std::mem::take(&mut self.doubts)
     }
 
@@ -323,14 +325,14 @@ impl Session {
     pub fn settle(&mut self) -> bool {
         let changes = self.learner_mut().settle();
         if changes {
-            self.take_compared();
-            self.look_at_the_clock();
+            self.record_comparisons();
+            self.update_wall_time();
         }
         changes
     }
 
     /// Removes a frame from the skipped ones, which was only half written before.
-    fn forgive(&mut self, frame: &str) {
+    fn forget_skipped(&mut self, frame: &str) {
         if self.is_followed {
             self.past.skipped.retain(|skipped| skipped.frame != frame);
         }
@@ -373,7 +375,7 @@ impl Session {
 
     /// Plan position of the frame in which a component first received points, if in this session.
     pub(super) fn birth_of(&self, component: usize) -> Option<u32> {
-        self.births.of(component)
+        self.births.first_frame_of(component)
     }
 
     /// Number of points trained on.
@@ -387,13 +389,13 @@ impl Session {
     }
 
     /// Progress up to the next step.
-    pub(super) fn past(&self) -> &Past {
+    pub(super) fn past(&self) -> &RunProgress {
         &self.past
     }
 
     /// Upper bound on the memory of the run.
     pub fn memory(&self) -> MemoryEstimate {
-        self.config.method.any().memory(self.plan.pixels(&self.dataset))
+        self.config.method.as_any().memory(self.plan.pixels(&self.dataset))
     }
 
     /// Number of visited plan positions, trained on or skipped.
@@ -435,7 +437,7 @@ impl Session {
 }
 
 /// Milliseconds since the last of a frame's files was changed.
-fn behind_ms(marks: &FrameMarks) -> Option<f64> {
+fn latency_ms(marks: &FrameMarks) -> Option<f64> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
-    Some(1e3 * now.checked_sub(marks.completed()?)?.as_secs_f64())
+    Some(1e3 * now.checked_sub(marks.last_modified()?)?.as_secs_f64())
 }

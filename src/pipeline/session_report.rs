@@ -10,7 +10,7 @@ impl Session {
     /// and buffered ones.
     pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
         let (past, n_learnt) = (self.past(), self.learner().frames());
-        let compared = self.learner().compared().iter();
+        let compared = self.learner().compared_photographs().iter();
         compared.filter_map(move |compared| past.report_of(n_learnt, compared))
     }
 

@@ -4,7 +4,7 @@ use super::error::SessionError;
 use super::frame_loop::{FrameLoop, PresetLoop};
 use super::plan::Plan;
 use super::prefetch::Prefetch;
-use super::preset::{Beginning, ObservationOf, TypedPreset};
+use super::preset::{InitialLearner, ObservationOf, TypedPreset};
 use super::run::RunConfig;
 use super::settings::method::Method;
 use crate::dataset::Dataset;
@@ -14,7 +14,7 @@ use crate::model::stored::StoredModel;
 use std::sync::Arc;
 
 /// Initial state of a learner.
-pub(super) enum Origin<'a> {
+pub(super) enum InitialState<'a> {
     /// Untrained; positions lie in this range.
     Fresh(&'a PositionRange),
     /// Stored model after this number of frames. It must match the run's settings.
@@ -28,29 +28,29 @@ pub(super) fn frame_loop(
     run: &RunConfig,
     plan: &Plan,
     first: usize,
-    origin: &Origin,
+    origin: &InitialState,
 ) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
     match &run.method {
-        Method::Paper(config) => of_preset(config, dataset, run, plan, first, origin),
-        Method::Scene(scene) => of_preset(&**scene, dataset, run, plan, first, origin),
+        Method::Paper(config) => preset_loop(config, dataset, run, plan, first, origin),
+        Method::Scene(scene) => preset_loop(&**scene, dataset, run, plan, first, origin),
     }
 }
 
-fn of_preset<P: TypedPreset>(
+fn preset_loop<P: TypedPreset>(
     preset: &P,
     dataset: &Arc<Dataset>,
     run: &RunConfig,
     plan: &Plan,
     first: usize,
-    origin: &Origin,
+    origin: &InitialState,
 ) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
-    let beginning: Beginning<ObservationOf<P>> = match origin {
-        Origin::Fresh(range) => preset.begin(dataset, run, range, plan.pixels(dataset))?,
-        Origin::Stored(model, frames) => {
+    let beginning: InitialLearner<ObservationOf<P>> = match origin {
+        InitialState::Fresh(range) => preset.begin(dataset, run, range, plan.pixels(dataset))?,
+        InitialState::Stored(model, frames) => {
             preset.restore(model, *frames).map_err(SessionError::Stored)?
         }
     };
-    let Beginning { learner, normalization } = beginning;
+    let InitialLearner { learner, normalization } = beginning;
     let preparation = preset.preparation(run, normalization);
     let prefetch = Prefetch::start(dataset.clone(), plan, first, preparation)?;
     Ok((Box::new(PresetLoop { prefetch, learner }), normalization))

@@ -1,11 +1,11 @@
 //! Surface elements of a model's components.
 
-use super::any_preset::Revived;
+use super::any_preset::RestoredLearner;
 use crate::export::mesh::Surfel;
 use crate::math::normalization::Normalization;
 
 /// Returns a surfel for every drawn component with a known normal. Models of the `paper` preset have none.
-pub fn surfels(revived: &Revived) -> Vec<(usize, Surfel)> {
+pub fn surfels(revived: &RestoredLearner) -> Vec<(usize, Surfel)> {
     let (learner, normalization) = (&revived.learner, &revived.normalization);
     let of = |component: usize| {
         let (splat, _) = learner.splat(component);

@@ -14,7 +14,7 @@ use crate::math::pose::Pose;
 use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::SplatView;
 use crate::observation::surface::Observation;
-use crate::train::scene::track::place;
+use crate::train::scene::track::find_pose;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -78,7 +78,7 @@ impl Trajectory {
 
     /// Error against the recorded poses, if there are any.
     pub fn error(&self, dataset: &Dataset) -> Option<TrajectoryError> {
-        let recorded = dataset.recorded()?;
+        let recorded = dataset.with_recorded_poses()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
         let poses: BTreeMap<&str, Pose> =
             entries.map(|entry| (entry.name.as_str(), entry.camera.pose)).collect();
@@ -114,7 +114,7 @@ impl PlacedViews {
         (split, views): (usize, &[usize]),
         mut tell: impl FnMut(usize),
     ) -> Self {
-        let straightened = dataset.straightened();
+        let straightened = dataset.rectified();
         let is_straightened = straightened.is_some();
         let mut placed = straightened.unwrap_or_else(|| dataset.clone());
         for entry in placed.splits.iter_mut().flat_map(|split| &mut split.frames) {
@@ -126,7 +126,7 @@ impl PlacedViews {
             let entry = &placed.splits[split].frames[view];
             let found = match trajectory.pose(&entry.name) {
                 Some(pose) => Ok(pose),
-                None => placer.place(entry, &trajectory.around(dataset, entry)),
+                None => placer.place(entry, &trajectory.neighbour_poses(dataset, entry)),
             };
             match found {
                 Ok(pose) => {
@@ -143,7 +143,7 @@ impl PlacedViews {
 
 impl Trajectory {
     /// Poses of the closest placed frames before and after a frame in its recording, nearest first.
-    fn around(&self, dataset: &Dataset, entry: &FrameEntry) -> Vec<Pose> {
+    fn neighbour_poses(&self, dataset: &Dataset, entry: &FrameEntry) -> Vec<Pose> {
         let holds = |frames: &[FrameEntry]| frames.iter().position(|f| f.name == entry.name);
         let frames = dataset.splits.iter().map(|split| split.frames.as_slice());
         let tracked = frames.filter_map(|frames| Some((holds(frames)?, frames)));
@@ -175,7 +175,7 @@ impl Placer<'_> {
         let known: Vec<Pose> =
             self.trajectory.frames.values().filter_map(TrackedPose::pose).collect();
         let lost = |message: String| SkippedFrame { frame: entry.name.clone(), message };
-        let found = place(self.splats, &observation, guesses, &known)
+        let found = find_pose(self.splats, &observation, guesses, &known)
             .map_err(|loss| lost(format!("{}: not placed: {loss}", entry.name)))?;
         found.pose().ok_or_else(|| lost(format!("{}: not placed", entry.name)))
     }

@@ -29,12 +29,12 @@ const TAIL: f64 = 0.02;
 /// the values, in 0.1 ms.
 const MAX_SAMPLES: usize = 1 << 14;
 /// Tolerance for reusing a range, as a fraction of its width. Every change recolours all splats.
-const SLACK: f64 = 0.1;
+const RANGE_TOLERANCE: f64 = 0.1;
 
 impl Attribute {
     /// Value on the colour scale (base-10 logarithm if logarithmic); `None` if unknown, not finite or not
     /// positive on a logarithmic scale.
-    fn position(self, of: &ComponentAttributes) -> Option<f64> {
+    fn scale_position(self, of: &ComponentAttributes) -> Option<f64> {
         let value = match self {
             Self::Evidence => of.evidence,
             Self::Uncertainty => of.uncertainty,
@@ -77,10 +77,14 @@ impl Range {
         // Strided over the whole list, because neighbours often have the same birth frame.
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
         let sample = values.iter().step_by(stride);
-        let mut known: Vec<f64> = sample.filter_map(|v| attribute.position(v)).collect();
+        let mut known: Vec<f64> = sample.filter_map(|v| attribute.scale_position(v)).collect();
         if known.is_empty() {
             // All known values may lie between the samples.
-            known = values.iter().filter_map(|v| attribute.position(v)).take(MAX_SAMPLES).collect();
+            known = values
+                .iter()
+                .filter_map(|v| attribute.scale_position(v))
+                .take(MAX_SAMPLES)
+                .collect();
         }
         let last = known.len().checked_sub(1)?;
         let mut quantile = |share: f64| {
@@ -91,8 +95,8 @@ impl Range {
     }
 
     /// True if switching to the other range would not change colours visibly.
-    pub fn is_close_to(&self, other: &Self) -> bool {
-        let slack = SLACK * (self.ends[1] - self.ends[0]);
+    pub fn is_similar_to(&self, other: &Self) -> bool {
+        let slack = RANGE_TOLERANCE * (self.ends[1] - self.ends[0]);
         let is_near = |i: usize| (self.ends[i] - other.ends[i]).abs() <= slack;
         self.attribute == other.attribute && is_near(0) && is_near(1)
     }
@@ -100,7 +104,7 @@ impl Range {
     /// Colour of a component; [`UNKNOWN`] if its value is unknown.
     pub fn color(&self, of: &ComponentAttributes) -> [f32; 3] {
         let [lo, hi] = self.ends;
-        match self.attribute.position(of) {
+        match self.attribute.scale_position(of) {
             // Grey is not part of the ramp, so an unknown value cannot be mistaken for a small one.
             None => UNKNOWN,
             // A range of zero width has neither a smallest nor a largest value.
@@ -167,9 +171,9 @@ mod tests {
     #[test]
     fn a_range_stays_while_little_changes() {
         let range = |ends| Range { attribute: Attribute::Elbo, ends };
-        assert!(range([0.0, 10.0]).is_close_to(&range([0.9, 9.1])));
-        assert!(!range([0.0, 10.0]).is_close_to(&range([0.0, 12.0])));
+        assert!(range([0.0, 10.0]).is_similar_to(&range([0.9, 9.1])));
+        assert!(!range([0.0, 10.0]).is_similar_to(&range([0.0, 12.0])));
         let birth = Range { attribute: Attribute::Birth, ends: [0.0, 10.0] };
-        assert!(!birth.is_close_to(&range([0.0, 10.0])));
+        assert!(!birth.is_similar_to(&range([0.0, 10.0])));
     }
 }

@@ -42,7 +42,7 @@ impl Area {
 }
 
 /// Factor on the first image's brightness outside the area of the second.
-pub const OUTSIDE: f32 = 0.35;
+pub const OUTSIDE_BRIGHTNESS: f32 = 0.35;
 
 /// Combines `first`, which fills the viewport, with `second`, which is scaled to fill `area`. Writes the
 /// result to `first`. Outside `area`, `first` is darkened by [`OUTSIDE`].
@@ -64,12 +64,12 @@ pub fn combine(first: &mut RgbImage, second: &RgbImage, area: Area, how: Combina
     first.data.par_chunks_mut(width).enumerate().for_each(|(row, pixels)| {
         for (column, pixel) in pixels.iter_mut().enumerate() {
             let p = [(column as f32 + 0.5) / width as f32, (row as f32 + 0.5) / height as f32];
-            *pixel = combined(*pixel, second, p, area, how);
+            *pixel = combine_pixel(*pixel, second, p, area, how);
         }
     });
 }
 
-fn combined(
+fn combine_pixel(
     first: [f32; 3],
     second: &RgbImage,
     p: [f32; 2],
@@ -77,7 +77,7 @@ fn combined(
     how: Combination,
 ) -> [f32; 3] {
     if !area.contains(p) {
-        return first.map(|v| OUTSIDE * v);
+        return first.map(|v| OUTSIDE_BRIGHTNESS * v);
     }
     match how {
         Combination::Wipe(divider) if p[0] < divider => first,
@@ -158,7 +158,7 @@ mod tests {
         let area = Area { min: [0.25, 0.0], max: [0.75, 1.0] };
         combine(&mut shown, &second, area, Combination::Wipe(0.0));
         let row: Vec<f32> = shown.data[..8].iter().map(|p| p[0]).collect();
-        let dim = OUTSIDE * 0.8;
+        let dim = OUTSIDE_BRIGHTNESS * 0.8;
         let expected = [dim, dim, 0.0, 0.25, 0.75, 1.0, dim, dim];
         assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?}");
     }

@@ -36,14 +36,14 @@ pub const SCALE_FLOOR: f64 = 1e-6;
 
 /// Upper limit of the floor as a fraction of the largest scale. Keeps flat splats flat in scenes with
 /// small world units.
-pub const FLATTEST: f64 = 1e-4;
+pub const MAX_SCALE_FLOOR_RATIO: f64 = 1e-4;
 
 /// Minimum scale in world units. Splats of zero size are raised to it.
 pub const POINT_SCALE: f64 = 1e-12;
 
 /// Floor of a splat's scales, in world units; `largest` is the splat's largest scale.
 pub fn scale_floor(largest: f64) -> f64 {
-    (SCALE_FLOOR * largest.max(1.0)).min(FLATTEST * largest).max(POINT_SCALE)
+    (SCALE_FLOOR * largest.max(1.0)).min(MAX_SCALE_FLOOR_RATIO * largest).max(POINT_SCALE)
 }
 
 /// Near plane that follows the unit of a scene, in world units.
@@ -52,7 +52,7 @@ pub fn scale_floor(largest: f64) -> f64 {
 /// [`EVALUATION_NEAR`] times the largest power of ten that keeps it at or below half of `nearest`.
 /// Measured images thus do not depend on the world unit. For rooms and objects in metres the result
 /// is [`EVALUATION_NEAR`] itself.
-pub fn following_near(nearest: f64) -> f64 {
+pub fn near_plane_for(nearest: f64) -> f64 {
     let decades = (0.5 * nearest / EVALUATION_NEAR).log10().floor();
     let is_usable = nearest > 0.0 && decades.abs() < 30.0;
     EVALUATION_NEAR * if is_usable { 10f64.powi(decades as i32) } else { 1.0 }

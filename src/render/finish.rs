@@ -27,7 +27,7 @@ impl Finish {
 
     /// Derives the crack filling of a scene and its exposure at the camera's pose.
     pub fn new(finishing: &Finishing, camera: &Camera, options: &RenderOptions) -> Self {
-        let exposure = match (options.exposing, &finishing.exposures) {
+        let exposure = match (options.exposure_mode, &finishing.exposures) {
             (Exposing::Recorded, Some(log)) => log.at(&camera.pose),
             _ => [1.0; 3],
         };

@@ -20,11 +20,11 @@ pub mod cpu;
 pub mod gpu;
 
 pub use constants::{
-    ALPHA_CAP, ALPHA_CUT, EVALUATION_NEAR, FLATTEST, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2,
-    POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE,
-    following_near, scale_floor,
+    ALPHA_CAP, ALPHA_CUT, EVALUATION_NEAR, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2,
+    MAX_SCALE_FLOOR_RATIO, POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+    VIEWPORT_NEAR_SHARE, near_plane_for, scale_floor,
 };
 pub use options::{
-    Antialias, ExactOptions, Exposing, Lens, Paint, RenderMethod, RenderOptions, Renderer,
-    Response, SplatStyle, Support,
+    Antialias, DisplayStyle, ExactOptions, Exposing, Lens, Paint, RenderMethod, RenderOptions,
+    Renderer, Response, Support,
 };

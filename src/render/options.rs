@@ -164,7 +164,7 @@ pub enum Paint {
 
 /// Display settings that apply to every splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SplatStyle {
+pub struct DisplayStyle {
     /// Factor on the standard deviations, greater than 0.
     pub scale: f32,
     /// Splats with a smaller peak opacity are not drawn.
@@ -173,13 +173,13 @@ pub struct SplatStyle {
     pub paint: Paint,
 }
 
-impl SplatStyle {
+impl DisplayStyle {
     /// Splats as stored.
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
 
     /// Standard deviations as drawn, in world units, after the factor and the floor of
     /// `rendering.md`, Conventions.
-    pub fn scales(&self, splat: &Splat) -> DVec3 {
+    pub fn display_scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
         // Whitening divides by the scales; a scale of 0 would give 0/0 in the f32 inner loop.
         scales.max(DVec3::splat(scale_floor(scales.max_element())))
@@ -197,9 +197,9 @@ pub struct RenderOptions {
     /// Renderer and its settings.
     pub method: RenderMethod,
     /// Display settings of all splats.
-    pub look: SplatStyle,
+    pub style: DisplayStyle,
     /// Exposure of the splats.
-    pub exposing: Exposing,
+    pub exposure_mode: Exposing,
 }
 
 impl RenderOptions {
@@ -207,7 +207,13 @@ impl RenderOptions {
     /// cameras.
     pub fn evaluation(method: RenderMethod, background: [f32; 3]) -> Self {
         let exposing = Exposing::Recorded;
-        Self { background, near: EVALUATION_NEAR, method, look: SplatStyle::PLAIN, exposing }
+        Self {
+            background,
+            near: EVALUATION_NEAR,
+            method,
+            style: DisplayStyle::PLAIN,
+            exposure_mode: exposing,
+        }
     }
 
     /// Settings of an interactive view: neutral exposure, and a near plane that shrinks with
@@ -216,6 +222,6 @@ impl RenderOptions {
         let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
         // No exposure is known away from the photographs, and brightness must not change with motion.
         let exposing = Exposing::Neutral;
-        Self { near, exposing, ..Self::evaluation(method, background) }
+        Self { near, exposure_mode: exposing, ..Self::evaluation(method, background) }
     }
 }

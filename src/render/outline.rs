@@ -1,6 +1,6 @@
 //! Silhouette of a splat in the image.
 
-use super::options::{RenderMethod, SplatStyle};
+use super::options::{DisplayStyle, RenderMethod};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -19,7 +19,7 @@ pub fn outline(
     splat: &Splat,
     camera: &Camera,
     method: RenderMethod,
-    look: &SplatStyle,
+    look: &DisplayStyle,
     radius: f64,
 ) -> Vec<[DVec2; 2]> {
     if !splat.is_valid() {
@@ -28,7 +28,7 @@ pub fn outline(
     let [w, x, y, z] = splat.rotation.map(f64::from);
     let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
     let axes = camera.pose.rotation().transpose() * rotation;
-    let scale = look.scales(splat);
+    let scale = look.display_scales(splat);
     let mean = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
     let p = rotation.transpose_mul_vec3(mean) / scale;
     let depth = 1.0 - radius * radius / p.length_squared();
@@ -85,7 +85,7 @@ mod tests {
                 ExactOptions { response: Response::Ray, antialias: Antialias::None, lens };
             let method = RenderMethod::Exact(settings);
             for radius in [1.0, 2.0] {
-                let rim = outline(&splat, &camera, method, &SplatStyle::PLAIN, radius);
+                let rim = outline(&splat, &camera, method, &DisplayStyle::PLAIN, radius);
                 assert_eq!(rim.len(), N_CORNERS);
                 for [corner, _] in rim {
                     let options = RenderOptions::evaluation(method, [0.0; 3]);
@@ -101,7 +101,7 @@ mod tests {
             &camera,
             &RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]),
         );
-        let rim = outline(&splat, &camera, RenderMethod::PROJECTED, &SplatStyle::PLAIN, 1.0);
+        let rim = outline(&splat, &camera, RenderMethod::PROJECTED, &DisplayStyle::PLAIN, 1.0);
         let [corner, _] = rim[0];
         let there = *image.coverage.at(corner.x as usize, corner.y as usize);
         assert!((there - 0.9 * (-0.5f32).exp()).abs() < 0.1, "{there}");
@@ -111,15 +111,15 @@ mod tests {
     fn what_cannot_be_outlined_is_left_out() {
         let around = Splat { mean: [0.0, -4.0, 1.0], ..splat() };
         assert!(
-            outline(&around, &camera(), RenderMethod::EXACT, &SplatStyle::PLAIN, 1.0).is_empty()
+            outline(&around, &camera(), RenderMethod::EXACT, &DisplayStyle::PLAIN, 1.0).is_empty()
         );
         let broken = Splat { mean: [f32::NAN; 3], ..splat() };
         assert!(
-            outline(&broken, &camera(), RenderMethod::EXACT, &SplatStyle::PLAIN, 1.0).is_empty()
+            outline(&broken, &camera(), RenderMethod::EXACT, &DisplayStyle::PLAIN, 1.0).is_empty()
         );
         let behind = Splat { mean: [0.0, -40.0, 1.0], ..splat() };
         assert!(
-            outline(&behind, &camera(), RenderMethod::PROJECTED, &SplatStyle::PLAIN, 1.0)
+            outline(&behind, &camera(), RenderMethod::PROJECTED, &DisplayStyle::PLAIN, 1.0)
                 .is_empty()
         );
     }

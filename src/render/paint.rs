@@ -15,7 +15,7 @@ pub const RAMP: [[f32; 3]; 7] = [
 /// Stored colour that marks a splat, such as one of a selection. A splat of exactly this colour keeps it
 /// under every paint. Neither the ramp nor recorded colours come near it, and trained colours do not match
 /// its digits exactly.
-pub const MARK: [f32; 3] = [1.0, 0.353, 0.863];
+pub const MARKER_COLOR: [f32; 3] = [1.0, 0.353, 0.863];
 
 /// Maps 0 to dark violet and 1 to yellow. Values outside are clamped; NaN counts as 0.
 pub fn ramp(share: f32) -> [f32; 3] {

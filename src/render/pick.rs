@@ -10,7 +10,7 @@ use super::constants::{
     TRANSMITTANCE_STOP,
 };
 use super::options::{
-    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response, SplatStyle,
+    Antialias, DisplayStyle, ExactOptions, Lens, RenderMethod, RenderOptions, Response,
 };
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
@@ -34,11 +34,11 @@ pub fn pick(
     position: DVec2,
     options: &RenderOptions,
 ) -> Option<Pick> {
-    let eye = Eye::new(camera, position, options)?;
+    let eye = PixelView::new(camera, position, options)?;
     let mut layers: Vec<Layer> = splats
         .par_iter()
         .enumerate()
-        .filter_map(|(index, splat)| Some((index, eye.sees(splat)?)))
+        .filter_map(|(index, splat)| Some((index, eye.depth_and_alpha(splat)?)))
         .map(|(index, (depth, alpha))| Layer { index, depth, alpha })
         .collect();
     // Ties keep the order of the list, like the renderers' stable sorts.
@@ -66,7 +66,7 @@ struct Layer {
     alpha: f64,
 }
 
-struct Eye {
+struct PixelView {
     camera_from_world: DMat3,
     centre: DVec3,
     intrinsics: Intrinsics,
@@ -75,10 +75,10 @@ struct Eye {
     ray: DVec3,
     near: f64,
     method: RenderMethod,
-    look: SplatStyle,
+    look: DisplayStyle,
 }
 
-impl Eye {
+impl PixelView {
     /// `None` outside the lens's field of view.
     fn new(camera: &Camera, position: DVec2, options: &RenderOptions) -> Option<Self> {
         Some(Self {
@@ -89,12 +89,12 @@ impl Eye {
             ray: options.method.lens().ray(&camera.intrinsics, position)?,
             near: options.near.max(0.0),
             method: options.method,
-            look: options.look,
+            look: options.style,
         })
     }
 
     /// Sort depth and alpha of a splat; `None` if it is invisible in the pixel.
-    fn sees(&self, splat: &Splat) -> Option<(f64, f64)> {
+    fn depth_and_alpha(&self, splat: &Splat) -> Option<(f64, f64)> {
         let opacity = f64::from(splat.opacity);
         let is_cut = splat.opacity < self.look.opacity_cut || opacity < ALPHA_CUT;
         if is_cut || !splat.is_drawable() {
@@ -113,7 +113,7 @@ impl Eye {
         let [w, x, y, z] = splat.rotation.map(f64::from);
         let axes =
             self.camera_from_world * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-        let scale = self.look.scales(splat);
+        let scale = self.look.display_scales(splat);
         let (depth, opacity, distance2) = match self.method {
             RenderMethod::Projected(_) => (m.z, opacity, self.projected(m, axes, scale)?),
             RenderMethod::Exact(exact) => {
@@ -214,8 +214,8 @@ mod tests {
             let seen = method.lens().project(&camera().intrinsics, DVec3::new(1.0, 0.0, 3.0));
             assert_eq!(pick_at(seen.unwrap()).unwrap().index, 3);
             assert_eq!(pick_at(DVec2::new(1.0, 1.0)), None);
-            let look = SplatStyle { opacity_cut: 0.5, ..SplatStyle::PLAIN };
-            let cut = RenderOptions { look, ..options };
+            let look = DisplayStyle { opacity_cut: 0.5, ..DisplayStyle::PLAIN };
+            let cut = RenderOptions { style: look, ..options };
             assert!((pick(&splats, &camera(), centre, &cut).unwrap().weight - 0.9).abs() < 1e-6);
         }
     }

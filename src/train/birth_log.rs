@@ -31,7 +31,7 @@ impl BirthLog {
     }
 
     /// Returns the position of a component's first frame; `None` if unused or born before this session.
-    pub fn of(&self, component: usize) -> Option<u32> {
+    pub fn first_frame_of(&self, component: usize) -> Option<u32> {
         self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
     }
 }

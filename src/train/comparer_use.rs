@@ -1,6 +1,6 @@
 //! Statistics of the device that compares photographs, for reports and the console.
 
-use super::device_trial::{DeviceMs, who_did};
+use super::device_trial::{DeviceMs, device_summary};
 use serde::{Deserialize, Serialize};
 
 /// Devices used to compare photographs in this session. Each trained photograph counts once; a settled
@@ -34,11 +34,11 @@ pub struct ComparerMs {
 
 impl ComparerUse {
     /// Returns a one-line summary.
-    pub fn line(&self) -> String {
+    pub fn summary_line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];
         let Self { device, trial, given_up, .. } = self;
         let did = ["compared", "photographs"];
-        who_did(did, device.as_deref(), counts, *trial, given_up.as_deref())
+        device_summary(did, device.as_deref(), counts, *trial, given_up.as_deref())
     }
 }
 
@@ -49,15 +49,17 @@ mod tests {
     #[test]
     fn the_line_says_what_was_used() {
         let mut found = ComparerUse { processor_frames: 3, ..ComparerUse::default() };
-        assert_eq!(found.line(), "the processor compared photographs");
+        assert_eq!(found.summary_line(), "the processor compared photographs");
         found.device = Some("Card".into());
         found.device_frames = 5;
         found.trial = Some(DeviceMs { processor: 12.0, device: 1.5 });
         assert_eq!(
-            found.line(),
+            found.summary_line(),
             "Card compared 5 photographs, the processor 3 (measured: 1.5 ms on Card, 12.0 ms on the processor)"
         );
         found = ComparerUse { trial: None, given_up: Some("lost".into()), ..found };
-        assert!(found.line().ends_with("the processor 3; fell back to the processor: lost"));
+        assert!(
+            found.summary_line().ends_with("the processor 3; fell back to the processor: lost")
+        );
     }
 }

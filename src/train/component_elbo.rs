@@ -4,12 +4,12 @@
 use super::estep::Scoring;
 
 /// Owner of a point that is left out because its score is NaN.
-pub(super) const NOBODY: u32 = u32::MAX;
+pub(super) const NO_OWNER: u32 = u32::MAX;
 
 /// Returns the component of largest responsibility, the first of equals; [`NOBODY`] if all are zero.
 #[inline(always)]
-pub(super) fn largest(shares: impl Iterator<Item = (u32, f64)>) -> u32 {
-    let first = (NOBODY, 0.0);
+pub(super) fn owner_of_shares(shares: impl Iterator<Item = (u32, f64)>) -> u32 {
+    let first = (NO_OWNER, 0.0);
     shares.fold(first, |best, share| if share.1 > best.1 { share } else { best }).0
 }
 
@@ -26,7 +26,7 @@ impl ComponentElbo {
     }
 
     /// Replaces the conversion from effective distances to nats.
-    pub(super) fn score_by(&mut self, scoring: Scoring) {
+    pub(super) fn set_scoring(&mut self, scoring: Scoring) {
         self.scoring = scoring;
     }
 
@@ -42,7 +42,7 @@ impl ComponentElbo {
 
     /// Returns the mean ELBO (nats) and number of the last frame's points owned by a component; `None` if it
     /// owns none or the sums were off.
-    pub fn of(&self, component: usize) -> Option<(f64, u32)> {
+    pub fn mean_elbo_of(&self, component: usize) -> Option<(f64, u32)> {
         let (q, n) = self.ownership.as_ref()?.of(component)?;
         Some((self.scoring.elbo(q), n))
     }
@@ -58,7 +58,7 @@ impl ComponentElbo {
     }
 
     /// Recomputes the sums from effective distances `q`, one per entry of [`Self::owners`].
-    pub(super) fn count(&mut self, q: &[f64], n_components: usize) {
+    pub(super) fn accumulate(&mut self, q: &[f64], n_components: usize) {
         if let Some(ownership) = &mut self.ownership {
             ownership.count(q, n_components);
         }
@@ -86,7 +86,7 @@ impl Ownership {
         // Reserves the maximum, so that later frames allocate nothing.
         self.ids.reserve(n_components);
         for (&owner, &q) in self.owners.iter().zip(q) {
-            if owner == NOBODY {
+            if owner == NO_OWNER {
                 continue;
             }
             let (sum, n) = &mut self.rows[owner as usize];
@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn a_frame_replaces_the_one_before() {
-        let owners = vec![2, 0, NOBODY, 2];
+        let owners = vec![2, 0, NO_OWNER, 2];
         let mut ownership = Ownership { owners, ..Ownership::default() };
         ownership.count(&[1.0, 5.0, f64::NAN, 2.0], 4);
         assert_eq!((ownership.of(2), ownership.of(0)), (Some((1.5, 2)), Some((5.0, 1))));
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn the_first_of_equals_owns_a_point_and_nobody_one_without_shares() {
-        assert_eq!(largest([(4, 0.2), (1, 0.4), (9, 0.4)].into_iter()), 1);
-        assert_eq!(largest([(4, 0.0)].into_iter()), NOBODY);
+        assert_eq!(owner_of_shares([(4, 0.2), (1, 0.4), (9, 0.4)].into_iter()), 1);
+        assert_eq!(owner_of_shares([(4, 0.0)].into_iter()), NO_OWNER);
     }
 }

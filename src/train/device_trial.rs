@@ -28,7 +28,7 @@ pub struct DeviceMs {
 
 /// Formats a one-line summary. `did` and `what` are a verb and its object, such as "compared" and
 /// "photographs"; `counts` are those of the device and of the CPU.
-pub(super) fn who_did(
+pub(super) fn device_summary(
     [did, what]: [&str; 2],
     device: Option<&str>,
     counts: [u64; 2],
@@ -59,7 +59,7 @@ const FEW: usize = 1000;
 
 /// Where a frame is processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Turn {
+pub(super) enum DeviceChoice {
     Processor,
     Device,
     /// Both in turn; the CPU's result is used.
@@ -74,7 +74,7 @@ pub(super) struct DeviceTrial {
     load: usize,
     is_device_faster: bool,
     /// Milliseconds on the CPU and on the device during a trial.
-    tried: [Vec<f64>; 2],
+    times_ms: [Vec<f64>; 2],
     /// Medians of the last trial.
     pub medians: Option<DeviceMs>,
 }
@@ -83,25 +83,25 @@ impl DeviceTrial {
     /// Creates a trial without measurements.
     pub fn new(policy: DevicePolicy) -> Self {
         let tried = [(); 2].map(|()| Vec::with_capacity(N_TRIALS));
-        Self { policy, load: 0, is_device_faster: false, tried, medians: None }
+        Self { policy, load: 0, is_device_faster: false, times_ms: tried, medians: None }
     }
 
     /// Chooses where a frame of `load` splats or points is processed.
-    pub fn turn(&mut self, load: usize) -> Turn {
+    pub fn choose(&mut self, load: usize) -> DeviceChoice {
         if self.policy == DevicePolicy::Device {
-            return Turn::Device;
+            return DeviceChoice::Device;
         }
-        let is_trying = !self.tried[0].is_empty();
+        let is_trying = !self.times_ms[0].is_empty();
         if is_trying || load >= FEW && load > MANY * self.load {
             self.load = self.load.max(load);
-            return Turn::Both;
+            return DeviceChoice::Both;
         }
-        if self.is_device_faster { Turn::Device } else { Turn::Processor }
+        if self.is_device_faster { DeviceChoice::Device } else { DeviceChoice::Processor }
     }
 
     /// Records the milliseconds of a frame that both processed.
-    pub fn measured(&mut self, processor: f64, device: f64) {
-        let [on_processor, on_device] = &mut self.tried;
+    pub fn record_times(&mut self, processor: f64, device: f64) {
+        let [on_processor, on_device] = &mut self.times_ms;
         on_processor.push(processor);
         on_device.push(device);
         if on_processor.len() < N_TRIALS {
@@ -128,29 +128,29 @@ mod tests {
     #[test]
     fn the_faster_one_is_kept_until_there_is_much_more_to_do() {
         let mut trial = DeviceTrial::new(DevicePolicy::Fastest);
-        assert_eq!(trial.turn(FEW - 1), Turn::Processor);
+        assert_eq!(trial.choose(FEW - 1), DeviceChoice::Processor);
         let tried = |trial: &mut DeviceTrial, load, processor, device| {
             for _ in 0..N_TRIALS {
-                assert_eq!(trial.turn(load), Turn::Both);
-                trial.measured(processor, device);
+                assert_eq!(trial.choose(load), DeviceChoice::Both);
+                trial.record_times(processor, device);
             }
-            trial.turn(load)
+            trial.choose(load)
         };
-        assert_eq!(tried(&mut trial, FEW, 3.0, 4.0), Turn::Processor);
-        assert_eq!(trial.turn(2 * FEW), Turn::Processor);
-        assert_eq!(tried(&mut trial, 2 * FEW + 1, 6.0, 5.0), Turn::Device);
+        assert_eq!(tried(&mut trial, FEW, 3.0, 4.0), DeviceChoice::Processor);
+        assert_eq!(trial.choose(2 * FEW), DeviceChoice::Processor);
+        assert_eq!(tried(&mut trial, 2 * FEW + 1, 6.0, 5.0), DeviceChoice::Device);
         assert_eq!(trial.medians, Some(DeviceMs { processor: 6.0, device: 5.0 }));
-        assert_eq!(trial.turn(1), Turn::Device);
+        assert_eq!(trial.choose(1), DeviceChoice::Device);
     }
 
     #[test]
     fn one_slow_frame_decides_nothing() {
         let mut trial = DeviceTrial::new(DevicePolicy::Fastest);
         for device in [50.0, 1.0, 60.0, 1.0] {
-            assert_eq!(trial.turn(FEW), Turn::Both);
-            trial.measured(2.0, device);
+            assert_eq!(trial.choose(FEW), DeviceChoice::Both);
+            trial.record_times(2.0, device);
         }
-        assert_eq!(trial.turn(FEW), Turn::Device);
-        assert_eq!(DeviceTrial::new(DevicePolicy::Device).turn(0), Turn::Device);
+        assert_eq!(trial.choose(FEW), DeviceChoice::Device);
+        assert_eq!(DeviceTrial::new(DevicePolicy::Device).choose(0), DeviceChoice::Device);
     }
 }

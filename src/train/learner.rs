@@ -41,7 +41,7 @@ pub trait Learner: Send + Sync {
 
     /// True if a frame also changes components that are not in [`Self::changed`], because it saw through
     /// them. Viewers update these when training pauses.
-    fn changes_unseen(&self) -> bool;
+    fn changes_unlisted_components(&self) -> bool;
 
     /// Bytes of the model, without training buffers.
     fn model_bytes(&self) -> usize;
@@ -53,7 +53,7 @@ pub trait Learner: Send + Sync {
     fn posterior(&self, component: usize) -> ComponentPosterior;
 
     /// Photographs compared in the last frame or in the [`Self::settle`] after it.
-    fn compared(&self) -> &[ComparedPhotograph] {
+    fn compared_photographs(&self) -> &[ComparedPhotograph] {
         &[]
     }
 
@@ -70,7 +70,7 @@ pub trait Learner: Send + Sync {
     }
 
     /// Uncertainty of a component's splat from photographs; `None` if the model does not train on them.
-    fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {
+    fn photometric_deviations(&self, _component: usize) -> Option<PhotometricDeviations> {
         None
     }
 
@@ -139,7 +139,7 @@ pub trait Learner: Send + Sync {
     fn warnings(&self) -> Vec<TrainingWarning>;
 
     /// Copy of the model for a checkpoint; a run resumed from it gives the same bits.
-    fn stored(&self) -> StoredModel;
+    fn checkpoint_model(&self) -> StoredModel;
 }
 
 /// A learner for one type of observation.
@@ -153,7 +153,7 @@ pub trait Learns<Input>: Learner {
 
     /// Revisits a frame already trained on: only its photograph's residual is used, its points are not
     /// counted again. Does nothing if the model does not train on photographs.
-    fn look_again(&mut self, _observation: &Input) -> FrameOutcome {
+    fn revisit_photograph(&mut self, _observation: &Input) -> FrameOutcome {
         FrameOutcome::default()
     }
 }

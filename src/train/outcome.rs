@@ -15,7 +15,7 @@ pub struct FrameOutcome {
     /// Mean ELBO of the points under the initial model, nats; 0 without points.
     pub elbo_mean: f64,
     /// Number of new components.
-    pub born: usize,
+    pub new_components: usize,
     /// Number of unused components moved to badly explained points.
     pub reassigned: usize,
     /// Number of components merged into others.
@@ -54,13 +54,13 @@ pub struct PhotographOutcome {
     pub usual: f64,
     /// Kind of outlier; `None` for an inlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub contradiction: Option<Contradiction>,
+    pub contradiction: Option<OutlierReason>,
 }
 
 /// Reason why a frame is an outlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Contradiction {
+pub enum OutlierReason {
     /// The photograph differs from the rendering; its pixels are not trained on.
     Picture,
     /// The points differ in colour from their surfaces; the frame is not trained on.

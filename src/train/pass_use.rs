@@ -1,7 +1,7 @@
 //! Statistics of the device used for passes over frames or for fitting a scene's points, for reports and the
 //! console.
 
-use super::device_trial::{DeviceMs, who_did};
+use super::device_trial::{DeviceMs, device_summary};
 use serde::{Deserialize, Serialize};
 
 /// Devices used in this session for passes over frames or for fitting a scene's points.
@@ -23,17 +23,17 @@ pub struct PassUse {
 
 impl PassUse {
     /// Records a fallback to the CPU and logs one warning.
-    pub(super) fn give_up(&mut self, reason: String) {
+    pub(super) fn record_fallback(&mut self, reason: String) {
         tracing::warn!("{}: {reason}", self.device.as_deref().unwrap_or_default());
         self.given_up = Some(reason);
     }
 
     /// Returns a one-line summary.
-    pub fn line(&self) -> String {
+    pub fn summary_line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];
         let Self { device, trial, given_up, .. } = self;
         let did = ["fitted", "frames"];
-        who_did(did, device.as_deref(), counts, *trial, given_up.as_deref())
+        device_summary(did, device.as_deref(), counts, *trial, given_up.as_deref())
     }
 }
 
@@ -44,8 +44,8 @@ mod tests {
     #[test]
     fn the_line_says_what_was_used() {
         let mut found = PassUse { processor_frames: 3, ..PassUse::default() };
-        assert_eq!(found.line(), "the processor fitted frames");
+        assert_eq!(found.summary_line(), "the processor fitted frames");
         (found.device, found.device_frames) = (Some("Card".into()), 5);
-        assert_eq!(found.line(), "Card fitted 5 frames, the processor 3");
+        assert_eq!(found.summary_line(), "Card fitted 5 frames, the processor 3");
     }
 }

@@ -9,7 +9,7 @@ pub struct TrainStage {
     /// Label in the latency panel.
     pub label: &'static str,
     /// Tooltip.
-    pub what: &'static str,
+    pub tooltip: &'static str,
 }
 
 /// Stages of the `paper` preset; values are indices into [`PAPER_STAGES`].
@@ -49,7 +49,7 @@ pub enum SceneStage {
 }
 
 const fn stage(key: &'static str, label: &'static str, what: &'static str) -> TrainStage {
-    TrainStage { key, label, what }
+    TrainStage { key, label, tooltip: what }
 }
 
 /// Stages of the `paper` preset, indexed by [`PaperStage`].

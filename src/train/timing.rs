@@ -131,7 +131,7 @@ impl StageClock {
     }
 
     /// Returns the nanoseconds by stage and resets them.
-    pub fn take(&mut self) -> [u64; 3] {
+    pub fn take_nanos(&mut self) -> [u64; 3] {
         std::mem::take(&mut self.nanos)
     }
 }

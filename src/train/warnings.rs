@@ -12,17 +12,17 @@ pub enum TrainingWarning {
     /// The structural scale grew because merging could not meet the budget.
     Coarsened {
         /// Requested structural scale, world units.
-        asked: f64,
+        requested: f64,
         /// Current structural scale, world units.
         scale: f64,
     },
     /// Points were dropped: too many structural scales from the origin to distinguish neighbours.
-    OutOfReach {
+    TooFarFromOrigin {
         /// Number of points since training began.
         points: u64,
     },
     /// A splat's photometric precision was not positive definite and was reset.
-    Repaired {
+    PrecisionReset {
         /// Number of resets since training began or resumed.
         splats: u64,
     },

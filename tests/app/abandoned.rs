@@ -115,7 +115,7 @@ fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
     let opened = vbgs_studio::dataset::open(&room, &LoadOptions::default()).unwrap();
     let whole = SceneOverrides::default();
-    let mut whole = Session::new(Arc::new(opened), whole, Selection::everything()).unwrap();
+    let mut whole = Session::new(Arc::new(opened), whole, Selection::all_frames()).unwrap();
     while !matches!(whole.step().unwrap(), Step::Finished) {}
     let content = SavedRun::read(&file).unwrap().content;
     assert!(content.model == whole.checkpoint().unwrap().model, "another scene");
@@ -163,7 +163,7 @@ fn a_damaged_save_is_passed_over_for_the_one_before() {
     let offered = next.snapshot().abandoned.clone().expect("an offer");
     assert_eq!(offered.frames, 2);
     assert_eq!((&offered.slot, &offered.file), (&file, &file.with_added_extension("bak")));
-    next.send(WorkerOrder::GoOn);
+    next.send(WorkerOrder::ResumeAbandoned);
     until("the run", || next.snapshot().frames_done == 2);
 }
 
@@ -181,7 +181,9 @@ fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
         wait(&mut window, "ready", is(RunState::Ready));
         click(&mut window, "Step");
         wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
-        let Rescue::Saved { path, frames } = worker.leave_behind() else { panic!("not kept") };
+        let Rescue::Saved { path, frames } = worker.store_for_next_window() else {
+            panic!("not kept")
+        };
         assert_eq!(frames, 1);
         window.step();
         let commands = &window.output().viewport_output[&ViewportId::ROOT].commands;

@@ -77,7 +77,7 @@ fn trained_s(room: &Path, beside: Beside) -> Option<f64> {
         assert!(started.elapsed() < 2 * PATIENCE, "it is never trained");
         std::thread::sleep(REFRESH.saturating_sub(begun.elapsed()));
     }
-    let moments = window.state().view().editor().past.moments().len();
+    let moments = window.state().view().editor().stored_scenes.moments().len();
     assert_eq!(moments == 0, beside == Beside::WindowWithoutPast, "{moments} moments");
     Some(window.state().snapshot().trained_s - before)
 }

@@ -14,7 +14,7 @@ use std::time::Instant;
 use vbgs_studio::app::rescue::{CrashedThread, Rescue};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
-use vbgs_studio::app::{Exit, Leave, Painting, Studio, WindowError, guarded};
+use vbgs_studio::app::{Exit, ExitReason, Painting, Studio, WindowError, run_guarded};
 
 /// A window on a worker that outlives it, as the program has them.
 struct Hosted {
@@ -59,7 +59,7 @@ pub fn attached(
 fn panic_in(window: Window, worker: &Worker, exit: &Exit) -> Result<(), WindowError> {
     window.ctx.on_begin_pass("test", Arc::new(|_| panic!("injected into the window")));
     let started = Instant::now();
-    guarded(worker, exit, || {
+    run_guarded(worker, exit, || {
         let mut window = window;
         loop {
             window.step();
@@ -113,7 +113,7 @@ fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
     device.destroy();
     let ended = panic_in(window, &worker, &exit);
     assert!(ended.is_ok(), "{ended:?}");
-    assert_eq!(exit.why(), Leave::DeviceLost);
+    assert_eq!(exit.reason(), ExitReason::DeviceLost);
     assert!(worker.crash().is_none());
     assert!(!folder.path().join("room-rescued.vbgs").exists(), "training goes on");
     assert_eq!(worker.snapshot().unsaved_frames, 3, "in the next window");

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
-use vbgs_studio::app::{Exit, Leave, Painting};
+use vbgs_studio::app::{Exit, ExitReason, Painting};
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Frames of the dataset: some are always left to train.
@@ -59,7 +59,7 @@ impl Run {
 
     /// The next window, once it draws the scene.
     fn window(&mut self, painting: Painting) -> (Window, wgpu::Device) {
-        self.exit = self.exit.of_next();
+        self.exit = self.exit.for_next_window();
         let first = vec![WorkerOrder::Deliver];
         let (mut window, device) = attached(&self.worker, &self.exit, first, painting);
         wait(&mut window, "the dataset", |s| s.snapshot().opened.is_some());
@@ -147,7 +147,7 @@ fn ask_for_too_much(device: &wgpu::Device) {
 /// Steps the window until it has left word.
 fn leaves(window: &mut Window, exit: &Exit, told: &str) {
     let started = Instant::now();
-    while exit.why() != Leave::DeviceLost {
+    while exit.reason() != ExitReason::DeviceLost {
         assert!(started.elapsed() < PATIENCE, "{told}: the loss is not noticed");
         window.step();
     }
@@ -230,7 +230,7 @@ fn at_any_moment_a_device_without_memory_costs_a_notice() {
             press(&mut window, Key::Escape);
             window.event(Event::PointerGone);
             wait_for_picture(&mut window);
-            assert_eq!(run.exit.why(), Leave::Closed, "{moment:?}, {painting:?}");
+            assert_eq!(run.exit.reason(), ExitReason::Closed, "{moment:?}, {painting:?}");
             assert!(run.worker.crash().is_none(), "{moment:?}, {painting:?}");
         }
     }

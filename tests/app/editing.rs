@@ -153,7 +153,7 @@ fn one_slider_selects_by_evidence_while_it_moves_and_is_one_step() {
     let room = dataset(folder.path(), 3);
     let Some(mut window) = trained(&room, Painting::Auto) else { return };
     click(&mut window, "Edit");
-    wait(&mut window, "what is known", |s| !s.view().known().is_empty());
+    wait(&mut window, "what is known", |s| !s.view().attributes().is_empty());
     for doubt in ["Evidence below", "Uncertainty above"] {
         click(&mut window, doubt);
         let at = slider(&mut window, 0);
@@ -213,7 +213,7 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
     // room for the slider.
     press(&mut window, Key::T);
     click(&mut window, "Edit");
-    wait(&mut window, "births", |s| s.view().known().iter().any(|k| k.birth.is_some()));
+    wait(&mut window, "births", |s| s.view().attributes().iter().any(|k| k.birth.is_some()));
     let at = slider(&mut window, 1);
     drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
     window.get_by_label("By birth, as it is now").click_accesskit();
@@ -254,7 +254,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
         window.get_by_label("Scene after frame 1 of 6 (Edit)");
-        let past = window.state().view().editor().past_shown().unwrap().clone();
+        let past = window.state().view().editor().displayed_past().unwrap().clone();
         assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
         assert!(settled(&mut window) == first, "the picture of then");
         step_to(&mut window, 4);
@@ -266,8 +266,11 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         wait(&mut window, "the past again", move |s| s.n_drawn() == drawn);
         press(&mut window, Key::B);
         let editor = window.state().view().editor();
-        assert!(editor.is_boxing && editor.past_shown().is_none(), "edits are of the scene of now");
-        assert_eq!(window.state().view().editor().past.moments().len(), 4);
+        assert!(
+            editor.is_box_selecting && editor.displayed_past().is_none(),
+            "edits are of the scene of now"
+        );
+        assert_eq!(window.state().view().editor().stored_scenes.moments().len(), 4);
     }
 }
 

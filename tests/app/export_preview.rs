@@ -20,7 +20,7 @@ fn measured(window: &mut Window) -> (u64, f64, Vec<String>) {
     let started = Instant::now();
     loop {
         window.step();
-        let report = window.state().view().previewed();
+        let report = window.state().view().export_preview_report();
         if let Some(PreviewReport::Shown { bytes, psnr: Some(psnr), losses, .. }) = report {
             return (bytes, psnr, losses);
         }
@@ -38,7 +38,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     train(&mut window);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
     clear_view(&mut window);
-    assert!(window.state().view().previewed().is_none());
+    assert!(window.state().view().export_preview_report().is_none());
 
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
@@ -50,7 +50,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     let shown = view.compared().unwrap().clone();
     assert_eq!(shown.name, "As .ply file");
     // It is no second model that could be removed.
-    assert!(view.why_not_remove().is_some_and(|why| why.contains("preview")));
+    assert!(view.remove_unavailable_reason().is_some_and(|why| why.contains("preview")));
     assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB of a scene that is no plain one");
     assert!(losses.iter().any(|loss| loss.contains("Colour gradients")), "{losses:?}");
     window.get_by_label_contains("PSNR against the scene");
@@ -66,10 +66,10 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
 
     // Switched off, what was compared before is compared again.
     click(&mut window, "Preview the file");
-    wait(&mut window, "no preview", |s| s.view().previewed().is_none());
+    wait(&mut window, "no preview", |s| s.view().export_preview_report().is_none());
     let view = window.state().view();
     assert_eq!((view.mode(), view.compared().is_none()), (ViewMode::Single, true));
-    assert_eq!(view.why_not_remove(), Some("No second model is open"));
+    assert_eq!(view.remove_unavailable_reason(), Some("No second model is open"));
     click(&mut window, "Preview the file");
     enter_path(&mut window, &ply);
     let again = |s: &vbgs_studio::app::Studio| {
@@ -82,7 +82,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
     let file = export::read(&ply).unwrap();
     assert!(file.splats == shown.splats, "the file holds what was shown");
-    wait(&mut window, "no preview", |s| s.view().previewed().is_none());
+    wait(&mut window, "no preview", |s| s.view().export_preview_report().is_none());
     assert_eq!(window.state().view().mode(), ViewMode::Single);
     assert_eq!(Arc::strong_count(&shown), 1, "nothing keeps it");
 }

@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::color_mode::ColorMode;
-use vbgs_studio::app::drawing::Drawer;
+use vbgs_studio::app::drawing::ViewRenderer;
 use vbgs_studio::app::state::{Inspected, RunState, Subject};
-use vbgs_studio::app::{Leave, Painting, Studio};
+use vbgs_studio::app::{ExitReason, Painting, Studio};
 use vbgs_studio::export::{ModelFormat, WriteOptions};
 use vbgs_studio::model::splat::splats::Splat;
 
@@ -194,7 +194,7 @@ fn a_lost_device_ends_the_window_and_not_the_training() {
         let Some((mut window, device)) = window_and_device(Subject::Demo, painting) else { return };
         wait(&mut window, "frames", |s| s.snapshot().frames_done >= 2);
         device.destroy();
-        wait(&mut window, "word of the loss", |s| s.exit().why() == Leave::DeviceLost);
+        wait(&mut window, "word of the loss", |s| s.exit().reason() == ExitReason::DeviceLost);
         let done = window.state().snapshot().frames_done;
         wait(&mut window, "more frames", |s| s.snapshot().frames_done > done);
         assert_eq!(window.state().snapshot().state, RunState::Training);
@@ -229,16 +229,16 @@ fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
         mapped_at_creation: true,
     };
     drop(device.create_buffer(&impossible));
-    wait(&mut window, "the CPU", |s| s.view().drawn().drawer == Drawer::Cpu);
+    wait(&mut window, "the CPU", |s| s.view().drawn().drawer == ViewRenderer::Cpu);
     let told = |s: &Studio| s.snapshot().notices.iter().any(|n| n.text.contains("CPU renderer is"));
     wait(&mut window, "word of it", told);
     window.get_by_label("Settings").click();
     window.run_steps(2);
     // It may lie below the end of the panel.
     window.get_by_label("Retry GPU").click_accesskit();
-    wait(&mut window, "the GPU", |s| s.view().drawn().drawer != Drawer::Cpu);
+    wait(&mut window, "the GPU", |s| s.view().drawn().drawer != ViewRenderer::Cpu);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
-    assert_eq!(window.state().exit().why(), Leave::Closed, "the window stays");
+    assert_eq!(window.state().exit().reason(), ExitReason::Closed, "the window stays");
     window.run_steps(2);
     assert!(window.query_by_label("Retry GPU").is_none());
 }

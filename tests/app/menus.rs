@@ -21,7 +21,7 @@ fn close(window: &mut Window) {
 /// How often a command is named in the window: on buttons, or in the menu that is open.
 fn n_named(window: &Window, command: UiCommand) -> usize {
     let keys = command.keys(&window.ctx);
-    let names = [command.name(), command.label()];
+    let names = [command.full_name(), command.label()];
     // With its keys, as menus show them.
     let is_named =
         |label: &str| names.iter().any(|name| label == *name || label == format!("{name} {keys}"));

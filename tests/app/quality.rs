@@ -50,9 +50,11 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     assert!((psnr - expected).abs() < 0.01, "{psnr} dB, not {expected}");
     window.run_steps(2);
     window.get_by_label("Retention");
-    wait(&mut window, "the evidence", |s| s.view().known().iter().any(|k| k.evidence.is_some()));
+    wait(&mut window, "the evidence", |s| {
+        s.view().attributes().iter().any(|k| k.evidence.is_some())
+    });
     window.run_steps(2);
-    let drawn = window.state().view().known().iter().filter(|k| k.evidence.is_some()).count();
+    let drawn = window.state().view().attributes().iter().filter(|k| k.evidence.is_some()).count();
     window.get_by_label_contains(&format!("{drawn} components. The Edit tab"));
     let name = window.state().quality().views()[0].frame.clone();
     // It may lie below the end of the panel.
@@ -131,7 +133,7 @@ fn views_of_a_camera_whose_poses_were_corrected_are_drawn_from_where_it_stood() 
     let (splats, frames) = (session.splats(), &session.dataset().splits[evaluation.split].frames);
     let was_corrected = |&index: &usize| {
         let pose = frames[index].camera.pose;
-        splats.finishing().corrected(&pose) != pose
+        splats.finishing().corrected_pose(&pose) != pose
     };
     assert!(evaluation.frames.iter().any(was_corrected));
     let result = window.state().quality().result().unwrap();

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use vbgs_studio::app::command::UiCommand;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
-use vbgs_studio::app::{Exit, Leave, Painting};
+use vbgs_studio::app::{Exit, ExitReason, Painting};
 use vbgs_studio::eval::machine::rss_bytes;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
@@ -380,7 +380,7 @@ fn a_device_may_be_lost_at_any_moment() {
         }
         device.destroy();
         let started = Instant::now();
-        while exit.why() != Leave::DeviceLost {
+        while exit.reason() != ExitReason::DeviceLost {
             assert!(started.elapsed() < PATIENCE, "round {round}: not noticed after {inputs:?}");
             alive.send(format!("round {round}: lost after {inputs:?}")).unwrap();
             window.step();

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
-use vbgs_studio::app::{Exit, Leave, Painting, Studio, run_window};
+use vbgs_studio::app::{Exit, ExitReason, Painting, Studio, run_window};
 use winit::platform::x11::EventLoopBuilderExtX11;
 
 const SIZE: [usize; 2] = [1000, 640];
@@ -124,7 +124,7 @@ fn a_screen_shows_the_window_and_a_lost_device_the_next_one() {
     let mut first = WorkerOrder::Open(Subject::Path(room));
     let mut screens = Vec::new();
     for window in 0..2 {
-        exit = exit.of_next();
+        exit = exit.for_next_window();
         if window == 0 {
             let trains = worker.clone();
             // As a hand would, once there is something.
@@ -136,7 +136,7 @@ fn a_screen_shows_the_window_and_a_lost_device_the_next_one() {
             });
         }
         screens.push(screen_of_a_window(&worker, &exit, first, folder.path()));
-        assert_eq!(exit.why(), Leave::DeviceLost, "window {window}");
+        assert_eq!(exit.reason(), ExitReason::DeviceLost, "window {window}");
         assert!(worker.is_alive() && worker.crash().is_none());
         first = WorkerOrder::Deliver;
     }

@@ -67,7 +67,7 @@ fn subjects(folder: &Path) -> Vec<(Subject, usize)> {
     let run = folder.join("run.vbgs");
     let opened = Arc::new(dataset::open(&room, &LoadOptions::default()).unwrap());
     let mut session =
-        Session::new(opened, SceneOverrides::default(), Selection::everything()).unwrap();
+        Session::new(opened, SceneOverrides::default(), Selection::all_frames()).unwrap();
     session.step().unwrap();
     session.save(&run).unwrap();
     let demo = SyntheticParams::demo();
@@ -112,7 +112,7 @@ fn stand(window: &mut Window, stand: Stand) {
             press(window, Key::ArrowLeft);
             let opened = window.state().snapshot().opened.clone().unwrap();
             let lens = window.state().view().settings.lens;
-            if mode.why_not(lens, &opened, None).is_none() && mode != ViewMode::Single {
+            if mode.unavailable_reason(lens, &opened, None).is_none() && mode != ViewMode::Single {
                 choose(window, 0, mode.label());
                 assert_eq!(window.state().view().mode(), mode);
             }

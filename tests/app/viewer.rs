@@ -129,7 +129,7 @@ fn every_colour_mode_is_offered_or_says_what_is_missing() {
         let Some(mut window) = trained(folder.path(), painting) else { return };
         let told = window.state().snapshot().opened.as_ref().unwrap().available_modes;
         for mode in ColorMode::ALL.into_iter().rev() {
-            if mode.why_not(told).is_none() {
+            if mode.unavailable_reason(told).is_none() {
                 choose(&mut window, 1, mode.label());
                 assert_eq!(window.state().view().settings.color_mode, mode);
                 wait_for_picture(&mut window);
@@ -147,7 +147,7 @@ fn every_colour_mode_is_offered_or_says_what_is_missing() {
 /// The scene that the window trains, and its dataset.
 pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
-    let mut session = Session::new(dataset, overrides, Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, overrides, Selection::all_frames()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     session
 }
@@ -169,7 +169,7 @@ pub fn evaluated_on_black(session: &Session, view: (usize, usize)) -> ViewReport
 
 fn measured(session: &Session, view: (usize, usize), render: RenderOptions) -> ViewReport {
     let (split, index) = view;
-    let color_camera = session.config().method.any().color_camera();
+    let color_camera = session.config().method.as_any().color_camera();
     let poses = ViewPoses::Corrected;
     let options =
         EvalOptions { color_camera, poses, ..EvalOptions::plain(GroundTruth::Composited, render) };

@@ -34,7 +34,7 @@ fn photograph(scratch: &Scratch, camera: &ColorCamera, seed: u64, gain: impl Fn(
     let scene = SyntheticScene::new(&params).unwrap();
     let dataset = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap();
     for (i, frame) in dataset.splits.iter().flat_map(|split| &split.frames).enumerate() {
-        let mut view = scene.view(&camera.beside(&frame.camera));
+        let mut view = scene.render_view(&camera.camera_at(&frame.camera));
         for texel in &mut view.color.data {
             texel[..3].iter_mut().for_each(|c| *c = (f64::from(*c) * gain(i)).round() as u8);
         }

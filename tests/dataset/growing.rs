@@ -29,8 +29,8 @@ fn follow(folder: &Path) -> GrowingRecording {
 
 /// Frames that a look finds and takes; none where it fails, which time mends.
 fn taken(recording: &mut GrowingRecording, is_growing: bool, now_s: f64) -> Vec<FrameEntry> {
-    let Ok(found) = recording.look(is_growing, now_s) else { return Vec::new() };
-    recording.take(&found);
+    let Ok(found) = recording.poll(is_growing, now_s) else { return Vec::new() };
+    recording.mark_taken(&found);
     let split = recording.split_of(&found);
     split.map_or_else(|_| Vec::new(), |split| found.splits[split].frames.clone())
 }
@@ -69,7 +69,7 @@ fn every_frame_is_found_as_soon_as_it_is_there() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("room");
         let mut recording = follow(&path);
-        assert!(recording.look(true, 0.0).is_err(), "there is no folder yet");
+        assert!(recording.poll(true, 0.0).is_err(), "there is no folder yet");
         let mut found = Vec::new();
         write_live(&ROOM, &path, layout, &mut |due, n| {
             assert_eq!(n, ROOM.n_train);
@@ -270,7 +270,7 @@ fn after_the_end_nothing_is_waited_for() {
     let mut recording = follow(folder.path());
     let whole = ROOM.n_train - 3;
     assert_eq!(taken(&mut recording, true, 0.0).len(), whole);
-    let found = recording.look(false, LATER).unwrap();
+    let found = recording.poll(false, LATER).unwrap();
     let frames = trained(&found);
     assert_eq!(frames.len(), 1, "the damaged one, whose loading tells what is wrong");
     assert!(frames[0].load().is_err());
@@ -295,7 +295,7 @@ fn a_frame_that_cannot_be_read_comes_again_when_its_files_change() {
     assert_eq!(found.len(), ROOM.n_train);
     let last = &found[10];
     assert!(last.load().is_err());
-    recording.give_back(last.name.clone(), last.marks());
+    recording.return_frame(last.name.clone(), last.marks());
     assert_eq!(taken(&mut recording, true, LATER).len(), 0, "it is as it was");
     fs::write(&file, &whole[..9]).unwrap();
     assert_eq!(taken(&mut recording, true, LATER).len(), 0);
@@ -309,12 +309,12 @@ fn a_followed_dataset_holds_out_what_an_opened_one_does() {
     let mut recording = follow(&folder.path().join("room"));
     let mut grown: Option<Dataset> = None;
     let mut look = |is_growing: bool| {
-        let Ok(found) = recording.look(is_growing, LATER) else { return };
-        recording.take(&found);
+        let Ok(found) = recording.poll(is_growing, LATER) else { return };
+        recording.mark_taken(&found);
         match &mut grown {
             None if found.splits.is_empty() => {}
             None => grown = Some(found),
-            Some(known) => known.grow(recording.split_of(known).unwrap(), found),
+            Some(known) => known.append_polled(recording.split_of(known).unwrap(), found),
         }
     };
     let path = folder.path().join("room");
@@ -349,12 +349,12 @@ fn a_far_recording_keeps_the_origin_of_its_first_frames() {
     let n_begun = lines.iter().filter(is_note).count() + 2;
     fs::write(&poses, lines[..n_begun].concat()).unwrap();
     let mut recording = follow(&near);
-    let first = recording.look(true, 0.0).unwrap();
-    recording.take(&first);
+    let first = recording.poll(true, 0.0).unwrap();
+    recording.mark_taken(&first);
     let origin = first.local_origin();
     assert!((origin.x - 1e7).abs() < 20.0, "{origin}");
     fs::write(&poses, lines.concat()).unwrap();
-    let rest = recording.look(false, LATER).unwrap();
+    let rest = recording.poll(false, LATER).unwrap();
     assert_eq!(rest.local_origin(), origin);
     for frame in trained(&first).iter().chain(trained(&rest)) {
         assert!(frame.camera.pose.centre().length() < 20.0, "{}", frame.name);
@@ -372,10 +372,10 @@ fn what_is_no_folder_is_refused_and_what_is_empty_is_waited_for() {
     let wrong = LoadOptions { depth_scale: Some(-1.0), ..options };
     assert!(GrowingRecording::new(folder.path(), &wrong, None).is_err());
     let mut recording = follow(&folder.path().join("later"));
-    let error = recording.look(true, 0.0).err().unwrap().to_string();
+    let error = recording.poll(true, 0.0).err().unwrap().to_string();
     assert!(error.contains("found nothing at this path"), "{error}");
     fs::create_dir(folder.path().join("later")).unwrap();
-    let error = recording.look(true, 0.0).err().unwrap().to_string();
+    let error = recording.poll(true, 0.0).err().unwrap().to_string();
     assert!(error.contains("an empty folder"), "{error}");
 }
 
@@ -391,7 +391,7 @@ fn what_a_dataset_was_read_from_is_known_and_the_drive_is_not_asked() {
     };
     let mut gone = recording(SyntheticLayout::Tum, "").unwrap();
     assert!(gone.has_begun());
-    let error = gone.look(true, 0.0).err().unwrap().to_string();
+    let error = gone.poll(true, 0.0).err().unwrap().to_string();
     assert!(error.contains("found nothing at this path"), "{error}");
     assert!(recording(SyntheticLayout::Record3dArchive, "recording.r3d").is_none());
     let built_in = vbgs_studio::dataset::synthetic::dataset(&ROOM).unwrap();

@@ -188,7 +188,7 @@ fn a_photograph_was_taken_where_the_camera_was_at_its_own_time() {
     let dataset = open_plain(folder.path()).unwrap();
     let (frame, next) = (&frames(&dataset)[0], &frames(&at_once)[1]);
     let [depth, there] = [frame.camera.pose, next.camera.pose];
-    let photograph = frame.color_camera.unwrap().beside(&frame.camera);
+    let photograph = frame.color_camera.unwrap().camera_at(&frame.camera);
     assert_eq!(photograph.intrinsics, frame.camera.intrinsics);
     let expected = depth.centre().lerp(there.centre(), 0.3);
     assert!((photograph.pose.centre() - expected).length() < 1e-5);

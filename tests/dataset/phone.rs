@@ -66,7 +66,7 @@ fn recordings_open_beside_their_true_views() {
             let split = beside.split_named(name).unwrap();
             assert_eq!(beside.splits[split].frames.len(), n);
             let frame = beside.load(split, 1).unwrap();
-            let truth = scene.view(&frame.camera);
+            let truth = scene.render_view(&frame.camera);
             let differing =
                 frame.color.data.iter().zip(&truth.color.data).filter(|(a, b)| a != b).count();
             assert!(differing < 10, "{layout:?}, {name}: {differing} pixels differ");
@@ -90,7 +90,7 @@ fn depth_has_holes_confidence_and_small_errors() {
     for (entry, sure) in all(&every).iter().zip(all(&sure)).step_by(3) {
         let measured = entry.load().unwrap().depth_z().unwrap();
         let sure = sure.load().unwrap().depth_z().unwrap();
-        let truth = scene.view(&entry.camera).depth_z;
+        let truth = scene.render_view(&entry.camera).depth_z;
         n += measured.data.len();
         n_holes += measured.data.iter().filter(|z| !z.is_finite() || **z <= 0.0).count();
         let is_sure = |z: &f32| z.is_finite() && *z > 0.0;
@@ -118,7 +118,7 @@ fn depth_is_smooth_across_edges() {
     let (mut n_edges, mut n_mixed) = (0, 0);
     for entry in all(&recording).iter().step_by(4) {
         let measured = entry.load().unwrap().depth_z().unwrap();
-        let truth = scene.view(&entry.camera).depth_z;
+        let truth = scene.render_view(&entry.camera).depth_z;
         for row in 0..truth.height {
             for column in 1..truth.width {
                 let sides = [*truth.at(column - 1, row), *truth.at(column, row)];
@@ -141,7 +141,7 @@ fn photographs_are_exposed_in_steps() {
     let recording = open_plain(folder.path()).unwrap();
     let ratio = |entry: &FrameEntry| {
         let frame = entry.load().unwrap();
-        mean(&frame.color) / mean(&scene.view(&frame.photo_camera(None)).color)
+        mean(&frame.color) / mean(&scene.render_view(&frame.photo_camera(None)).color)
     };
     let ratios: Vec<f64> = all(&recording).iter().map(ratio).collect();
     assert!((0.97..1.0).contains(&ratios[0]), "the corners alone are darker: {}", ratios[0]);

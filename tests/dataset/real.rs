@@ -80,7 +80,7 @@ pub fn disagreement(a: &Frame, b: &Frame) -> (usize, f64) {
     let mut errors = Vec::new();
     for row in (0..a.color.height).step_by(3) {
         for column in (0..a.color.width).step_by(3) {
-            let Some(value) = depth.value_at(column, row).filter(|v| depth.trusts(*v)) else {
+            let Some(value) = depth.value_at(column, row).filter(|v| depth.is_trusted(*v)) else {
                 continue;
             };
             let k = &a.camera.intrinsics;

@@ -85,10 +85,10 @@ fn what_is_written_is_read_back() {
                 continue;
             }
             let frame = entry.load().unwrap();
-            let seen = scene.view(&entry.photo_camera(None)).color;
+            let seen = scene.render_view(&entry.photo_camera(None)).color;
             let difference = mean_difference(&frame.color, &seen);
             assert!(difference < if is_lossless { 1e-9 } else { 6.0 }, "{layout:?}: {difference}");
-            let SyntheticView { depth_z, .. } = scene.view(&entry.camera);
+            let SyntheticView { depth_z, .. } = scene.render_view(&entry.camera);
             let read = frame.depth_z().unwrap();
             for (read, true_z) in read.data.iter().zip(&depth_z.data) {
                 let error = (f64::from(*read) - true_z).abs();
@@ -121,7 +121,7 @@ fn photographs_and_depth_have_cameras_of_their_own() {
         assert_eq!([photo.intrinsics.width, photo.intrinsics.height], [64, 48], "{layout:?}");
         assert_eq!([frame.color.width, frame.color.height], [64, 48]);
         assert!((photo.intrinsics.fov_x() - synthetic::FIELD_OF_VIEW).abs() < 1e-9);
-        let registered = frame.registered();
+        let registered = frame.with_registered_color();
         assert_eq!(registered.color.width, size[0] as usize);
         let opaque = registered.color.data.iter().filter(|pixel| pixel[3] == 255).count();
         assert!(opaque * 10 > registered.color.data.len() * 8, "{layout:?}: {opaque}");
@@ -307,9 +307,9 @@ fn the_rig_is_found_whoever_says_what_poses_mean() {
 fn images_of_tracked_frames_are_straightened_by_recorded_poses() {
     let Some(path) = shared("data/tum_rpy") else { return };
     let tracked = open(&path, &LoadOptions { track: true, ..LoadOptions::default() }).unwrap();
-    let straightened = tracked.straightened().unwrap();
+    let straightened = tracked.rectified().unwrap();
     let recorded = open_plain(&path).unwrap();
-    assert_eq!(recorded.straightened().map(|_| ()), None, "they are already");
+    assert_eq!(recorded.rectified().map(|_| ()), None, "they are already");
     let [raw, straight, expected] =
         [&tracked, &straightened, &recorded].map(|dataset| dataset.load(0, 3).unwrap());
     assert_ne!(raw.color, straight.color);
@@ -321,7 +321,7 @@ fn images_of_tracked_frames_are_straightened_by_recorded_poses() {
     write(&ROOM, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
     let track = LoadOptions { track: true, ..LoadOptions::default() };
     let exact = open(folder.path(), &track).unwrap();
-    assert!(exact.straightened().is_none(), "no Kinect took them");
+    assert!(exact.rectified().is_none(), "no Kinect took them");
 }
 
 /// Every layout says which poses it means, and they are the right ones.
@@ -348,7 +348,7 @@ fn wrong_poses_and_units_are_told_from_depth() {
     write(&walk, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
     let check = |options| pose_check::check(&open(folder.path(), &options).unwrap(), 0).unwrap();
     let right = check(LoadOptions::default());
-    assert!(right.opened.agreement > 0.8 && !right.is_doubtful(), "{right:?}");
+    assert!(right.opened.agreement > 0.8 && !right.has_better_reading(), "{right:?}");
     assert!(right.pairs == 8 && right.opened.error < 0.05, "{right:?}");
     for poses in PoseConvention::iter().filter(|poses| *poses != PoseConvention::Opencv) {
         let wrong = check(LoadOptions { poses: Some(poses), ..LoadOptions::default() });

@@ -96,7 +96,7 @@ fn written_layouts_load_back() {
             assert!(loaded.splits[split].has_depth);
             for (i, entry) in original.frames.iter().enumerate() {
                 let frame = loaded.load(split, i).unwrap();
-                let view = scene.view(&entry.camera);
+                let view = scene.render_view(&entry.camera);
                 assert_eq!(frame.color.data, view.color.data, "{layout:?}: PNG keeps colours");
                 let (k, l) = (&entry.camera.intrinsics, &frame.camera.intrinsics);
                 assert!((k.fx - l.fx).abs() < 1e-9 && (k.fy - l.fy).abs() < 1e-9);

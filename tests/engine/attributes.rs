@@ -32,7 +32,7 @@ fn room() -> Arc<Dataset> {
 fn session(overrides: PaperOverrides) -> Session {
     let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&overrides.or(base)).unwrap();
-    Session::new(room(), config, Selection::everything()).unwrap()
+    Session::new(room(), config, Selection::all_frames()).unwrap()
 }
 
 fn all() -> Vec<u32> {
@@ -57,7 +57,7 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
                 let engine = session.learner();
                 let elbo = engine.component_elbo();
                 let known = elbo.components();
-                let of = |&id: &u32| elbo.of(id as usize).unwrap();
+                let of = |&id: &u32| elbo.mean_elbo_of(id as usize).unwrap();
                 let (sum, n) = known
                     .iter()
                     .map(of)

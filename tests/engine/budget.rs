@@ -91,7 +91,7 @@ proptest! {
             };
             scene = engine::restore(&config, state, n).unwrap();
         }
-        prop_assert!(whole == scene.stored());
+        prop_assert!(whole == scene.checkpoint_model());
     }
 }
 
@@ -102,7 +102,7 @@ pub fn checkpoint(scene: &dyn SceneLearner, n: u64) -> Checkpoint {
         numerics: "{}".into(),
         history: None,
         cursor: Cursor { frames: n, points: 1, visited: (0..n as u32).collect() },
-        model: scene.stored(),
+        model: scene.checkpoint_model(),
     }
 }
 
@@ -113,7 +113,7 @@ fn in_one(config: &SceneConfig, frames: &[Observation], n_threads: usize) -> Sto
         for frame in frames {
             scene.learn(frame).unwrap();
         }
-        scene.stored()
+        scene.checkpoint_model()
     })
 }
 
@@ -149,10 +149,13 @@ fn a_twentieth_of_the_budget_covers_everything_by_coarser_components() {
     let few = learn(asked.used() / 20);
     assert!(few.used() <= asked.used() / 20 && few.used() > asked.used() / 50, "{}", few.used());
     let warnings = few.warnings();
-    let [TrainingWarning::Coarsened { asked: h, scale }] = warnings[..] else {
+    let [TrainingWarning::Coarsened { requested: h, scale }] = warnings[..] else {
         panic!("{warnings:?}")
     };
     assert!(h == H && (2.0 * H..8.0 * H).contains(&scale), "{scale}");
     let all = learn(asked.used());
-    assert!(all.stored() == asked.stored(), "a budget that is not reached changes nothing");
+    assert!(
+        all.checkpoint_model() == asked.checkpoint_model(),
+        "a budget that is not reached changes nothing"
+    );
 }

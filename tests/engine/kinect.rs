@@ -32,7 +32,7 @@ fn quality(session: &Session, scale_factor: f64) -> EvalReport {
 fn office() {
     let Some(path) = shared("data/kinect_office") else { return };
     let dataset = Arc::new(dataset::open(&path, &LoadOptions::default()).unwrap());
-    let mut session = Session::new(dataset, PaperConfig::paper(), Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, PaperConfig::paper(), Selection::all_frames()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     assert_eq!((session.frames().len(), session.skipped().len()), (100, 0));
     let summary = Summary::of_frames(session.frames(), 0.0);

@@ -88,7 +88,7 @@ fn views(dataset: &Dataset) -> Vec<View> {
 /// Trains the `paper` preset with overrides on the first frames.
 fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<usize>) -> Session {
     let config = PaperConfig::paper().with(&overrides).unwrap();
-    let selection = Selection { max_frames, ..Selection::everything() };
+    let selection = Selection { max_frames, ..Selection::all_frames() };
     let mut session = Session::new(dataset.clone(), config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     assert!(session.skipped().is_empty(), "{:?}", session.skipped());

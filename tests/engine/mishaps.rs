@@ -61,7 +61,7 @@ fn images(folder: &Path) -> Vec<PathBuf> {
 fn begun(folder: &Path) -> Session {
     let dataset = Arc::new(open_plain(folder).unwrap());
     let asked = SceneOverrides::default();
-    let mut session = Session::new(dataset, asked, Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, asked, Selection::all_frames()).unwrap();
     for _ in 0..BEFORE {
         assert!(matches!(session.step().unwrap(), Step::Trained(_)));
     }

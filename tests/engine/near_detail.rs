@@ -31,7 +31,7 @@ fn wall(footprint: f64) -> Observation {
 }
 
 fn state(scene: &dyn SceneLearner) -> SceneState {
-    match scene.stored() {
+    match scene.checkpoint_model() {
         StoredModel::Scene(state) => state,
         StoredModel::Mixture { .. } => unreachable!("a scene is trained"),
     }
@@ -107,7 +107,7 @@ proptest! {
                 numerics: "{}".into(),
                 history: None,
                 cursor: Cursor { frames: n as u64, points: 1, visited: (0..n as u32).collect() },
-                model: scene.stored(),
+                model: scene.checkpoint_model(),
             };
             let read = parse(&to_bytes(&stored)).unwrap().checkpoint;
             prop_assert_eq!(&read, &stored);

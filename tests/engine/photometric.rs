@@ -40,7 +40,7 @@ fn trained(mode: PhotometricMode) -> SplatSet {
 
 /// Splats of the room.
 fn trained_with(asked: SceneOverrides) -> SplatSet {
-    let mut session = Session::new(room(), asked, Selection::everything()).unwrap();
+    let mut session = Session::new(room(), asked, Selection::all_frames()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     session.stored_splats()
 }
@@ -94,7 +94,7 @@ fn photographs_improve_views_that_were_never_seen() {
 
 /// A session that is to go through the frames so often, after its first steps.
 fn repeated(passes: usize, steps: usize) -> Session {
-    let selection = Selection { passes, ..Selection::everything() };
+    let selection = Selection { passes, ..Selection::all_frames() };
     // Fewer wait than there are frames, as in any longer recording.
     let mut session = Session::new(room(), asked(8), selection).unwrap();
     (0..steps).for_each(|_| drop(session.step().unwrap()));
@@ -141,7 +141,7 @@ fn photographs_drawn_at_random_teach_more_than_one_after_the_other() {
 
 #[test]
 fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
-    let mut session = Session::new(room(), asked(8), Selection::everything()).unwrap();
+    let mut session = Session::new(room(), asked(8), Selection::all_frames()).unwrap();
     for _ in 0..20 {
         assert!(matches!(session.step().unwrap(), Step::Trained(_)));
     }
@@ -177,7 +177,7 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
 #[test]
 fn photographs_wait_only_to_be_learnt() {
     let asked = SceneOverrides { photometric: Some(PhotometricMode::Off), ..asked(5) };
-    let error = Session::new(room(), asked, Selection::everything()).err().unwrap().to_string();
+    let error = Session::new(room(), asked, Selection::all_frames()).err().unwrap().to_string();
     assert!(error.contains("shuffle_buffer: expected 0") && error.contains("found 5"), "{error}");
 }
 
@@ -185,7 +185,7 @@ fn photographs_wait_only_to_be_learnt() {
 fn points_alone_are_not_gone_through_twice() {
     let asked =
         SceneOverrides { photometric: Some(PhotometricMode::Off), ..SceneOverrides::default() };
-    let selection = Selection { passes: 2, ..Selection::everything() };
+    let selection = Selection { passes: 2, ..Selection::all_frames() };
     let error = Session::new(room(), asked, selection).err().unwrap().to_string();
     assert!(error.contains("passes: expected 1") && error.contains("found 2"), "{error}");
 }
@@ -202,7 +202,7 @@ fn contradictions(compared: &[ComparedPhotograph]) -> impl Iterator<Item = usize
 /// The scene after all frames, a tenth of which `damage` changed, and those that were doubted.
 fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     let room = room();
-    let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
+    let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
     let run = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
     let surface = run.prepared_surface();
     let mut scene = engine::begin(&run.engine, surface.origin);
@@ -215,10 +215,10 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
         }
         preparer.prepare(&frame, &surface, &mut seen).unwrap();
         scene.learn(&seen).unwrap();
-        doubted.extend(contradictions(scene.compared()));
+        doubted.extend(contradictions(scene.compared_photographs()));
     }
     scene.settle();
-    doubted.extend(contradictions(scene.compared()));
+    doubted.extend(contradictions(scene.compared_photographs()));
     doubted.sort_unstable();
     (scene.stored_splats(), doubted)
 }
@@ -242,7 +242,7 @@ fn frames_that_contradict_the_scene_are_named_and_left_out() {
         ("saturated", |frame| pixels_of(frame).fill([255; 4])),
         ("turned", |frame| {
             let turn = DQuat::from_rotation_y(0.3);
-            frame.camera.pose = frame.camera.pose.attached(DVec3::new(0.1, 0.0, 0.0), turn);
+            frame.camera.pose = frame.camera.pose.attached_camera(DVec3::new(0.1, 0.0, 0.0), turn);
         }),
         ("another image", |frame| pixels_of(frame).reverse()),
     ];

@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 use vbgs_studio::model::device_error::DeviceError;
-use vbgs_studio::model::scene::points_device::{OPEN, POINT_WORDS, PointsDevice, Seeds, SlotSums};
+use vbgs_studio::model::scene::points_device::{
+    LEFT_TO_PROCESSOR, POINT_WORDS, PointsDevice, Seeds, SlotSums,
+};
 use vbgs_studio::model::scene::sums::N_SUMS;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::device_trial::DevicePolicy;
@@ -69,7 +71,7 @@ fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassU
         let outcomes = [&mut alone, &mut beside].map(|learner| learner.learn(&frame).unwrap());
         assert_eq!(outcomes[0].elbo_mean, outcomes[1].elbo_mean);
         assert_eq!(alone.changed(), beside.changed());
-        assert!(alone.stored() == beside.stored());
+        assert!(alone.checkpoint_model() == beside.checkpoint_model());
     }
     beside.point_use().unwrap()
 }
@@ -80,10 +82,10 @@ fn counts(used: &PassUse) -> (u64, u64, Option<&str>) {
 
 #[test]
 fn what_a_device_leaves_open_is_the_processors() {
-    let idle = used(OPEN, usize::MAX, 3.0, DevicePolicy::Device);
+    let idle = used(LEFT_TO_PROCESSOR, usize::MAX, 3.0, DevicePolicy::Device);
     assert_eq!((counts(&idle), idle.open_share), ((3, 1, None), 1.0));
     assert_eq!(idle.device.as_deref(), Some("card"));
-    let tried = used(OPEN, usize::MAX, 3.0, DevicePolicy::Fastest);
+    let tried = used(LEFT_TO_PROCESSOR, usize::MAX, 3.0, DevicePolicy::Fastest);
     assert_eq!(counts(&tried), (0, 4, None), "it is tried on four");
     assert!(tried.trial.is_some_and(|ms| ms.device > 0.0 && ms.processor > 0.0));
 }
@@ -91,7 +93,7 @@ fn what_a_device_leaves_open_is_the_processors() {
 #[test]
 fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
     // By its sums, and by its seeds.
-    for (seed, length) in [(OPEN, 1.0), (0, 3.0)] {
+    for (seed, length) in [(LEFT_TO_PROCESSOR, 1.0), (0, 3.0)] {
         let wrong = used(seed, usize::MAX, length, DevicePolicy::Device);
         assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic differs from the processor's")));
     }
@@ -100,6 +102,6 @@ fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
 #[test]
 fn the_very_frame_that_a_device_fails_at_is_learnt() {
     // It has found the seeds of the third frame when it fails.
-    let lost = used(OPEN, 2, 3.0, DevicePolicy::Device);
+    let lost = used(LEFT_TO_PROCESSOR, 2, 3.0, DevicePolicy::Device);
     assert_eq!(counts(&lost), (1, 3, Some("gone")));
 }

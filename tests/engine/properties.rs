@@ -32,7 +32,9 @@ fn learnt(config: &SceneConfig, frames: &[Observation]) -> Box<dyn SceneLearner>
 }
 
 fn state(scene: &dyn SceneLearner) -> SceneState {
-    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    let StoredModel::Scene(state) = scene.checkpoint_model() else {
+        panic!("a scene is stored as one")
+    };
     state
 }
 
@@ -200,7 +202,7 @@ fn seen_in(frame: &Frame, world: &Similarity) -> Frame {
         Some(DepthBuffer { lengths: &lengths, kind: DepthKind::Z, trusted }),
     )
     .unwrap();
-    seen.depth.as_mut().unwrap().metre = world.scale;
+    seen.depth.as_mut().unwrap().units_per_metre = world.scale;
     seen
 }
 

@@ -72,7 +72,7 @@ fn embedded_presets_change_nothing() {
     let paper: PaperOverrides = embedded(Preset::Paper);
     assert_eq!(PaperConfig::paper().with(&paper), Ok(PaperConfig::paper()));
     let room = dataset(&ROOM).unwrap();
-    let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
+    let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
     let scene: SceneOverrides = embedded(Preset::Scene);
     let plain = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
     let asked = SceneRun::new(&room, &plan, &scene).unwrap();
@@ -93,7 +93,7 @@ const ROOM: SyntheticParams = SyntheticParams {
 #[test]
 fn the_tables_say_a_scenes_defaults() {
     let room = dataset(&ROOM).unwrap();
-    let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
+    let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
     let run = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
     for setting in SceneOverrides::TABLE.iter().filter(|s| s.about.is_default_fixed) {
         let layer = layer_of(setting);

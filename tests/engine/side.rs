@@ -29,7 +29,7 @@ const MARGIN: f32 = 0.15;
 fn trained(path: &Path, mode: PhotometricMode) -> (SplatSet, Camera) {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
     let asked = SceneOverrides { photometric: Some(mode), ..SceneOverrides::default() };
-    let selection = Selection { max_frames: Some(FRAMES), ..Selection::everything() };
+    let selection = Selection { max_frames: Some(FRAMES), ..Selection::all_frames() };
     let mut session = Session::new(dataset.clone(), asked, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     let plan = session.plan();

@@ -42,7 +42,7 @@ fn session(folder: &Path, max_frames: usize) -> Session {
     let selection = Selection {
         split: Some("all".to_owned()),
         max_frames: Some(max_frames),
-        ..Selection::everything()
+        ..Selection::all_frames()
     };
     let overrides = SceneOverrides { gain: Some(true), ..SceneOverrides::default() };
     Session::new(open(folder), overrides, selection).unwrap()
@@ -72,7 +72,7 @@ fn a_walk_is_placed_without_its_poses() {
     assert_eq!(without.dataset().layout.name(), "color-depth");
     finish(&mut without);
     assert_eq!(trajectory(&without), found);
-    assert!(without.learner().stored() == session.learner().stored());
+    assert!(without.learner().checkpoint_model() == session.learner().checkpoint_model());
     let error = dataset::open(folder.path(), &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("--poses track"), "{error}");
 }
@@ -120,13 +120,13 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
 
     let mut session = session(images.to.path(), images.n);
     loop {
-        let before = session.learner().stored();
+        let before = session.learner().checkpoint_model();
         let was_drawn = session.stored_splats();
         // As at rest, or for a file on the way.
         assert_eq!(session.settle(), session.learner().frames() > 0);
         match session.step().unwrap() {
             Step::Skipped(skipped) => {
-                assert!(session.learner().stored() == before, "{skipped:?}");
+                assert!(session.learner().checkpoint_model() == before, "{skipped:?}");
                 assert!(!session.is_settled() && session.stored_splats() == was_drawn);
                 assert!(skipped.message.contains(&skipped.frame), "{skipped:?}");
             }
@@ -170,7 +170,7 @@ fn a_tracked_run_that_goes_on_keeps_its_bits() {
     let on = pool.install(|| {
         let mut on = run.resume(open(folder.path()), &request, false).unwrap();
         finish(&mut on);
-        on.learner().stored()
+        on.learner().checkpoint_model()
     });
-    assert!(on == whole.learner().stored());
+    assert!(on == whole.learner().checkpoint_model());
 }

@@ -90,7 +90,7 @@ fn fits_ahead_of_moves_give_the_bits_of_two_passes() {
             assert_eq!((a.reassigned, a.elbo_mean), (b.reassigned, b.elbo_mean), "{fraction}");
             assert!(once.point_elbo() == twice.point_elbo(), "{fraction}");
             let owned = |engine: &dyn PaperLearner| {
-                (0..COMPONENTS).map(|k| engine.component_elbo().of(k)).collect::<Vec<_>>()
+                (0..COMPONENTS).map(|k| engine.component_elbo().mean_elbo_of(k)).collect::<Vec<_>>()
             };
             assert!(owned(&*once) == owned(&*twice), "{fraction}");
         }

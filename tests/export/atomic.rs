@@ -2,7 +2,7 @@
 
 use std::io;
 use std::path::Path;
-use vbgs_studio::export::atomic::{write_atomic, write_keeping_old};
+use vbgs_studio::export::atomic::{write_atomic, write_with_backup};
 use vbgs_studio::export::{Fault, ModelFormat, WriteOptions, write};
 
 fn names(folder: &Path) -> Vec<String> {
@@ -89,12 +89,12 @@ fn saves_that_fail_again_and_again_leave_the_file_and_its_backup() {
     let path = folder.path().join("run.vbgs");
     let backup = folder.path().join("run.vbgs.bak");
     let text = |path: &Path| std::fs::read_to_string(path).unwrap();
-    write_keeping_old(&path, |out| out.write_all(b"first")).unwrap();
+    write_with_backup(&path, |out| out.write_all(b"first")).unwrap();
     assert!(!backup.exists(), "nothing older");
-    write_keeping_old(&path, |out| out.write_all(b"second")).unwrap();
+    write_with_backup(&path, |out| out.write_all(b"second")).unwrap();
     assert_eq!((text(&path), text(&backup)), ("second".into(), "first".into()));
     for save in 0..4 {
-        let error = write_keeping_old(&path, |out| {
+        let error = write_with_backup(&path, |out| {
             out.write_all(&[0; 100])?;
             Err(io::ErrorKind::StorageFull.into())
         })
@@ -103,7 +103,7 @@ fn saves_that_fail_again_and_again_leave_the_file_and_its_backup() {
         assert_eq!((text(&path), text(&backup)), ("second".into(), "first".into()), "{save}");
         assert_eq!(names(folder.path()), ["run.vbgs", "run.vbgs.bak"]);
     }
-    write_keeping_old(&path, |out| out.write_all(b"third")).unwrap();
+    write_with_backup(&path, |out| out.write_all(b"third")).unwrap();
     assert_eq!((text(&path), text(&backup)), ("third".into(), "second".into()));
 }
 
@@ -122,7 +122,7 @@ fn a_link_stays_one_and_its_file_is_replaced() {
         ("second", &["real.vbgs", "real.vbgs.bak"]),
         ("third", &["real.vbgs", "real.vbgs.bak"]),
     ] {
-        write_keeping_old(&link, |out| out.write_all(text.as_bytes())).unwrap();
+        write_with_backup(&link, |out| out.write_all(text.as_bytes())).unwrap();
         assert_eq!(std::fs::read_to_string(far.join("real.vbgs")).unwrap(), text);
         assert!(link.is_symlink() && folder.path().join("next.vbgs").is_symlink());
         assert_eq!(names(&far), in_far);
@@ -153,7 +153,7 @@ fn a_fifo_and_a_device_are_written_to_and_stay() {
         move || std::fs::read(fifo).unwrap()
     });
     let content = vec![7; 200_000]; // more than a pipe holds
-    assert_eq!(write_keeping_old(&fifo, |out| out.write_all(&content)).unwrap(), 200_000);
+    assert_eq!(write_with_backup(&fifo, |out| out.write_all(&content)).unwrap(), 200_000);
     assert_eq!(reader.join().unwrap(), content);
     assert!(std::fs::metadata(&fifo).unwrap().file_type().is_fifo());
     assert_eq!(names(folder.path()), ["fifo"]);
@@ -175,7 +175,7 @@ fn a_file_that_is_replaced_keeps_its_permissions() {
     for expected in [0o640, 0o600, 0o444, 0o755] {
         std::fs::write(&path, "old").unwrap();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(expected)).unwrap();
-        write_keeping_old(&path, |out| out.write_all(b"new")).unwrap();
+        write_with_backup(&path, |out| out.write_all(b"new")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
         assert_eq!((mode(&path), mode(&folder.path().join("a.ply.bak"))), (expected, expected));
         std::fs::remove_file(&path).unwrap();

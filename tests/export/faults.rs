@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use vbgs_studio::export::atomic::{
-    SaveDisk, SystemDisk, remove_leftovers, write_keeping_old, write_keeping_old_on,
+    SaveDisk, SystemDisk, remove_leftovers, write_with_backup, write_with_backup_on,
 };
 use vbgs_studio::export::checkpoint::{self, Checkpoint};
 
@@ -50,8 +50,8 @@ impl SaveDisk for FaultyDisk {
     fn create(&self, path: &Path) -> io::Result<File> {
         self.step(|| SystemDisk.create(path))
     }
-    fn resemble(&self, file: &File, older: &Metadata) -> io::Result<()> {
-        self.step(|| SystemDisk.resemble(file, older))
+    fn copy_permissions(&self, file: &File, older: &Metadata) -> io::Result<()> {
+        self.step(|| SystemDisk.copy_permissions(file, older))
     }
     fn write(&self, file: &File, bytes: &[u8]) -> io::Result<usize> {
         // A disk may take less than it is given.
@@ -109,7 +109,7 @@ impl Saves {
             std::fs::remove_file(entry.unwrap().path()).unwrap();
         }
         for bytes in &self.bytes[..2] {
-            write_keeping_old(&self.path("run.vbgs"), |out| out.write_all(bytes)).unwrap();
+            write_with_backup(&self.path("run.vbgs"), |out| out.write_all(bytes)).unwrap();
         }
     }
 
@@ -122,7 +122,7 @@ impl Saves {
     fn save(&self, at: usize, fault: Fault, has_links: bool) -> (bool, usize) {
         let disk = FaultyDisk { at, fault, has_links, done: Cell::new(0) };
         let path = self.path("run.vbgs");
-        let outcome = write_keeping_old_on(&disk, &path, |out| out.write_all(&self.bytes[2]));
+        let outcome = write_with_backup_on(&disk, &path, |out| out.write_all(&self.bytes[2]));
         (outcome.is_ok(), disk.done.get())
     }
 }
@@ -150,7 +150,7 @@ fn whichever_operation_fails_the_newest_or_the_previous_file_loads() {
                 // The next save is none the worse, and a run that begins leaves nothing behind.
                 let path = saves.path("run.vbgs");
                 remove_leftovers(&path);
-                write_keeping_old(&path, |out| out.write_all(&saves.bytes[3])).unwrap();
+                write_with_backup(&path, |out| out.write_all(&saves.bytes[3])).unwrap();
                 assert_eq!(saves.loaded(), (4, found.0), "{told}");
                 let names = std::fs::read_dir(saves.folder.path()).unwrap().count();
                 assert_eq!(names, 2, "{told}");
@@ -189,7 +189,7 @@ fn saves_side_by_side_leave_whole_files() {
             let (path, bytes) = (&path, &saves.bytes[i]);
             scope.spawn(move || {
                 for _ in 0..40 {
-                    write_keeping_old(path, |out| out.write_all(bytes)).unwrap();
+                    write_with_backup(path, |out| out.write_all(bytes)).unwrap();
                 }
             })
         });

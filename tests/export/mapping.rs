@@ -136,7 +136,7 @@ fn single_splats_are_widened_as_measured() {
 fn pieces_have_the_moments_of_the_whole() {
     for (split, n) in [(GradientSplit::Two, 2), (GradientSplit::Four, 4)] {
         let native = native((0.3, 0.9), 4);
-        let plain = to_plain(native.view(), Mapping::of(split)).unwrap();
+        let plain = to_plain(native.view(), Mapping::for_split(split)).unwrap();
         let mut worst = [0f64; 4];
         for (i, (whole, extra)) in native.iter().zip(native.view().appearance()).enumerate() {
             let pieces = &plain[n * i..n * (i + 1)];
@@ -180,14 +180,14 @@ fn the_longest_axes_are_split() {
     let splat = Splat { opacity: 0.5, scale: [0.1, 0.001, 0.4], rotation, ..Splat::default() };
     let gradient = [[0.1, 0.0, 0.0], [0.0; 3], [0.0; 3]];
     let native = set(&[splat], &[Appearance { gradient, ..Appearance::default() }]);
-    let two = to_plain(native.view(), Mapping::of(GradientSplit::Two)).unwrap();
+    let two = to_plain(native.view(), Mapping::for_split(GradientSplit::Two)).unwrap();
     for (piece, sign) in two.iter().zip([-1.0, 1.0]) {
         let expected = q * DVec3::Z * (0.75 * 0.4 * sign);
         assert!((wide(piece.mean) - expected).length() < 1e-6, "{piece:?}");
         let shrunk = 0.4 * (1.0f32 - 0.75 * 0.75).sqrt();
         assert!(distance(piece.scale, [0.1, 0.001, shrunk]) < 1e-6);
     }
-    let four = to_plain(native.view(), Mapping::of(GradientSplit::Four)).unwrap();
+    let four = to_plain(native.view(), Mapping::for_split(GradientSplit::Four)).unwrap();
     for piece in four.iter() {
         let local = (q.inverse() * wide(piece.mean)).abs();
         assert!((local - DVec3::new(0.06, 0.0, 0.24)).length() < 1e-6, "{local}");
@@ -244,7 +244,7 @@ fn awkward_splats() {
 fn point_clouds_are_not_mapped() {
     let native = native((0.5, 3.0), 5);
     let options = WriteOptions {
-        mapping: Mapping::of(GradientSplit::Four),
+        mapping: Mapping::for_split(GradientSplit::Four),
         confidence: Some(&vec![1.0; native.len()]),
         ..WriteOptions::new(ModelFormat::PointCloudPly)
     };
@@ -298,7 +298,7 @@ fn mapped_scenes_look_like_native_ones() {
     let native = textured_plane();
     let reference = draw(native.view());
     let psnr = |split| {
-        let image = draw(to_plain(native.view(), Mapping::of(split)).unwrap().view());
+        let image = draw(to_plain(native.view(), Mapping::for_split(split)).unwrap().view());
         let pairs = image.color.data.iter().zip(&reference.color.data);
         let squares = pairs.map(|(a, b)| (wide(*a) - wide(*b)).length_squared() / 3.0);
         let psnr = -10.0 * (squares.sum::<f64>() / image.color.data.len() as f64).log10();

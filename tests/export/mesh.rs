@@ -156,7 +156,7 @@ fn distances_to_depth(points: &[DVec3], dataset: &Dataset, scene: &Finishing) ->
     let mut nearest = vec![f64::INFINITY; points.len()];
     for entry in dataset.splits.iter().flat_map(|split| &split.frames) {
         let mut frame = entry.load().unwrap();
-        frame.camera.pose = scene.corrected(&frame.camera.pose);
+        frame.camera.pose = scene.corrected_pose(&frame.camera.pose);
         let depth = frame.depth.as_ref().unwrap();
         let (width, height) = depth.size();
         for (point, nearest) in points.iter().zip(&mut nearest) {
@@ -179,7 +179,7 @@ fn distances_to_depth(points: &[DVec3], dataset: &Dataset, scene: &Finishing) ->
 fn a_recorded_room_lies_where_it_was_measured() {
     let Some(path) = shared("data/kinect_office") else { return };
     let dataset = Arc::new(dataset::open(&path, &LoadOptions::default()).unwrap());
-    let everything = Selection::everything();
+    let everything = Selection::all_frames();
     let asked = SceneOverrides::default();
     let mut session = Session::new(Arc::clone(&dataset), asked, everything).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}

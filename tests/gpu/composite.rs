@@ -5,7 +5,7 @@ use std::ops::Deref;
 use vbgs_studio::math::image::{Image, RgbImage};
 use vbgs_studio::render::compare::{Area, Combination, combine};
 use vbgs_studio::render::finish::Finish;
-use vbgs_studio::render::gpu::composite::{Compositor, Second};
+use vbgs_studio::render::gpu::composite::{Compositor, SecondImage};
 use vbgs_studio::render::gpu::photo::PhotoTexture;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::target::SplatTarget;
@@ -31,7 +31,7 @@ impl Gpu {
         size: [u32; 2],
         first: &SplatTarget,
         background: [f32; 3],
-        second: Option<Second<'_>>,
+        second: Option<SecondImage<'_>>,
     ) -> SplatTarget {
         let window = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
         let mut compositor = Compositor::new(&self.device, wgpu::TextureFormat::Rgba16Float);
@@ -58,12 +58,13 @@ impl Gpu {
         let photo = PhotoTexture::new(&self.device, &self.queue, picture).unwrap();
         let empty = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
         let how = Combination::Wipe(0.0);
-        let second = Second { view: photo.view(), finish: Finish::NONE, area: Area::FULL, how };
+        let second =
+            SecondImage { view: photo.view(), finish: Finish::NONE, area: Area::FULL, how };
         self.composed(size, &empty, [0.0; 3], Some(second))
     }
 
     fn shown(&self, image: &SplatTarget) -> RgbImage {
-        let rgba = readback::premultiplied(&self.device, &self.queue, image).unwrap();
+        let rgba = readback::read_premultiplied(&self.device, &self.queue, image).unwrap();
         rgba.map(|&[r, g, b, _]| [r, g, b])
     }
 }
@@ -99,7 +100,7 @@ fn two_splat_images_are_combined_as_on_the_cpu() {
     let (first_shown, second_shown) = (gpu.shown(&first), gpu.shown(&second));
     assert!(largest_difference(&first_shown, &picture(24, 16, 5)) < HALF_FLOAT);
     for how in COMBINATIONS {
-        let pair = Second { view: second.view(), finish: Finish::NONE, area: Area::FULL, how };
+        let pair = SecondImage { view: second.view(), finish: Finish::NONE, area: Area::FULL, how };
         let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
         let mut expected = first_shown.clone();
         combine(&mut expected, &second_shown, Area::FULL, how);
@@ -116,7 +117,7 @@ fn a_photograph_fills_its_area_as_on_the_cpu() {
     let texture = PhotoTexture::new(&gpu.device, &gpu.queue, &photo).unwrap();
     let area = Area { min: [0.2, 0.1], max: [0.7, 0.9] };
     for how in COMBINATIONS {
-        let pair = Second { view: texture.view(), finish: Finish::NONE, area, how };
+        let pair = SecondImage { view: texture.view(), finish: Finish::NONE, area, how };
         let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
         let mut expected = first_shown.clone();
         combine(&mut expected, &photo, area, how);
@@ -134,7 +135,7 @@ fn both_pictures_lie_over_the_same_background() {
     let other = SplatTarget::new(&gpu.device, 4, 4).unwrap();
     let background = [0.25, 0.5, 0.75];
     let shown = |how| {
-        let pair = Second { view: other.view(), finish: Finish::NONE, area: Area::FULL, how };
+        let pair = SecondImage { view: other.view(), finish: Finish::NONE, area: Area::FULL, how };
         gpu.shown(&gpu.composed([4, 4], &empty, background, Some(pair)))
     };
     let wiped = shown(Combination::Wipe(0.5));
@@ -150,13 +151,13 @@ fn each_picture_is_finished_by_itself() {
     let (first, second) = (gpu.target(&picture(24, 16, 5)), gpu.target(&picture(24, 16, 77)));
     let finish = Finish { exposure: [0.5, 0.25, 1.0], ..Finish::NONE };
     let how = Combination::Wipe(0.0);
-    let pair = Second { view: second.view(), finish, area: Area::FULL, how };
+    let pair = SecondImage { view: second.view(), finish, area: Area::FULL, how };
     let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
     let [plain, other] = [&second, &first].map(|target| gpu.shown(target));
     let dimmed = plain.map(|&[r, g, b]| [0.5 * r, 0.25 * g, b]);
     assert!(largest_difference(&found, &dimmed) < HALF_FLOAT);
     let pair =
-        Second { view: second.view(), finish, area: Area::FULL, how: Combination::Wipe(1.0) };
+        SecondImage { view: second.view(), finish, area: Area::FULL, how: Combination::Wipe(1.0) };
     let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
     assert!(largest_difference(&found, &other) < HALF_FLOAT);
 }

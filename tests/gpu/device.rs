@@ -12,7 +12,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
-use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
+use vbgs_studio::render::gpu::scene::{ComparedImage, GpuScene};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
@@ -45,7 +45,7 @@ impl Gpu {
     }
 
     pub fn renderer(&self) -> SplatRenderer {
-        SplatRenderer::new(&self.device, &self.queue, OrderOf::First).unwrap()
+        SplatRenderer::new(&self.device, &self.queue, ComparedImage::First).unwrap()
     }
 
     /// Sorts, uploads the order and draws once.
@@ -59,7 +59,7 @@ impl Gpu {
     ) {
         let mut scratch = SortScratch::default();
         let order = back_to_front(splats, camera, options, &mut scratch);
-        scene.set_order(&self.queue, OrderOf::First, order).unwrap();
+        scene.set_order(&self.queue, ComparedImage::First, order).unwrap();
         let mut encoder = self.device.create_command_encoder(&Default::default());
         renderer.render(&self.device, &self.queue, &mut encoder, scene, camera, options).unwrap();
         self.queue.submit([encoder.finish()]);
@@ -67,7 +67,7 @@ impl Gpu {
 
     /// Premultiplied colour and coverage of the last picture.
     pub fn read(&self, renderer: &SplatRenderer) -> Image<[f32; 4]> {
-        readback::premultiplied(&self.device, &self.queue, renderer.target()).unwrap()
+        readback::read_premultiplied(&self.device, &self.queue, renderer.target()).unwrap()
     }
 
     /// A picture of `splats` through a scene that already holds them.
@@ -99,8 +99,8 @@ pub const PLAIN: RenderOptions = RenderOptions {
     background: [0.0; 3],
     near: 0.2,
     method: RenderMethod::PROJECTED,
-    look: vbgs_studio::render::SplatStyle::PLAIN,
-    exposing: Exposing::Neutral,
+    style: vbgs_studio::render::DisplayStyle::PLAIN,
+    exposure_mode: Exposing::Neutral,
 };
 
 /// Splats in a cube of side 3 around the origin, axis ratios up to 100.

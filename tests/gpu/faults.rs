@@ -14,11 +14,11 @@ fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
     gpu.device.destroy();
     let _ = gpu.device.poll(wgpu::PollType::Poll);
     assert!(gpu.faults.is_lost());
-    assert_eq!(gpu.faults.take().len(), 1);
+    assert_eq!(gpu.faults.take_new().len(), 1);
     // A read from a dead device is an error, not a panic and not a hang.
     let mut renderer = gpu.renderer();
     gpu.draw(&mut renderer, &mut gpu.scene(&splats), &splats, &view, &PLAIN);
-    assert!(readback::premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
+    assert!(readback::read_premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
 
     drop((renderer, gpu));
     let fresh = Gpu::to_be_lost().unwrap();
@@ -37,7 +37,7 @@ fn uncaptured_errors_reach_the_sink() {
             mapped_at_creation: false,
         });
     }
-    let faults = gpu.faults.take();
+    let faults = gpu.faults.take_new();
     assert_eq!(faults.len(), 1, "{faults:?}");
-    assert_eq!(faults[0].n_seen, 3);
+    assert_eq!(faults[0].n_occurrences, 3);
 }

@@ -31,7 +31,7 @@ impl Fixture {
         let (device, queue, faults) =
             DEVICE.get_or_init(|| opened(&adapter, &device_descriptor(&adapter))).clone();
         // What a test that failed left behind is not this one's.
-        faults.take();
+        faults.take_new();
         Some(Self { adapter, device, queue, faults, _turn: turn })
     }
 
@@ -46,7 +46,7 @@ impl Fixture {
     }
 
     pub fn assert_no_faults(&self) {
-        assert_eq!(self.faults.take(), []);
+        assert_eq!(self.faults.take_new(), []);
     }
 }
 

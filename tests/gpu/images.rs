@@ -89,7 +89,7 @@ fn every_method_finishes_pixels() {
         poses: None,
     });
     for method in METHODS {
-        let options = RenderOptions { exposing: Exposing::Recorded, ..options(method) };
+        let options = RenderOptions { exposure_mode: Exposing::Recorded, ..options(method) };
         let view = camera_of(method);
         let image = gpu.image(&set, &view, &options);
         assert_close(&image, &oracle(&set, &view, &options), &format!("finished {method:?}"));

@@ -53,7 +53,7 @@ fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
     let val = dataset.split_named("val").unwrap();
     let camera = dataset.splits[val].frames[0].camera;
-    let selection = Selection { max_frames: Some(N_FRAMES), ..Selection::everything() };
+    let selection = Selection { max_frames: Some(N_FRAMES), ..Selection::all_frames() };
     // Without reassignment a seventh of the components is used, which the oracle can draw.
     let overrides =
         PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };

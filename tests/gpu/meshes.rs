@@ -45,7 +45,7 @@ impl<'a> Window<'a> {
         drop(pass);
         queue.submit([encoder.finish()]);
         self.gpu.assert_no_faults();
-        readback::premultiplied(device, queue, &target).unwrap()
+        readback::read_premultiplied(device, queue, &target).unwrap()
     }
 
     /// A texture of two texels, black and white.

@@ -5,8 +5,8 @@ use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::paint::MARK;
-use vbgs_studio::render::{Paint, RenderMethod, RenderOptions, SplatStyle};
+use vbgs_studio::render::paint::MARKER_COLOR;
+use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions};
 
 /// Two compilations of the same formulas may round apart, by one step of a half float.
 const ROUNDING: f32 = 1e-3;
@@ -17,25 +17,25 @@ fn looks_and_paints_agree_with_the_oracle() {
     let view = outside(61, 45);
     let mut splats = random_scene(14, 200, 0.2);
     // Marked splats keep their colour under every paint.
-    splats.iter_mut().step_by(7).for_each(|splat| splat.color = MARK);
+    splats.iter_mut().step_by(7).for_each(|splat| splat.color = MARKER_COLOR);
     let appearance = random_appearance(&splats, 14);
     let native = SplatView::new(&splats, &appearance).unwrap();
     let looks = [
-        SplatStyle { scale: 0.5, ..SplatStyle::PLAIN },
-        SplatStyle { scale: 2.0, opacity_cut: 0.5, ..SplatStyle::PLAIN },
-        SplatStyle { paint: Paint::Depth([3.0, 7.0]), ..SplatStyle::PLAIN },
-        SplatStyle { paint: Paint::Normal, ..SplatStyle::PLAIN },
+        DisplayStyle { scale: 0.5, ..DisplayStyle::PLAIN },
+        DisplayStyle { scale: 2.0, opacity_cut: 0.5, ..DisplayStyle::PLAIN },
+        DisplayStyle { paint: Paint::Depth([3.0, 7.0]), ..DisplayStyle::PLAIN },
+        DisplayStyle { paint: Paint::Normal, ..DisplayStyle::PLAIN },
     ];
     for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let plain = gpu.image(native, &view, &RenderOptions { method, ..PLAIN });
         for look in looks {
-            let options = RenderOptions { method, look, ..PLAIN };
+            let options = RenderOptions { method, style: look, ..PLAIN };
             let image = gpu.image(native, &view, &options);
             let label = format!("{method:?} {look:?}");
             assert_close(&image, &oracle(native, &view, &options), &label);
             assert!(largest_difference(&image, &plain) > 0.1, "{label}: nothing changed");
         }
-        let painted = RenderOptions { method, look: looks[3], ..PLAIN };
+        let painted = RenderOptions { method, style: looks[3], ..PLAIN };
         let difference = largest_difference(
             &gpu.image(native, &view, &painted),
             &gpu.image(&splats, &view, &painted),

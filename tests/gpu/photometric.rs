@@ -12,8 +12,8 @@ use vbgs_studio::math::simd::{Isa, Kernel, Vector};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::photometric::{
-    Compared, ParameterSums, PhotometricComparer, PhotometricWalk, PixelRule, RowChoice, SeenSplat,
-    ViewBuffers,
+    ParameterSums, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
+    ViewBuffers, VisibleSplat,
 };
 use vbgs_studio::render::gpu::context::GpuCaps;
 use vbgs_studio::render::gpu::photometric::GpuComparer;
@@ -32,10 +32,10 @@ struct Scene {
     camera: Camera,
     photograph: Image<MeasuredPixel>,
     rule: PixelRule,
-    rows: RowChoice,
+    rows: RowSubset,
 }
 
-fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowChoice) -> Scene {
+fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowSubset) -> Scene {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let mut splats = random_scene(seed, n, 0.3);
     for splat in &mut splats {
@@ -51,10 +51,10 @@ fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowChoice) -> S
         let color = Vec3::new((0.2 * x).sin(), (0.3 * y).cos(), (0.1 * (x + y)).sin());
         // Surfaces, background, and what nobody knows.
         let coverage = [1.0, 0.0, f32::NAN, 0.7][(i / 5) % 4];
-        let pixel = MeasuredPixel::flat((0.5 + 0.4 * color).extend(coverage).to_array());
+        let pixel = MeasuredPixel::without_depth((0.5 + 0.4 * color).extend(coverage).to_array());
         // A slope through the splats, and what nobody knows.
         let depth = [0.0, 2.0 + 0.03 * x, 2.0 + 0.03 * x][(i / 7) % 3];
-        pixel.at_depth(depth, [0.1, 0.05])
+        pixel.with_depth(depth, [0.1, 0.05])
     };
     let photograph = Image::from_vec(columns, lines, (0..columns * lines).map(pixel).collect());
     let full_coverage = if seed.is_multiple_of(2) { 0.6 } else { 1.0 };
@@ -71,7 +71,7 @@ struct Found {
     splats: Vec<(u32, Vec<f32>)>,
 }
 
-struct Lift<'a>(&'a Compared<'a>, SeenSplat, Splat, Appearance);
+struct Lift<'a>(&'a PhotometricSums<'a>, VisibleSplat, Splat, Appearance);
 
 impl Kernel for Lift<'_> {
     type Output = Vec<f32>;
@@ -80,7 +80,7 @@ impl Kernel for Lift<'_> {
     fn run<V: Vector>(self) -> Vec<f32> {
         let Self(compared, seen, splat, appearance) = self;
         let ParameterSums { gradient, curvature, color, color_curvature } =
-            compared.lift::<V>(&[(seen, splat, appearance)]);
+            compared.parameter_sums::<V>(&[(seen, splat, appearance)]);
         let lanes = [&gradient[..], &curvature, color.as_flattened(), &color_curvature].concat();
         lanes.into_iter().map(|lanes| lanes.to_array()[0]).collect()
     }
@@ -92,13 +92,13 @@ fn found(comparer: &mut dyn PhotometricComparer, scene: &Scene) -> Found {
     let view = SplatView::new(splats, appearance).unwrap();
     let view = buffers.prepare(view, camera, photograph.height);
     let compared = comparer.compare(&view, photograph, *rule, *rows).unwrap();
-    let lift = |seen: SeenSplat| {
+    let lift = |seen: VisibleSplat| {
         let id = seen.id as usize;
         let look = appearance.get(id).copied().unwrap_or_default();
         (seen.id, Isa::best().run(Lift(&compared, seen, splats[id], look)))
     };
     let (squared_error, pixels) = (compared.squared_error, compared.pixels);
-    let splats = compared.seen(0.0).into_iter().map(lift).collect();
+    let splats = compared.visible_splats(0.0).into_iter().map(lift).collect();
     Found { squared_error, pixels, splats }
 }
 
@@ -131,12 +131,12 @@ fn sums_are_the_processors() {
     let mut comparer = comparer(&gpu);
     let mut worst = 0.0f64;
     for (seed, n, size, rows) in [
-        (1, 300, (70, 53), RowChoice::ALL),
-        (2, 300, (64, 48), RowChoice::new(4, 3)),
-        (3, 150, (33, 65), RowChoice::new(2, 1)),
-        (4, 600, (90, 40), RowChoice::new(8, 5)),
-        (6, 300, (70, 53), RowChoice::new(16, 9)),
-        (8, 900, (50, 50), RowChoice::ALL),
+        (1, 300, (70, 53), RowSubset::ALL),
+        (2, 300, (64, 48), RowSubset::new(4, 3)),
+        (3, 150, (33, 65), RowSubset::new(2, 1)),
+        (4, 600, (90, 40), RowSubset::new(8, 5)),
+        (6, 300, (70, 53), RowSubset::new(16, 9)),
+        (8, 900, (50, 50), RowSubset::ALL),
     ] {
         let scene = scene(seed, n, size, rows);
         let expected = found(&mut PhotometricWalk::default(), &scene);
@@ -151,7 +151,7 @@ fn sums_are_the_processors() {
 #[test]
 fn plain_splats_need_no_appearance() {
     let Some(gpu) = Gpu::new() else { return };
-    let scene = Scene { appearance: Vec::new(), ..scene(2, 200, (50, 37), RowChoice::ALL) };
+    let scene = Scene { appearance: Vec::new(), ..scene(2, 200, (50, 37), RowSubset::ALL) };
     let expected = found(&mut PhotometricWalk::default(), &scene);
     let difference = difference(&expected, &found(&mut comparer(&gpu), &scene));
     assert!(difference < 1e-3, "{difference:e}");
@@ -160,7 +160,7 @@ fn plain_splats_need_no_appearance() {
 #[test]
 fn every_run_gives_the_same_bits() {
     let Some(gpu) = Gpu::new() else { return };
-    let scenes = [RowChoice::ALL, RowChoice::new(4, 1)].map(|rows| scene(5, 400, (61, 47), rows));
+    let scenes = [RowSubset::ALL, RowSubset::new(4, 1)].map(|rows| scene(5, 400, (61, 47), rows));
     let mut first = comparer(&gpu);
     let once: Vec<Found> = scenes.iter().map(|scene| found(&mut first, scene)).collect();
     // On buffers that held another view before, and on fresh ones.
@@ -176,10 +176,10 @@ fn nothing_in_view_says_nothing() {
     let empty = Scene {
         splats: Vec::new(),
         appearance: Vec::new(),
-        ..scene(1, 1, (20, 20), RowChoice::ALL)
+        ..scene(1, 1, (20, 20), RowSubset::ALL)
     };
     let mut comparer = comparer(&gpu);
-    let full = scene(1, 50, (20, 20), RowChoice::ALL);
+    let full = scene(1, 50, (20, 20), RowSubset::ALL);
     for _ in 0..2 {
         let nothing = Found { squared_error: 0.0, pixels: 0.0, splats: Vec::new() };
         assert_eq!(found(&mut comparer, &empty), nothing);

@@ -34,7 +34,7 @@ fn session(room: &Arc<Dataset>) -> Session {
     // Each at once: devices are lost at frames that are counted.
     let (photometric, shuffle_buffer) = (Some(PhotometricMode::Full), Some(0));
     let asked = SceneOverrides { photometric, shuffle_buffer, ..SceneOverrides::default() };
-    Session::new(room.clone(), asked, Selection::everything()).unwrap()
+    Session::new(room.clone(), asked, Selection::all_frames()).unwrap()
 }
 
 /// On a device, which `before` each frame may harm.

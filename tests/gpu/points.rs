@@ -7,7 +7,9 @@ use std::sync::Arc;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::scene::points_device::{NO_SEED, OPEN, PointsDevice, Seeds, SlotSums};
+use vbgs_studio::model::scene::points_device::{
+    LEFT_TO_PROCESSOR, NO_SEED, PointsDevice, Seeds, SlotSums,
+};
 use vbgs_studio::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::pipeline::plan::Selection;
@@ -81,11 +83,16 @@ fn compared(
         let expected = alone.learn(frame).unwrap();
         let found = beside.learn(frame).unwrap();
         assert_eq!(
-            (found.points, found.born, found.merged, found.elbo_mean.to_bits()),
-            (expected.points, expected.born, expected.merged, expected.elbo_mean.to_bits()),
+            (found.points, found.new_components, found.merged, found.elbo_mean.to_bits()),
+            (
+                expected.points,
+                expected.new_components,
+                expected.merged,
+                expected.elbo_mean.to_bits()
+            ),
             "frame {i}"
         );
-        assert!(beside.stored() == alone.stored(), "sums of frame {i}");
+        assert!(beside.checkpoint_model() == alone.checkpoint_model(), "sums of frame {i}");
         assert_eq!(beside.changed(), alone.changed(), "frame {i}");
     }
     beside.point_use().unwrap()
@@ -232,7 +239,7 @@ fn seeds_are_found_as_a_search_of_all_of_them_finds_them() {
     let crowd = vec![[0.05; 3]; 20_000];
     gpu.set_seeds(&seeds(&crowd, true)).unwrap();
     let found = nearest(&mut gpu, &[at([0.0; 3]), at([0.9; 3]), at([f32::NAN; 3])]);
-    assert_eq!(found, [OPEN, NO_SEED, NO_SEED]);
+    assert_eq!(found, [LEFT_TO_PROCESSOR, NO_SEED, NO_SEED]);
     fixture.assert_no_faults();
 }
 
@@ -304,7 +311,7 @@ fn a_session_trains_to_the_processors_bits() {
         let trained = |is_on_device: bool| {
             let photometric = Some(photometric);
             let asked = SceneOverrides { photometric, ..SceneOverrides::default() };
-            let mut session = Session::new(room.clone(), asked, Selection::everything()).unwrap();
+            let mut session = Session::new(room.clone(), asked, Selection::all_frames()).unwrap();
             if is_on_device {
                 session.fit_on(Box::new(points(&gpu)), DevicePolicy::Device);
             }
@@ -316,7 +323,7 @@ fn a_session_trains_to_the_processors_bits() {
         let [_, summed] = counts(&alone.learner().point_use().unwrap());
         assert_eq!(counts(&beside.learner().point_use().unwrap()), [summed - 1, 1]);
         assert!(summed > 5);
-        assert!(beside.learner().stored() == alone.learner().stored());
+        assert!(beside.learner().checkpoint_model() == alone.learner().checkpoint_model());
     }
     gpu.assert_no_faults();
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 use std::path::Path;
 use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
-use vbgs_studio::render::compare::OUTSIDE;
+use vbgs_studio::render::compare::OUTSIDE_BRIGHTNESS;
 use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
     Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
@@ -15,8 +15,8 @@ use vbgs_studio::render::gpu::points::shader as points;
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
 use vbgs_studio::render::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, FLATTEST, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, POINT_SCALE,
-    REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO,
+    POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
 };
 use wgpu::naga::back::PipelineConstants;
 use wgpu::naga::back::pipeline_constants::process_overrides;
@@ -97,10 +97,10 @@ fn shared_constants_keep_their_bits() {
         ("FOOTPRINT", bits(FOOTPRINT_PX2)),
         ("REFERENCE_VARIANCE", bits(REFERENCE_VARIANCE)),
         ("SCALE_FLOOR", bits(SCALE_FLOOR)),
-        ("FLATTEST", bits(FLATTEST)),
+        ("FLATTEST", bits(MAX_SCALE_FLOOR_RATIO)),
         ("POINT_SCALE", bits(POINT_SCALE)),
         ("GRADIENT_LIMIT", bits(GRADIENT_LIMIT)),
-        ("OUTSIDE", vec![OUTSIDE.to_bits()]),
+        ("OUTSIDE", vec![OUTSIDE_BRIGHTNESS.to_bits()]),
         ("RAMP", RAMP.as_flattened().iter().map(|v| v.to_bits()).collect()),
         ("TILE", vec![TILE as u32]),
         ("ANTIALIAS_REFERENCE", vec![Antialias::Reference as u32]),

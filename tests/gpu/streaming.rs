@@ -6,7 +6,7 @@ use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::GpuError;
-use vbgs_studio::render::gpu::scene::OrderOf;
+use vbgs_studio::render::gpu::scene::ComparedImage;
 
 #[test]
 fn sparse_updates_equal_a_whole_upload() {
@@ -38,7 +38,7 @@ fn sparse_updates_equal_a_whole_upload() {
     splats.extend_from_slice(&others[1000..1001]);
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 64 * 1001);
     assert_eq!(scene.capacity(), 1500);
-    assert_eq!(scene.n_drawn(OrderOf::First), 1000);
+    assert_eq!(scene.n_drawn(ComparedImage::First), 1000);
     splats.extend_from_slice(&others[1001..1051]);
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 50 * 80);
     let grown = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
@@ -47,8 +47,8 @@ fn sparse_updates_equal_a_whole_upload() {
     // Shrinking empties the order: it may name splats that are gone.
     splats.truncate(900);
     scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
-    assert_eq!((scene.n_splats(), scene.n_drawn(OrderOf::First)), (900, 0));
-    let stale = scene.set_order(&gpu.queue, OrderOf::First, &[3, 900]).unwrap_err();
+    assert_eq!((scene.n_splats(), scene.n_drawn(ComparedImage::First)), (900, 0));
+    let stale = scene.set_order(&gpu.queue, ComparedImage::First, &[3, 900]).unwrap_err();
     assert_eq!(stale, GpuError::StaleOrder { index: 900, n_splats: 900 });
     gpu.assert_no_faults();
 }
@@ -93,7 +93,7 @@ fn appearance_follows_sparse_updates_and_comes_and_goes() {
 
     let bytes = scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
     assert_eq!(bytes, 400 * 64, "losing it changes every splat");
-    assert_eq!(scene.n_drawn(OrderOf::First), 400 - n_hidden(&splats), "the order stays");
+    assert_eq!(scene.n_drawn(ComparedImage::First), 400 - n_hidden(&splats), "the order stays");
     let plain = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
     assert_eq!(largest_difference(&plain, &gpu.image(&splats, &view, &PLAIN)), 0.0);
     assert!(largest_difference(&plain, &whole) > 0.1);

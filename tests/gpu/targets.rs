@@ -17,7 +17,7 @@ fn every_target_format_shows_the_same_values() {
     let background = [0.9, 0.1, 0.3];
     let image = gpu.read(&renderer);
     let shown = |format| {
-        readback::composited(&gpu.device, &gpu.queue, renderer.target(), background, format)
+        readback::read_composited(&gpu.device, &gpu.queue, renderer.target(), background, format)
             .unwrap()
     };
     let plain = shown(wgpu::TextureFormat::Rgba8Unorm);
@@ -67,7 +67,7 @@ fn composites_into_part_of_a_foreign_pass() {
     drop(pass);
     queue.submit([encoder.finish()]);
 
-    let shown = readback::premultiplied(device, queue, &window).unwrap();
+    let shown = readback::read_premultiplied(device, queue, &window).unwrap();
     for row in 0..30 {
         for column in 0..40 {
             let inside = (5..21).contains(&column) && (3..15).contains(&row);

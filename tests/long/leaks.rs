@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Trains so many frames, saves, reads what was saved and goes on with it.
 fn once(dataset: &Arc<Dataset>, asked: &MethodRequest, n_frames: usize, file: &Path) {
-    let selection = Selection { max_frames: Some(n_frames), ..Selection::everything() };
+    let selection = Selection { max_frames: Some(n_frames), ..Selection::all_frames() };
     let mut session = Session::new(Arc::clone(dataset), asked.clone(), selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     write(file, &session.checkpoint().unwrap()).unwrap();

@@ -103,7 +103,9 @@ fn slope(by_round: &[f64]) -> f64 {
 
 /// Bytes of the wide rows: once in its life, when it has seen 4,096 points, a component is given one.
 fn of_wide_rows(scene: &dyn SceneLearner) -> usize {
-    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    let StoredModel::Scene(state) = scene.checkpoint_model() else {
+        panic!("a scene is stored as one")
+    };
     let StoredSums::Mixed { wide, .. } = state.sums else { panic!("sums are integers") };
     assert!(wide.len() <= scene.used());
     wide.len() * size_of::<[f64; N_SUMS]>()
@@ -117,7 +119,9 @@ fn of_frames(n_frames: u64) -> usize {
 
 /// The sums of all components.
 fn totals(scene: &dyn SceneLearner) -> Vec<[f64; N_SUMS]> {
-    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    let StoredModel::Scene(state) = scene.checkpoint_model() else {
+        panic!("a scene is stored as one")
+    };
     let StoredSums::Mixed { rows, wide } = state.sums else { panic!("sums are integers") };
     let mut totals: Vec<[f64; N_SUMS]> =
         rows.iter().map(|row| row.map(|quanta| f64::from(quanta) * QUANTUM)).collect();

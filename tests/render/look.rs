@@ -9,14 +9,14 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{Paint, RenderMethod, RenderOptions, SplatStyle, paint};
+use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions, paint};
 
 fn image<'a>(
     splats: impl Into<SplatView<'a>>,
     method: RenderMethod,
-    look: SplatStyle,
+    look: DisplayStyle,
 ) -> Image<Sample> {
-    let options = RenderOptions { look, ..options(method) };
+    let options = RenderOptions { style: look, ..options(method) };
     Oracle::of(splats, &camera_of(method), &options).render()
 }
 
@@ -28,10 +28,10 @@ fn scale_and_opacity_cut_are_what_they_say() {
     let solid: Vec<Splat> = splats.iter().filter(|s| s.opacity >= 0.3).copied().collect();
     assert!(!solid.is_empty() && solid.len() < splats.len());
     for method in METHODS {
-        let scaled = image(&splats, method, SplatStyle { scale: 2.0, ..SplatStyle::PLAIN });
-        assert_eq!(scaled, image(&large, method, SplatStyle::PLAIN), "{method:?}");
-        let cut = image(&splats, method, SplatStyle { opacity_cut: 0.3, ..SplatStyle::PLAIN });
-        assert_eq!(cut, image(&solid, method, SplatStyle::PLAIN), "{method:?}");
+        let scaled = image(&splats, method, DisplayStyle { scale: 2.0, ..DisplayStyle::PLAIN });
+        assert_eq!(scaled, image(&large, method, DisplayStyle::PLAIN), "{method:?}");
+        let cut = image(&splats, method, DisplayStyle { opacity_cut: 0.3, ..DisplayStyle::PLAIN });
+        assert_eq!(cut, image(&solid, method, DisplayStyle::PLAIN), "{method:?}");
         assert_ne!(cut, scaled);
     }
 }
@@ -39,18 +39,18 @@ fn scale_and_opacity_cut_are_what_they_say() {
 #[test]
 fn whole_changed_images_agree_with_the_oracle() {
     let looks = [
-        SplatStyle { scale: 1.7, ..SplatStyle::PLAIN },
-        SplatStyle { opacity_cut: 0.3, ..SplatStyle::PLAIN },
-        SplatStyle { paint: Paint::Depth([2.0, 5.0]), ..SplatStyle::PLAIN },
-        SplatStyle { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
+        DisplayStyle { scale: 1.7, ..DisplayStyle::PLAIN },
+        DisplayStyle { opacity_cut: 0.3, ..DisplayStyle::PLAIN },
+        DisplayStyle { paint: Paint::Depth([2.0, 5.0]), ..DisplayStyle::PLAIN },
+        DisplayStyle { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
     ];
     let mut splats = SCENES[1].splats(9);
-    splats.iter_mut().step_by(7).for_each(|splat| splat.color = paint::MARK);
+    splats.iter_mut().step_by(7).for_each(|splat| splat.color = paint::MARKER_COLOR);
     let appearance = random_appearance(&splats, 9);
     let view = SplatView::new(&splats, &appearance).unwrap();
     for method in METHODS {
         for look in looks {
-            let options = RenderOptions { look, ..options(method) };
+            let options = RenderOptions { style: look, ..options(method) };
             let label = format!("{look:?} {method:?}");
             let agreement = agreement(view, &camera_of(method), &options, &label);
             agreement.assert_close(0.01, &label);
@@ -64,7 +64,7 @@ fn painted(splat: Splat, method: RenderMethod, paint: Paint) -> [f64; 3] {
     let splat = Splat { mean: [0.0, 0.0, 4.0], ..splat };
     let camera = Camera { pose: Pose::IDENTITY, ..camera_of(method) };
     let options = RenderOptions {
-        look: SplatStyle { paint, ..SplatStyle::PLAIN },
+        style: DisplayStyle { paint, ..DisplayStyle::PLAIN },
         ..RenderOptions::evaluation(method, [0.0; 3])
     };
     let view = [splat];
@@ -84,8 +84,12 @@ fn assert_color(found: [f64; 3], expected: [f32; 3], label: &str) {
 fn a_mark_is_seen_under_every_paint() {
     for method in METHODS {
         for paint in [Paint::Depth([0.0, 8.0]), Paint::Normal] {
-            let marked = Splat { color: paint::MARK, ..ball(0.9) };
-            assert_color(painted(marked, method, paint), paint::MARK, &format!("{method:?}"));
+            let marked = Splat { color: paint::MARKER_COLOR, ..ball(0.9) };
+            assert_color(
+                painted(marked, method, paint),
+                paint::MARKER_COLOR,
+                &format!("{method:?}"),
+            );
         }
     }
 }

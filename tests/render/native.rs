@@ -64,7 +64,7 @@ fn finished_images_agree_with_the_oracle() {
         let set = SplatSet::new(splats, appearance).finished(finishing);
         for method in METHODS {
             let label = format!("finished {} {method:?}", scene.name);
-            let options = RenderOptions { exposing: Exposing::Recorded, ..options(method) };
+            let options = RenderOptions { exposure_mode: Exposing::Recorded, ..options(method) };
             let camera = camera_of(method);
             let agreement = agreement(set.view(), &camera, &options, &label);
             agreement.assert_close(0.05, &label);

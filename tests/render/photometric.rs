@@ -16,7 +16,7 @@ use vbgs_studio::model::scene::photometric::{
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::photometric::{
-    Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat, ViewBuffers,
+    PhotometricSums, PhotometricWalk, PixelRule, RowSubset, ViewBuffers, VisibleSplat,
 };
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::scene::photometric::rule::PhotometricRule;
@@ -75,9 +75,9 @@ fn photograph() -> Image<MeasuredPixel> {
     let pixel = |i: usize| {
         let (x, y) = ((i % n) as f32 / n as f32, (i / n) as f32 / n as f32);
         let [r, g] = [0.45 + 0.2 * (5.0 * x).sin(), 0.4 + 0.2 * (4.0 * y).cos()];
-        let pixel = MeasuredPixel::flat([r, g, 0.3 + 0.3 * x * y, 1.0]);
+        let pixel = MeasuredPixel::without_depth([r, g, 0.3 + 0.3 * x * y, 1.0]);
         let depth = if i.is_multiple_of(3) { 3.0 + 0.5 * x } else { 0.0 };
-        pixel.at_depth(depth, MARGIN)
+        pixel.with_depth(depth, MARGIN)
     };
     Image::from_vec(n, n, (0..n * n).map(pixel).collect())
 }
@@ -205,7 +205,7 @@ struct Said {
     color: [f64; N_COLOR_PRECISION],
 }
 
-struct Lift<'a>(&'a Compared<'a>, SeenSplat, Splat, Appearance);
+struct Lift<'a>(&'a PhotometricSums<'a>, VisibleSplat, Splat, Appearance);
 
 impl Kernel for Lift<'_> {
     type Output = Said;
@@ -213,7 +213,7 @@ impl Kernel for Lift<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) -> Said {
         let Self(compared, seen, splat, appearance) = self;
-        let sums = compared.lift::<V>(&[(seen, splat, appearance)]);
+        let sums = compared.parameter_sums::<V>(&[(seen, splat, appearance)]);
         let first = |lanes: V| f64::from(lanes.to_array()[0]);
         let color = sums.color.as_flattened();
         let gradient = std::array::from_fn(|i| {
@@ -236,12 +236,12 @@ fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Sa
     let view = SplatView::new(splats, appearance).unwrap();
     let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
     let view = buffers.prepare(view, &camera(), SIZE as usize);
-    let compared = walk.walk(&view, &photograph(), rule(full), RowChoice::ALL);
-    let lift = |seen: SeenSplat| {
+    let compared = walk.compare_view(&view, &photograph(), rule(full), RowSubset::ALL);
+    let lift = |seen: VisibleSplat| {
         let id = seen.id as usize;
         (seen.id, Isa::best().run(Lift(&compared, seen, splats[id], appearance[id])))
     };
-    compared.seen(0.0).into_iter().map(lift).collect()
+    compared.visible_splats(0.0).into_iter().map(lift).collect()
 }
 
 /// Photograph less picture.
@@ -302,19 +302,19 @@ fn rows_add_up_to_the_whole() {
     let view = SplatView::new(&splats, &appearance).unwrap();
     let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
     let view = buffers.prepare(view, &camera(), SIZE as usize);
-    let mut compared = |rows: RowChoice| {
-        let found = walk.walk(&view, &photograph(), rule(0.6), rows);
-        (found.squared_error, found.pixels, found.seen(0.0).len())
+    let mut compared = |rows: RowSubset| {
+        let found = walk.compare_view(&view, &photograph(), rule(0.6), rows);
+        (found.squared_error, found.pixels, found.visible_splats(0.0).len())
     };
-    let (error, pixels, n_seen) = compared(RowChoice::ALL);
-    let quarters: Vec<_> = (0..4).map(|turn| compared(RowChoice::new(4, turn))).collect();
+    let (error, pixels, n_seen) = compared(RowSubset::ALL);
+    let quarters: Vec<_> = (0..4).map(|turn| compared(RowSubset::new(4, turn))).collect();
     let sum = quarters.iter().fold((0.0, 0.0), |sum, part| (sum.0 + part.0, sum.1 + part.1));
     assert!(
         (sum.0 - error).abs() < 1e-9 * error && sum.1 == pixels,
         "{sum:?} of {error}, {pixels}"
     );
     assert!(quarters.iter().all(|part| part.1 < 0.3 * pixels && part.2 <= n_seen));
-    assert_eq!(compared(RowChoice::new(7, 6)), quarters[2], "the power of two below");
+    assert_eq!(compared(RowSubset::new(7, 6)), quarters[2], "the power of two below");
 }
 
 /// Precision of the parameters of a splat before any photograph: its diagonal.

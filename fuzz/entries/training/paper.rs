@@ -160,14 +160,14 @@ fn learn_beside_copy(
     points: &Points<f32>,
     normalization: Normalization,
 ) {
-    let model = read_back(mixture.stored(), mixture.frames());
-    assert!(model == mixture.stored(), "another mixture is read");
+    let model = read_back(mixture.checkpoint_model(), mixture.frames());
+    assert!(model == mixture.checkpoint_model(), "another mixture is read");
     let StoredModel::Mixture { state, .. } = model else { panic!("a mixture is stored as one") };
     let mut copy = restored(config, state, mixture.frames(), normalization);
-    assert!(copy.stored() == mixture.stored(), "another mixture comes back");
+    assert!(copy.checkpoint_model() == mixture.checkpoint_model(), "another mixture comes back");
     learn(config, mixture, points);
     learn(config, &mut *copy, points);
-    assert!(copy.stored() == mixture.stored(), "the copy learns otherwise");
+    assert!(copy.checkpoint_model() == mixture.checkpoint_model(), "the copy learns otherwise");
 }
 
 /// The mixture merged with itself; as it is where its sums cannot be added exactly.

@@ -42,7 +42,7 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
             3 => drop(scene.learn(&seen)),
             // Nothing that goes on may depend on it.
             4 if input.flag() => drop(scene.settle()),
-            4 => drop(scene.look_again(&seen)),
+            4 => drop(scene.revisit_photograph(&seen)),
             5 => {
                 scene = reopened(&config, &*scene);
                 earlier = state(&*scene);
@@ -57,11 +57,13 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
         }
         check(&config, &*scene);
     }
-    state(&*scene).coarsened
+    state(&*scene).coarsening_steps
 }
 
 fn state(scene: &dyn SceneLearner) -> SceneState {
-    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    let StoredModel::Scene(state) = scene.checkpoint_model() else {
+        panic!("a scene is stored as one")
+    };
     state
 }
 
@@ -100,10 +102,10 @@ fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
 
 /// The scene out of the checkpoint of itself.
 fn reopened(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLearner> {
-    let state = read_back(scene.stored(), scene.frames());
+    let state = read_back(scene.checkpoint_model(), scene.frames());
     let StoredModel::Scene(state) = state else { panic!("a scene is stored as one") };
     let restored = engine::restore(config, state, scene.frames()).expect("sums of its own form");
-    assert!(restored.stored() == scene.stored(), "another scene comes back");
+    assert!(restored.checkpoint_model() == scene.checkpoint_model(), "another scene comes back");
     restored
 }
 

@@ -1,11 +1,11 @@
 //! Edits of the open scene and the state of the editing tools.
 
-use super::edits::{Edits, SelectHow};
+use super::edits::{Edits, SelectMode};
 use super::history::EditHistory;
 use super::left_out::LeftOut;
 use super::marks::SplatMarks;
 use super::past::{PastScene, PastScenes};
-use super::threshold::Doubt;
+use super::threshold::SelectCriterion;
 use super::visible::{SceneParts, VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
 use crate::app::evidence_histogram::EvidenceHistogram;
@@ -31,17 +31,17 @@ pub struct EditCounts {
     /// Deleted splats.
     pub deleted: usize,
     /// Splats whose birth frame is unknown.
-    pub unborn: usize,
+    pub unknown_birth: usize,
 }
 
 /// What the viewport shows for an earlier frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum WalkBack {
+pub enum EarlierView {
     /// Stored copy of the scene at that time.
     #[default]
-    AsItWas,
+    StoredCopy,
     /// Current splats that already existed then.
-    Births,
+    BornByThen,
 }
 
 /// Edit history, visible splats and tool state.
@@ -50,19 +50,19 @@ pub struct Editor {
     history: EditHistory,
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
-    pub is_boxing: bool,
+    pub is_box_selecting: bool,
     /// Criterion of the threshold slider.
-    pub doubt: Doubt,
+    pub criterion: SelectCriterion,
     /// Value of the threshold slider; `None` until it is moved.
     pub threshold: Option<f64>,
     /// Number of frames seen by the scene on display; `None` shows the current scene.
-    pub walked_to: Option<usize>,
+    pub earlier_frames: Option<usize>,
     /// How an earlier frame is shown.
-    pub walk: WalkBack,
+    pub earlier_view: EarlierView,
     /// Stored copies of the scene after earlier frames.
-    pub past: PastScenes,
+    pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes; set in every pass that needs them.
-    pub is_asked: bool,
+    pub needs_attributes: bool,
     /// Incremented by every change of splats or edits; invalidates cached results.
     revision: u64,
     counted: Option<(u64, EditCounts)>,
@@ -84,7 +84,7 @@ impl Editor {
 
     /// Current edits.
     pub fn edits(&self) -> &Edits {
-        self.history.now()
+        self.history.current()
     }
 
     /// Edit history.
@@ -103,49 +103,49 @@ impl Editor {
     }
 
     /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
-    pub fn change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
+    pub fn apply_change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         self.revision += 1;
-        self.visible.change(change, parts(palette, None))
+        self.visible.apply_change(change, parts(palette, None))
     }
 
     /// Stored earlier scene on display, if any.
-    pub fn past_shown(&self) -> Option<&PastScene> {
-        match self.walk {
-            WalkBack::AsItWas => self.past.at(self.walked_to?),
-            WalkBack::Births => None,
+    pub fn displayed_past(&self) -> Option<&PastScene> {
+        match self.earlier_view {
+            EarlierView::StoredCopy => self.stored_scenes.latest_at(self.earlier_frames?),
+            EarlierView::BornByThen => None,
         }
     }
 
     /// Returns to the current scene, since edits apply to its splats.
-    fn leave_past(&mut self) {
-        if self.past_shown().is_some() {
-            self.walked_to = None;
+    fn return_to_current(&mut self) {
+        if self.displayed_past().is_some() {
+            self.earlier_frames = None;
         }
     }
 
     /// Latest birth frame shown, as a position in the run; `None` shows all births.
     pub fn born_until(&self) -> Option<u32> {
         let until = |n_frames: usize| n_frames.saturating_sub(1) as u32;
-        self.walked_to.filter(|_| self.past_shown().is_none()).map(until)
+        self.earlier_frames.filter(|_| self.displayed_past().is_none()).map(until)
     }
 
     /// Applies the current edits to the visible splats; returns the change for painters, if any.
-    pub fn follow(&mut self, palette: &Palette) -> Option<SplatChange> {
-        let past = self.past_shown().cloned();
+    pub fn update_visible(&mut self, palette: &Palette) -> Option<SplatChange> {
+        let past = self.displayed_past().cloned();
         let (edits, born_until) = (self.edits().clone(), self.born_until());
         let rules = VisibilityRules { edits, born_until, past: past.clone() };
-        let change = self.visible.follow(rules, parts(palette, past.as_ref()));
+        let change = self.visible.set_rules(rules, parts(palette, past.as_ref()));
         self.revision += u64::from(change.is_some());
         change
     }
 
     /// Splats as displayed.
-    pub fn shown<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
+    pub fn displayed_splats<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
         self.visible.splats().unwrap_or(palette.splats())
     }
 
     /// Splats that a click can hit; shared with the picking thread.
-    pub fn clickable<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
+    pub fn pickable_splats<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
         self.visible.splats().unwrap_or(palette.learned())
     }
 
@@ -158,54 +158,60 @@ impl Editor {
     }
 
     /// Selects displayed splats by slot, in ascending order.
-    pub fn select(&mut self, slots: Vec<u32>, palette: &Palette, how: SelectHow) {
-        let next = self.edits().selecting(self.marks(slots, palette), how);
+    pub fn select(&mut self, slots: Vec<u32>, palette: &Palette, how: SelectMode) {
+        let next = self.edits().with_selection(self.displayed_marks(slots, palette), how);
         self.history.step(next);
     }
 
     /// Selects the splats that meet the threshold; one undo step while the slider is dragged.
-    pub fn select_doubtful(&mut self, threshold: f64, palette: &Palette) {
-        self.leave_past();
+    pub fn select_by_threshold(&mut self, threshold: f64, palette: &Palette) {
+        self.return_to_current();
         self.threshold = Some(threshold);
-        let slots = self.doubt.slots(threshold, palette.learned(), palette.known());
-        let marks = self.marks(slots, palette);
-        let next = self.edits().selecting(marks, SelectHow::Replace);
+        let slots = self.criterion.slots(threshold, palette.learned(), palette.attributes());
+        let marks = self.displayed_marks(slots, palette);
+        let next = self.edits().with_selection(marks, SelectMode::Replace);
         self.history.drag(next);
     }
 
     /// Selects the displayed splats that are not selected.
     pub fn invert(&mut self, palette: &Palette) {
-        self.leave_past();
-        let all = self.marks(0..palette.learned().len() as u32, palette);
-        let next = self.edits().selecting(all.without(&self.edits().selected), SelectHow::Replace);
+        self.return_to_current();
+        let all = self.displayed_marks(0..palette.learned().len() as u32, palette);
+        let next = self
+            .edits()
+            .with_selection(all.difference(&self.edits().selected), SelectMode::Replace);
         self.history.step(next);
     }
 
-    fn marks(&self, slots: impl IntoIterator<Item = u32>, palette: &Palette) -> SplatMarks {
-        let shown = self.shown(palette);
+    fn displayed_marks(
+        &self,
+        slots: impl IntoIterator<Item = u32>,
+        palette: &Palette,
+    ) -> SplatMarks {
+        let shown = self.displayed_splats(palette);
         let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
-        SplatMarks::of(slots.into_iter().filter(is_shown), palette.learned())
+        SplatMarks::from_slots(slots.into_iter().filter(is_shown), palette.learned())
     }
 
     /// Executes an editing command.
-    pub fn apply(&mut self, command: UiCommand, palette: &Palette) {
+    pub fn execute(&mut self, command: UiCommand, palette: &Palette) {
         let now = self.edits();
         let next = match command {
             UiCommand::Undo => return self.history.undo(),
             UiCommand::Redo => return self.history.redo(),
             UiCommand::BoxSelect => {
-                self.is_boxing = !self.is_boxing;
-                return self.leave_past();
+                self.is_box_selecting = !self.is_box_selecting;
+                return self.return_to_current();
             }
-            UiCommand::Deselect => now.selecting(SplatMarks::default(), SelectHow::Replace),
-            UiCommand::HideSelected => now.hiding(),
+            UiCommand::Deselect => now.with_selection(SplatMarks::default(), SelectMode::Replace),
+            UiCommand::HideSelected => now.with_selection_hidden(),
             UiCommand::ShowHidden => Edits { hidden: Arc::default(), ..now.clone() },
-            UiCommand::DeleteSelected => now.deleting(),
-            UiCommand::BringBack => Edits { deleted: Arc::default(), ..now.clone() },
+            UiCommand::DeleteSelected => now.with_selection_deleted(),
+            UiCommand::RestoreDeleted => Edits { deleted: Arc::default(), ..now.clone() },
             UiCommand::CropBox => {
                 let crop = match now.crop {
                     Some(_) => None,
-                    None => self.around(palette),
+                    None => self.selection_bounds(palette),
                 };
                 Edits { crop, ..now.clone() }
             }
@@ -215,10 +221,10 @@ impl Editor {
     }
 
     /// Bounding box of the centres of the selected splats, or of all displayed ones if none is selected.
-    fn around(&self, palette: &Palette) -> Option<[DVec3; 2]> {
-        let (shown, selected) = (self.shown(palette), &self.edits().selected);
+    fn selection_bounds(&self, palette: &Palette) -> Option<[DVec3; 2]> {
+        let (shown, selected) = (self.displayed_splats(palette), &self.edits().selected);
         let is_meant = |(slot, splat): &(u32, &Splat)| {
-            splat.is_drawable() && (selected.is_empty() || selected.has(*slot, splat))
+            splat.is_drawable() && (selected.is_empty() || selected.contains(*slot, splat))
         };
         let meant: Vec<Splat> =
             (0..).zip(shown.iter()).filter(is_meant).map(|(_, splat)| *splat).collect();
@@ -244,9 +250,9 @@ impl Editor {
 
     /// Histogram of the components' evidence, once the worker has delivered it.
     pub fn evidence(&mut self, palette: &Palette) -> Option<EvidenceHistogram> {
-        self.is_asked = true;
+        self.needs_attributes = true;
         if self.evidence.as_ref().is_none_or(|(revision, _)| *revision != self.revision) {
-            self.evidence = Some((self.revision, EvidenceHistogram::of(palette.known())));
+            self.evidence = Some((self.revision, EvidenceHistogram::count(palette.attributes())));
         }
         self.evidence.as_ref().and_then(|(_, histogram)| histogram.clone())
     }
@@ -259,12 +265,12 @@ impl Editor {
                 continue;
             }
             counts.all += 1;
-            counts.selected += usize::from(edits.selected.has(slot, splat));
-            counts.hidden += usize::from(edits.hidden.has(slot, splat));
-            counts.deleted += usize::from(edits.deleted.has(slot, splat));
-            counts.left_out += usize::from(!left_out.keeps(slot, splat));
-            let known = palette.known().get(slot as usize);
-            counts.unborn += usize::from(known.is_none_or(|known| known.birth.is_none()));
+            counts.selected += usize::from(edits.selected.contains(slot, splat));
+            counts.hidden += usize::from(edits.hidden.contains(slot, splat));
+            counts.deleted += usize::from(edits.deleted.contains(slot, splat));
+            counts.left_out += usize::from(!left_out.is_exported(slot, splat));
+            let known = palette.attributes().get(slot as usize);
+            counts.unknown_birth += usize::from(known.is_none_or(|known| known.birth.is_none()));
         }
         counts
     }
@@ -274,6 +280,6 @@ fn parts<'a>(palette: &'a Palette, past: Option<&'a PastScene>) -> SceneParts<'a
     match past {
         // Attributes describe the current splats, not earlier ones.
         Some(past) => SceneParts { colored: &past.splats, known: &[] },
-        None => SceneParts { colored: palette.splats(), known: palette.known() },
+        None => SceneParts { colored: palette.splats(), known: palette.attributes() },
     }
 }

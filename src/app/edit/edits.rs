@@ -20,7 +20,7 @@ pub struct Edits {
 
 /// How a new selection combines with the current one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SelectHow {
+pub enum SelectMode {
     /// Replaces the selection.
     Replace,
     /// Adds to the selection.
@@ -31,34 +31,34 @@ pub enum SelectHow {
 
 impl Edits {
     /// True if exports omit splats.
-    pub fn leaves_out(&self) -> bool {
+    pub fn excludes_splats(&self) -> bool {
         !self.deleted.is_empty() || self.crop.is_some()
     }
 
     /// True if the edits change the display.
-    pub fn is_shown(&self) -> bool {
-        self.leaves_out() || !self.selected.is_empty() || !self.hidden.is_empty()
+    pub fn affects_display(&self) -> bool {
+        self.excludes_splats() || !self.selected.is_empty() || !self.hidden.is_empty()
     }
 
     /// Returns the edits with `marks` combined into the selection.
-    pub fn selecting(&self, marks: SplatMarks, how: SelectHow) -> Self {
+    pub fn with_selection(&self, marks: SplatMarks, how: SelectMode) -> Self {
         let selected = match how {
-            SelectHow::Replace => marks,
-            SelectHow::Add => self.selected.with(&marks),
-            SelectHow::Remove => self.selected.without(&marks),
+            SelectMode::Replace => marks,
+            SelectMode::Add => self.selected.union(&marks),
+            SelectMode::Remove => self.selected.difference(&marks),
         };
         Self { selected: Arc::new(selected), ..self.clone() }
     }
 
     /// Returns the edits with the selection hidden and cleared.
-    pub fn hiding(&self) -> Self {
-        let hidden = Arc::new(self.hidden.with(&self.selected));
+    pub fn with_selection_hidden(&self) -> Self {
+        let hidden = Arc::new(self.hidden.union(&self.selected));
         Self { hidden, selected: Arc::default(), ..self.clone() }
     }
 
     /// Returns the edits with the selection deleted and cleared.
-    pub fn deleting(&self) -> Self {
-        let deleted = Arc::new(self.deleted.with(&self.selected));
+    pub fn with_selection_deleted(&self) -> Self {
+        let deleted = Arc::new(self.deleted.union(&self.selected));
         Self { deleted, selected: Arc::default(), ..self.clone() }
     }
 }

@@ -8,17 +8,17 @@ const MAX_STEPS: usize = 100;
 /// Current edits with undo and redo stacks.
 #[derive(Debug, Default)]
 pub struct EditHistory {
-    now: Edits,
+    current: Edits,
     before: Vec<Edits>,
-    taken_back: Vec<Edits>,
+    redo_stack: Vec<Edits>,
     /// True while the last step is still in progress, such as a slider drag.
     is_open: bool,
 }
 
 impl EditHistory {
     /// Current edits.
-    pub fn now(&self) -> &Edits {
-        &self.now
+    pub fn current(&self) -> &Edits {
+        &self.current
     }
 
     /// Adds an undo step unless `next` equals the current edits.
@@ -29,16 +29,16 @@ impl EditHistory {
 
     /// Adds a step that continues until [`Self::end_drag`] and is undone as a whole.
     pub fn drag(&mut self, next: Edits) {
-        if next == self.now {
+        if next == self.current {
             return;
         }
-        let before = std::mem::replace(&mut self.now, next);
+        let before = std::mem::replace(&mut self.current, next);
         if !std::mem::replace(&mut self.is_open, true) {
             if self.before.len() == MAX_STEPS {
                 self.before.remove(0);
             }
             self.before.push(before);
-            self.taken_back.clear();
+            self.redo_stack.clear();
         }
     }
 
@@ -54,22 +54,22 @@ impl EditHistory {
 
     /// True if there is a step to redo.
     pub fn can_redo(&self) -> bool {
-        !self.taken_back.is_empty()
+        !self.redo_stack.is_empty()
     }
 
     /// Undoes the last step.
     pub fn undo(&mut self) {
         self.end_drag();
         if let Some(before) = self.before.pop() {
-            self.taken_back.push(std::mem::replace(&mut self.now, before));
+            self.redo_stack.push(std::mem::replace(&mut self.current, before));
         }
     }
 
     /// Redoes the last undone step.
     pub fn redo(&mut self) {
         self.end_drag();
-        if let Some(again) = self.taken_back.pop() {
-            self.before.push(std::mem::replace(&mut self.now, again));
+        if let Some(again) = self.redo_stack.pop() {
+            self.before.push(std::mem::replace(&mut self.current, again));
         }
     }
 }
@@ -92,12 +92,12 @@ mod tests {
         }
         history.end_drag();
         history.undo();
-        assert_eq!(history.now(), &cropped(1.0));
+        assert_eq!(history.current(), &cropped(1.0));
         history.redo();
-        assert_eq!(history.now(), &cropped(4.0));
+        assert_eq!(history.current(), &cropped(4.0));
         history.undo();
         history.undo();
-        assert_eq!(history.now(), &Edits::default());
+        assert_eq!(history.current(), &Edits::default());
         assert!(!history.can_undo() && history.can_redo());
         history.step(cropped(7.0));
         assert!(!history.can_redo(), "a new step clears the redo stack");

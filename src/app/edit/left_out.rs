@@ -22,13 +22,13 @@ impl LeftOut {
     }
 
     /// True if exports contain all splats.
-    pub fn is_nothing(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.deleted.is_empty() && self.crop.is_none()
     }
 
     /// Flag for each splat: true if it is deleted.
-    pub fn flags(&self, splats: &[Splat]) -> Vec<bool> {
-        let is_deleted = |(slot, splat): (usize, &Splat)| self.deleted.has(slot as u32, splat);
+    pub fn deleted_flags(&self, splats: &[Splat]) -> Vec<bool> {
+        let is_deleted = |(slot, splat): (usize, &Splat)| self.deleted.contains(slot as u32, splat);
         splats.iter().enumerate().map(is_deleted).collect()
     }
 
@@ -38,13 +38,13 @@ impl LeftOut {
     }
 
     /// Returns the splats that remain.
-    pub fn kept(&self, scene: Arc<SplatSet>) -> Arc<SplatSet> {
-        if self.is_nothing() {
+    pub fn remaining(&self, scene: Arc<SplatSet>) -> Arc<SplatSet> {
+        if self.is_empty() {
             return scene;
         }
         let mut kept = SplatSet::default().finished(scene.finishing().clone());
         for (i, splat) in scene.iter().enumerate() {
-            if self.keeps(i as u32, splat) {
+            if self.is_exported(i as u32, splat) {
                 kept.push(*splat, scene.appearance_of(i));
             }
         }
@@ -52,9 +52,9 @@ impl LeftOut {
     }
 
     /// True if the splat is exported.
-    pub fn keeps(&self, slot: u32, splat: &Splat) -> bool {
-        let is_left_out = [self.deleted.has(slot, splat)];
+    pub fn is_exported(&self, slot: u32, splat: &Splat) -> bool {
+        let is_left_out = [self.deleted.contains(slot, splat)];
         let mean = DVec3::from_array(splat.mean.map(f64::from));
-        self.selection(&is_left_out).takes(0, mean, None)
+        self.selection(&is_left_out).selects(0, mean, None)
     }
 }

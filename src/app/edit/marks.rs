@@ -5,7 +5,7 @@ use glam::Vec3;
 
 /// A marked splat is still the same one if it moved by at most this many standard deviations of its longest
 /// axis at marking time. Training moves a mean by less; a slot reused for another splat exceeds it.
-const REACH: f32 = 3.0;
+const REACH_DEVIATIONS: f32 = 3.0;
 
 /// Slot and position of a splat when it was marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,12 +27,12 @@ pub struct SplatMarks {
 
 impl SplatMarks {
     /// Marks the splats in these slots (ascending); slots beyond the end are ignored.
-    pub fn of(slots: impl IntoIterator<Item = u32>, splats: &[Splat]) -> Self {
+    pub fn from_slots(slots: impl IntoIterator<Item = u32>, splats: &[Splat]) -> Self {
         let there = |slot: u32| Some((slot, splats.get(slot as usize)?));
         let mark = |(slot, splat): (u32, &Splat)| Mark {
             slot,
             mean: splat.mean,
-            reach: REACH * splat.scale.into_iter().fold(0.0, f32::max),
+            reach: REACH_DEVIATIONS * splat.scale.into_iter().fold(0.0, f32::max),
         };
         Self::from_marks(slots.into_iter().filter_map(there).map(mark).collect())
     }
@@ -47,7 +47,7 @@ impl SplatMarks {
     }
 
     /// True if the splat now in `slot` belongs to the set.
-    pub fn has(&self, slot: u32, splat: &Splat) -> bool {
+    pub fn contains(&self, slot: u32, splat: &Splat) -> bool {
         let word = self.bits.get(slot as usize / 64);
         if word.is_none_or(|word| word >> (slot % 64) & 1 == 0) {
             return false;
@@ -68,15 +68,15 @@ impl SplatMarks {
     }
 
     /// Union of both sets; for splats in both, the mark of `other` is taken.
-    pub fn with(&self, other: &Self) -> Self {
-        let mut marks = self.without(other).marks;
+    pub fn union(&self, other: &Self) -> Self {
+        let mut marks = self.difference(other).marks;
         marks.extend(&other.marks);
         marks.sort_unstable_by_key(|mark| mark.slot);
         Self::from_marks(marks)
     }
 
     /// Difference of both sets.
-    pub fn without(&self, other: &Self) -> Self {
+    pub fn difference(&self, other: &Self) -> Self {
         let is_other =
             |mark: &&Mark| other.marks.binary_search_by_key(&mark.slot, |o| o.slot).is_ok();
         Self::from_marks(self.marks.iter().filter(|mark| !is_other(mark)).copied().collect())
@@ -94,18 +94,23 @@ mod tests {
     #[test]
     fn a_splat_is_met_where_it_was_and_not_where_another_has_its_number() {
         let splats: Vec<Splat> = (0..100).map(|i| at(i as f32)).collect();
-        let marks = SplatMarks::of([3, 70, 500], &splats);
+        let marks = SplatMarks::from_slots([3, 70, 500], &splats);
         assert_eq!(marks.len(), 2, "there is no splat 500");
-        assert!(marks.has(3, &at(3.5)) && marks.has(70, &at(69.5)));
-        assert!(!marks.has(3, &at(3.7)) && !marks.has(4, &at(4.0)) && !marks.has(500, &at(0.0)));
+        assert!(marks.contains(3, &at(3.5)) && marks.contains(70, &at(69.5)));
+        assert!(
+            !marks.contains(3, &at(3.7))
+                && !marks.contains(4, &at(4.0))
+                && !marks.contains(500, &at(0.0))
+        );
     }
 
     #[test]
     fn sets_are_added_and_taken_away() {
         let splats: Vec<Splat> = (0..9).map(|i| at(i as f32)).collect();
-        let (a, b) = (SplatMarks::of([1, 2, 5], &splats), SplatMarks::of([2, 8], &splats));
-        assert_eq!(a.with(&b), SplatMarks::of([1, 2, 5, 8], &splats));
-        assert_eq!(a.without(&b), SplatMarks::of([1, 5], &splats));
-        assert!(a.without(&a).is_empty() && a.without(&a) == SplatMarks::default());
+        let (a, b) =
+            (SplatMarks::from_slots([1, 2, 5], &splats), SplatMarks::from_slots([2, 8], &splats));
+        assert_eq!(a.union(&b), SplatMarks::from_slots([1, 2, 5, 8], &splats));
+        assert_eq!(a.difference(&b), SplatMarks::from_slots([1, 5], &splats));
+        assert!(a.difference(&a).is_empty() && a.difference(&a) == SplatMarks::default());
     }
 }

@@ -43,7 +43,7 @@ impl PastScene {
 pub struct PastScenes {
     moments: Vec<PastScene>,
     /// Least number of frames between two copies.
-    apart: usize,
+    interval: usize,
     /// Number of the latest copy.
     serial: u64,
     /// Copying threads by the number of their copy.
@@ -52,13 +52,13 @@ pub struct PastScenes {
 
 impl Default for PastScenes {
     fn default() -> Self {
-        Self { moments: Vec::new(), apart: 1, serial: 0, copies: Vec::new() }
+        Self { moments: Vec::new(), interval: 1, serial: 0, copies: Vec::new() }
     }
 }
 
 impl PastScenes {
     /// Stores the scene after `n_frames` frames if a copy is due and fits into `budget` bytes.
-    pub fn note(&mut self, n_frames: usize, scene: &Arc<SplatSet>, budget: usize) {
+    pub fn record(&mut self, n_frames: usize, scene: &Arc<SplatSet>, budget: usize) {
         if self.moments.last().is_some_and(|last| n_frames < last.n_frames) {
             // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
@@ -82,7 +82,7 @@ impl PastScenes {
 
     /// Installs finished copies, which share no memory with the current scene. Call it before that scene
     /// changes, or the change has to copy it.
-    pub fn take_copies(&mut self) {
+    pub fn install_finished_copies(&mut self) {
         for (serial, copy) in self.copies.extract_if(.., |(_, copy)| copy.is_finished()) {
             let moment = self.moments.iter_mut().find(|moment| moment.serial == serial);
             if let (Some(moment), Ok(splats)) = (moment, copy.join()) {
@@ -92,12 +92,12 @@ impl PastScenes {
     }
 
     /// Applies another budget, bytes.
-    pub fn keep_to(&mut self, budget: usize) {
+    pub fn set_budget(&mut self, budget: usize) {
         self.thin(MAX_MOMENTS, budget);
     }
 
     /// Latest copy made after at most `n_frames` frames.
-    pub fn at(&self, n_frames: usize) -> Option<&PastScene> {
+    pub fn latest_at(&self, n_frames: usize) -> Option<&PastScene> {
         self.moments.iter().rev().find(|moment| moment.n_frames <= n_frames)
     }
 
@@ -112,7 +112,7 @@ impl PastScenes {
     }
 
     fn is_due(&self, n_frames: usize) -> bool {
-        self.moments.last().is_none_or(|last| n_frames >= last.n_frames + self.apart)
+        self.moments.last().is_none_or(|last| n_frames >= last.n_frames + self.interval)
     }
 
     fn thin(&mut self, most: usize, budget: usize) {
@@ -126,7 +126,7 @@ impl PastScenes {
                 is_kept = !is_kept;
                 is_kept
             });
-            self.apart *= 2;
+            self.interval *= 2;
         }
     }
 }
@@ -150,20 +150,20 @@ mod tests {
     #[test]
     fn every_frame_is_kept_at_first_and_evenly_spread_ones_ever_after() {
         let mut past = PastScenes::default();
-        assert!(past.at(5).is_none());
+        assert!(past.latest_at(5).is_none());
         for n in 0..=32 {
-            past.note(n, &scene(n), usize::MAX);
+            past.record(n, &scene(n), usize::MAX);
         }
         assert_eq!(frames(&past), (1..=32).collect::<Vec<_>>());
         for n in 33..=10_000 {
-            past.note(n, &scene(3), usize::MAX);
+            past.record(n, &scene(3), usize::MAX);
             assert!(past.moments().len() <= MAX_MOMENTS);
         }
         let kept = frames(&past);
         assert!(kept.len() > MAX_MOMENTS / 2 && kept[0] == 1, "{kept:?}");
         let gaps: Vec<usize> = kept.windows(2).map(|pair| pair[1] - pair[0]).collect();
         assert!(gaps.iter().all(|gap| *gap == gaps[0]), "{kept:?}");
-        assert_eq!(past.at(kept[4] + 1).unwrap().n_frames, kept[4]);
+        assert_eq!(past.latest_at(kept[4] + 1).unwrap().n_frames, kept[4]);
     }
 
     #[test]
@@ -171,16 +171,16 @@ mod tests {
         let budget = 10 * bytes_of(&scene(100));
         let mut past = PastScenes::default();
         for n in 1..200 {
-            past.note(n, &scene(n.min(100)), budget);
+            past.record(n, &scene(n.min(100)), budget);
             assert!(past.bytes() <= budget, "{n}");
         }
         assert!(past.bytes() > budget / 3, "{:?}", frames(&past));
         let before = frames(&past);
-        past.note(300, &scene(100_000), budget);
+        past.record(300, &scene(100_000), budget);
         assert_eq!(frames(&past), before);
-        past.keep_to(budget / 4);
+        past.set_budget(budget / 4);
         assert!(!past.moments().is_empty() && past.bytes() <= budget / 4);
-        past.keep_to(0);
+        past.set_budget(0);
         assert!(past.moments().is_empty());
     }
 
@@ -189,16 +189,16 @@ mod tests {
         let (mut past, mut now) = (PastScenes::default(), scene(1000));
         let changed = Splat { opacity: 0.5, ..Splat::default() };
         for n_frames in 1..=4 {
-            past.note(n_frames, &now, usize::MAX);
+            past.record(n_frames, &now, usize::MAX);
             // Copying may finish before or after the next change; both must be correct.
             if n_frames % 2 == 0 {
                 while Arc::strong_count(&now) > 1 {
                     std::thread::yield_now();
-                    past.take_copies();
+                    past.install_finished_copies();
                 }
             }
             Arc::make_mut(&mut now).replace(&[n_frames as u32], &vec![changed].into());
-            past.take_copies();
+            past.install_finished_copies();
         }
         for moment in past.moments() {
             let n_changed = moment.splats.iter().filter(|splat| splat.opacity == 0.5).count();
@@ -211,7 +211,7 @@ mod tests {
     fn a_run_that_begins_anew_forgets_what_was_before() {
         let mut past = PastScenes::default();
         for n in [1, 2, 3, 1] {
-            past.note(n, &scene(1), usize::MAX);
+            past.record(n, &scene(1), usize::MAX);
         }
         assert_eq!(frames(&past), [1]);
     }

@@ -6,39 +6,39 @@ use crate::render::attributes::{Attribute, Range};
 
 /// Criterion for selecting splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Doubt {
+pub enum SelectCriterion {
     /// Evidence below the threshold, points.
     #[default]
-    LittleEvidence,
+    LowEvidence,
     /// Standard deviation of the position above the threshold, world units.
-    GreatUncertainty,
+    HighUncertainty,
 }
 
-impl Doubt {
+impl SelectCriterion {
     /// Both criteria, in the order of the panel.
-    pub const ALL: [Self; 2] = [Self::LittleEvidence, Self::GreatUncertainty];
+    pub const ALL: [Self; 2] = [Self::LowEvidence, Self::HighUncertainty];
 
     /// Label in the panel.
     pub fn label(self) -> &'static str {
         match self {
-            Self::LittleEvidence => "Evidence below",
-            Self::GreatUncertainty => "Uncertainty above",
+            Self::LowEvidence => "Evidence below",
+            Self::HighUncertainty => "Uncertainty above",
         }
     }
 
     /// Component attribute that is compared.
     pub fn attribute(self) -> Attribute {
         match self {
-            Self::LittleEvidence => Attribute::Evidence,
-            Self::GreatUncertainty => Attribute::Uncertainty,
+            Self::LowEvidence => Attribute::Evidence,
+            Self::HighUncertainty => Attribute::Uncertainty,
         }
     }
 
     /// True if a splat meets the criterion; false if its attribute is unknown.
     pub fn is_met(self, known: &ComponentAttributes, threshold: f64) -> bool {
         match self {
-            Self::LittleEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
-            Self::GreatUncertainty => known.uncertainty.is_some_and(|d| f64::from(d) > threshold),
+            Self::LowEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
+            Self::HighUncertainty => known.uncertainty.is_some_and(|d| f64::from(d) > threshold),
         }
     }
 
@@ -83,13 +83,13 @@ mod tests {
         };
         let all = [known(Some(5.0), Some(0.1)), known(None, None), known(Some(50.0), Some(0.9))];
         let splats = [splat, splat, splat, splat];
-        let slots = |doubt: Doubt, threshold| -> Vec<u32> {
+        let slots = |doubt: SelectCriterion, threshold| -> Vec<u32> {
             doubt.slots(threshold, &splats, &all).collect()
         };
-        assert_eq!(slots(Doubt::LittleEvidence, 20.0), [0]);
-        assert_eq!(slots(Doubt::GreatUncertainty, 0.5), [2]);
-        assert_eq!(Doubt::LittleEvidence.range(&[known(None, None)]), None);
-        let [lo, hi] = Doubt::LittleEvidence.range(&all).unwrap();
+        assert_eq!(slots(SelectCriterion::LowEvidence, 20.0), [0]);
+        assert_eq!(slots(SelectCriterion::HighUncertainty, 0.5), [2]);
+        assert_eq!(SelectCriterion::LowEvidence.range(&[known(None, None)]), None);
+        let [lo, hi] = SelectCriterion::LowEvidence.range(&all).unwrap();
         assert!(lo < 5.0 && hi > 50.0);
     }
 }

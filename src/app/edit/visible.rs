@@ -7,18 +7,18 @@ use crate::app::splat_updates::{SplatChange, apply};
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
-use crate::render::paint::MARK;
+use crate::render::paint::MARKER_COLOR;
 use std::sync::Arc;
 
 /// Display state of a splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Look {
+enum DisplayState {
     #[default]
     Plain,
     /// In the highlight colour.
     Marked,
     /// Not displayed.
-    Nowhere,
+    Invisible,
 }
 
 /// Conditions that determine the display state of every splat.
@@ -33,22 +33,27 @@ pub struct VisibilityRules {
 }
 
 impl VisibilityRules {
-    fn is_nothing(&self) -> bool {
-        !self.edits.is_shown() && self.born_until.is_none() && self.past.is_none()
+    fn are_inactive(&self) -> bool {
+        !self.edits.affects_display() && self.born_until.is_none() && self.past.is_none()
     }
 
-    fn look(&self, slot: u32, splat: &Splat, known: Option<&ComponentAttributes>) -> Look {
+    fn display_state(
+        &self,
+        slot: u32,
+        splat: &Splat,
+        known: Option<&ComponentAttributes>,
+    ) -> DisplayState {
         let birth = known.and_then(|known| known.birth);
         let is_later = birth.zip(self.born_until).is_some_and(|(birth, until)| birth > until);
         if is_later
-            || self.edits.hidden.has(slot, splat)
-            || !LeftOut::new(&self.edits).keeps(slot, splat)
+            || self.edits.hidden.contains(slot, splat)
+            || !LeftOut::new(&self.edits).is_exported(slot, splat)
         {
-            Look::Nowhere
-        } else if self.edits.selected.has(slot, splat) {
-            Look::Marked
+            DisplayState::Invisible
+        } else if self.edits.selected.contains(slot, splat) {
+            DisplayState::Marked
         } else {
-            Look::Plain
+            DisplayState::Plain
         }
     }
 }
@@ -66,60 +71,73 @@ pub struct SceneParts<'a> {
 #[derive(Default)]
 pub struct VisibleSplats {
     rules: VisibilityRules,
-    looks: Vec<Look>,
+    states: Vec<DisplayState>,
     shown: Arc<SplatSet>,
 }
 
 impl VisibleSplats {
     /// Applies a change that `parts` already contain; returns the change for painters, if any.
-    pub fn change(&mut self, change: SplatChange, parts: SceneParts<'_>) -> Option<SplatChange> {
-        if self.rules.is_nothing() {
+    pub fn apply_change(
+        &mut self,
+        change: SplatChange,
+        parts: SceneParts<'_>,
+    ) -> Option<SplatChange> {
+        if self.rules.are_inactive() {
             return Some(change);
         }
         if self.rules.past.is_some() {
             return None;
         }
         Some(match change {
-            SplatChange::All(_) => self.renew(parts),
+            SplatChange::All(_) => self.rebuild(parts),
             SplatChange::Some { ids, .. } => self.update(&ids, parts),
         })
     }
 
     /// Applies other rules to `parts`, which hold the earlier scene if the rules name one. Returns the change
     /// for painters, if any.
-    pub fn follow(&mut self, rules: VisibilityRules, parts: SceneParts<'_>) -> Option<SplatChange> {
+    pub fn set_rules(
+        &mut self,
+        rules: VisibilityRules,
+        parts: SceneParts<'_>,
+    ) -> Option<SplatChange> {
         if rules == self.rules {
             return None;
         }
-        let is_another = self.rules.is_nothing() || self.rules.past != rules.past;
+        let is_another = self.rules.are_inactive() || self.rules.past != rules.past;
         self.rules = rules;
-        if self.rules.is_nothing() {
-            (self.looks, self.shown) = (Vec::new(), Arc::default());
+        if self.rules.are_inactive() {
+            (self.states, self.shown) = (Vec::new(), Arc::default());
             return Some(SplatChange::All(parts.colored.clone()));
         }
         if is_another {
-            return Some(self.renew(parts));
+            return Some(self.rebuild(parts));
         }
-        let looks = (0..).zip(&self.looks);
-        let changed = looks.filter(|(slot, look)| self.look(*slot, parts) != **look);
+        let looks = (0..).zip(&self.states);
+        let changed = looks.filter(|(slot, look)| self.display_state(*slot, parts) != **look);
         let ids: Vec<u32> = changed.map(|(slot, _)| slot).collect();
         (!ids.is_empty()).then(|| self.update(&ids, parts))
     }
 
     /// Displayed splats; `None` if they equal the coloured splats.
     pub fn splats(&self) -> Option<&Arc<SplatSet>> {
-        (!self.rules.is_nothing()).then_some(&self.shown)
+        (!self.rules.are_inactive()).then_some(&self.shown)
     }
 
-    fn look(&self, slot: u32, SceneParts { colored, known }: SceneParts<'_>) -> Look {
-        self.rules.look(slot, &colored[slot as usize], known.get(slot as usize))
+    fn display_state(
+        &self,
+        slot: u32,
+        SceneParts { colored, known }: SceneParts<'_>,
+    ) -> DisplayState {
+        self.rules.display_state(slot, &colored[slot as usize], known.get(slot as usize))
     }
 
-    fn renew(&mut self, parts: SceneParts<'_>) -> SplatChange {
-        self.looks = (0..parts.colored.len() as u32).map(|slot| self.look(slot, parts)).collect();
+    fn rebuild(&mut self, parts: SceneParts<'_>) -> SplatChange {
+        self.states =
+            (0..parts.colored.len() as u32).map(|slot| self.display_state(slot, parts)).collect();
         let mut all = SplatSet::default().finished(parts.colored.finishing().clone());
         for slot in 0..parts.colored.len() {
-            let (splat, appearance) = self.shown_as(slot, parts);
+            let (splat, appearance) = self.displayed_splat(slot, parts);
             all.push(splat, appearance);
         }
         self.shown = Arc::new(all);
@@ -127,11 +145,11 @@ impl VisibleSplats {
     }
 
     fn update(&mut self, ids: &[u32], parts: SceneParts<'_>) -> SplatChange {
-        self.looks.resize(parts.colored.len(), Look::default());
+        self.states.resize(parts.colored.len(), DisplayState::default());
         let mut splats = SplatSet::default().finished(parts.colored.finishing().clone());
         for &id in ids {
-            self.looks[id as usize] = self.look(id, parts);
-            let (splat, appearance) = self.shown_as(id as usize, parts);
+            self.states[id as usize] = self.display_state(id, parts);
+            let (splat, appearance) = self.displayed_splat(id as usize, parts);
             splats.push(splat, appearance);
         }
         let change = SplatChange::Some { ids: ids.into(), splats: Arc::new(splats) };
@@ -139,17 +157,17 @@ impl VisibleSplats {
         change
     }
 
-    fn shown_as(
+    fn displayed_splat(
         &self,
         slot: usize,
         SceneParts { colored, .. }: SceneParts<'_>,
     ) -> (Splat, Appearance) {
         let (splat, appearance) = (colored[slot], colored.appearance_of(slot));
-        match self.looks[slot] {
-            Look::Plain => (splat, appearance),
+        match self.states[slot] {
+            DisplayState::Plain => (splat, appearance),
             // Without gradient and view dependence, which would alter the highlight colour.
-            Look::Marked => (Splat { color: MARK, ..splat }, Appearance::default()),
-            Look::Nowhere => (Splat { opacity: 0.0, ..splat }, appearance),
+            DisplayState::Marked => (Splat { color: MARKER_COLOR, ..splat }, Appearance::default()),
+            DisplayState::Invisible => (Splat { opacity: 0.0, ..splat }, appearance),
         }
     }
 }
@@ -157,7 +175,7 @@ impl VisibleSplats {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::edit::edits::SelectHow;
+    use crate::app::edit::edits::SelectMode;
     use crate::app::edit::marks::SplatMarks;
     use glam::DVec3;
 
@@ -174,7 +192,7 @@ mod tests {
 
     /// One letter per splat: `s` shown, `m` marked, `.` not displayed.
     fn seen(splats: &SplatSet) -> String {
-        let letter = |s: &Splat| match (s.opacity > 0.0, s.color == MARK) {
+        let letter = |s: &Splat| match (s.opacity > 0.0, s.color == MARKER_COLOR) {
             (false, _) => '.',
             (true, true) => 'm',
             (true, false) => 's',
@@ -190,20 +208,24 @@ mod tests {
             .collect();
         let parts = SceneParts { colored: &colored, known: &born };
         let mut visible = VisibleSplats::default();
-        assert!(visible.splats().is_none() && visible.follow(Default::default(), parts).is_none());
-        let marks = |slots: &[u32]| SplatMarks::of(slots.iter().copied(), &colored);
-        let mut edits = Edits::default().selecting(marks(&[0]), SelectHow::Replace).hiding();
-        edits = edits.selecting(marks(&[1]), SelectHow::Replace).deleting();
-        edits = edits.selecting(marks(&[2]), SelectHow::Replace);
+        assert!(
+            visible.splats().is_none() && visible.set_rules(Default::default(), parts).is_none()
+        );
+        let marks = |slots: &[u32]| SplatMarks::from_slots(slots.iter().copied(), &colored);
+        let mut edits = Edits::default()
+            .with_selection(marks(&[0]), SelectMode::Replace)
+            .with_selection_hidden();
+        edits = edits.with_selection(marks(&[1]), SelectMode::Replace).with_selection_deleted();
+        edits = edits.with_selection(marks(&[2]), SelectMode::Replace);
         edits.crop = Some([DVec3::splat(-1.0), DVec3::new(4.5, 1.0, 1.0)]);
         let rules = VisibilityRules { edits: edits.clone(), ..VisibilityRules::default() };
-        visible.follow(rules, parts);
+        visible.set_rules(rules, parts);
         assert_eq!(seen(visible.splats().unwrap()), "..mss.");
         let rules = VisibilityRules { edits: edits.clone(), born_until: Some(3), past: None };
-        let change = visible.follow(rules, parts).unwrap();
+        let change = visible.set_rules(rules, parts).unwrap();
         assert!(matches!(change, SplatChange::Some { ids, .. } if ids[..] == [4]));
         assert_eq!(seen(visible.splats().unwrap()), "..ms..");
-        let change = visible.follow(VisibilityRules::default(), parts).unwrap();
+        let change = visible.set_rules(VisibilityRules::default(), parts).unwrap();
         assert!(matches!(change, SplatChange::All(all) if all == colored));
         assert!(visible.splats().is_none());
     }
@@ -211,23 +233,24 @@ mod tests {
     #[test]
     fn what_training_changes_stays_edited_and_what_it_bears_is_shown() {
         let mut colored = scene(3);
-        let marks = SplatMarks::of([1], &colored);
-        let edits = Edits::default().selecting(marks, SelectHow::Replace).deleting();
+        let marks = SplatMarks::from_slots([1], &colored);
+        let edits =
+            Edits::default().with_selection(marks, SelectMode::Replace).with_selection_deleted();
         let mut visible = VisibleSplats::default();
         let rules = VisibilityRules { edits, ..VisibilityRules::default() };
-        visible.follow(rules, SceneParts { colored: &colored, known: &[] });
+        visible.set_rules(rules, SceneParts { colored: &colored, known: &[] });
         let moved = Splat { mean: [1.1, 0.0, 0.0], ..colored[1] };
         let others = vec![moved, Splat { mean: [1.0, 0.0, 0.0], ..moved }];
         let change = SplatChange::some(vec![1, 3], others);
         apply(&mut colored, change.clone());
         let parts = SceneParts { colored: &colored, known: &[] };
-        visible.change(change, parts);
+        visible.apply_change(change, parts);
         assert_eq!(seen(visible.splats().unwrap()), "s.ss");
         // The slot was reused for a splat elsewhere.
         let elsewhere = Splat { mean: [5.0, 0.0, 0.0], ..moved };
         let change = SplatChange::some(vec![1], vec![elsewhere]);
         apply(&mut colored, change.clone());
-        visible.change(change, SceneParts { colored: &colored, known: &[] });
+        visible.apply_change(change, SceneParts { colored: &colored, known: &[] });
         assert_eq!(seen(visible.splats().unwrap()), "ssss");
     }
 }

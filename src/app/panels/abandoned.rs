@@ -6,9 +6,9 @@ use eframe::egui::{Color32, RichText, Ui};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// Resume the run.
-    GoOn,
+    Resume,
     /// Delete the autosave.
-    GiveUp,
+    Forget,
     /// Offer it again at the next start.
     NotNow,
 }
@@ -25,8 +25,8 @@ pub fn ui(run: &AbandonedRun, ui: &mut Ui) -> Option<Answer> {
         ))
         .on_hover_text(format!("{}\n{}", dataset.display(), run.file.display()));
         for (label, choice, tooltip) in [
-            ("Continue", Answer::GoOn, "Open the run and resume training"),
-            ("Forget it", Answer::GiveUp, "Delete the autosave of this run"),
+            ("Continue", Answer::Resume, "Open the run and resume training"),
+            ("Forget it", Answer::Forget, "Delete the autosave of this run"),
             ("Not now", Answer::NotNow, "Offer this again at the next start"),
         ] {
             if ui.button(label).on_hover_text(tooltip).clicked() {

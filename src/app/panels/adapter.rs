@@ -1,13 +1,13 @@
 //! Choice of the graphics adapter.
 
-use crate::render::gpu::adapters::{AdapterChoice, AdapterFacts};
+use crate::render::gpu::adapters::{AdapterChoice, AdapterInfo};
 use eframe::egui::{Label, RichText, Ui};
 
 pub struct Adapters<'a> {
     /// Adapters that can draw the window.
-    pub there: &'a [AdapterFacts],
+    pub there: &'a [AdapterInfo],
     /// Adapter in use.
-    pub current: &'a AdapterFacts,
+    pub current: &'a AdapterInfo,
     /// True if the CPU draws the scene because the GPU failed.
     pub gpu_failed: bool,
 }

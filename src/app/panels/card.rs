@@ -6,7 +6,7 @@ use eframe::egui::{Align2, Area, Frame, Id, Pos2, ScrollArea, Ui, Vec2};
 /// Distance from the edges of the viewport and from notices above, points.
 const MARGIN: f32 = 12.0;
 /// Height reserved for the footer, points.
-const FOOT: f32 = 44.0;
+const FOOTER_HEIGHT: f32 = 44.0;
 /// Least height of the contents, points; with less room the card covers the notices.
 const MIN_HEIGHT: f32 = 40.0;
 
@@ -14,9 +14,9 @@ const MIN_HEIGHT: f32 = 40.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CardPlace {
     /// Lower left corner.
-    at: Pos2,
+    corner: Pos2,
     /// Largest height of the contents, points.
-    pub room: f32,
+    pub max_height: f32,
 }
 
 impl CardPlace {
@@ -24,9 +24,9 @@ impl CardPlace {
     pub fn below(taken: f32, ui: &Ui) -> Self {
         let viewport = ui.max_rect();
         let frame = Frame::popup(ui.style()).total_margin().sum().y;
-        let room = viewport.height() - taken - 2.0 * MARGIN - frame - FOOT;
+        let room = viewport.height() - taken - 2.0 * MARGIN - frame - FOOTER_HEIGHT;
         let at = viewport.left_bottom() + Vec2::new(MARGIN, -MARGIN);
-        Self { at, room: room.max(MIN_HEIGHT) }
+        Self { corner: at, max_height: room.max(MIN_HEIGHT) }
     }
 }
 
@@ -38,13 +38,13 @@ pub fn show(
     contents: impl FnOnce(&mut Ui),
     foot: impl FnOnce(&mut Ui),
 ) {
-    let area = Area::new(Id::unique(name)).fixed_pos(place.at).pivot(Align2::LEFT_BOTTOM);
+    let area = Area::new(Id::unique(name)).fixed_pos(place.corner).pivot(Align2::LEFT_BOTTOM);
     area.show(ui.ctx(), |ui| {
         Frame::popup(ui.style()).show(ui, |ui| {
             // By default egui takes the room below the card's last position as available, which is too little
             // for a card anchored at its lower corner.
-            let scrolled = ScrollArea::vertical().min_scrolled_height(place.room);
-            scrolled.max_height(place.room).show(ui, contents);
+            let scrolled = ScrollArea::vertical().min_scrolled_height(place.max_height);
+            scrolled.max_height(place.max_height).show(ui, contents);
             ui.add_space(4.0);
             foot(ui);
         });

@@ -1,7 +1,9 @@
 //! Slider for the level of detail of the next run, with a forecast.
 
 use super::signal_color::SignalColor;
-use crate::app::detail::{COARSEST_PX, EffectiveScale, FINEST_PX, effective, forecast, trained_by};
+use crate::app::detail::{
+    COARSEST_PX, EffectiveScale, FINEST_PX, effective_scale, forecast, retrainable_run,
+};
 use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::{Label, RichText, Slider, Tooltip, Ui};
@@ -11,13 +13,13 @@ const WIDTH: f32 = 90.0;
 /// Draws the slider, and a retrain button if the next run would differ from the open one. Returns true if
 /// the button is clicked. `chosen` is the scale of the next run; `None` means that of the open run.
 pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
-    let Some(run) = snapshot.opened.as_deref().and_then(trained_by) else { return false };
+    let Some(run) = snapshot.opened.as_deref().and_then(retrainable_run) else { return false };
     ui.separator();
     let sample = snapshot.sample.as_ref();
     let asked = chosen.unwrap_or(run.scale);
     let finest = StructuralScale::Pixels(FINEST_PX);
     let finest =
-        sample.map_or(FINEST_PX, |s| effective(&run.engine, finest, s).length / s.footprint);
+        sample.map_or(FINEST_PX, |s| effective_scale(&run.engine, finest, s).length / s.footprint);
     let finest = finest.clamp(FINEST_PX, COARSEST_PX);
     let mut pixels = match (asked, sample) {
         (StructuralScale::Pixels(n), _) => n,
@@ -34,11 +36,11 @@ pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
         *chosen = Some(StructuralScale::Pixels((100.0 * pixels).round() / 100.0));
     }
     let asked = chosen.unwrap_or(run.scale);
-    let next = sample.map(|sample| effective(&run.engine, asked, sample));
+    let next = sample.map(|sample| effective_scale(&run.engine, asked, sample));
     let mut card = Tooltip::for_widget(&slider);
     card.popup = card.popup.open(slider.hovered() || slider.dragged() || slider.has_focus());
-    card.show(|ui| described(asked, next, snapshot, ui));
-    let is_same = next.map_or(asked == run.scale, |next| is_near(next.length, run.engine.h));
+    card.show(|ui| forecast_card(asked, next, snapshot, ui));
+    let is_same = next.map_or(asked == run.scale, |next| is_same_length(next.length, run.engine.h));
     let is_trained = snapshot.frames_done > 0 && snapshot.state != RunState::Loading;
     if is_same || !is_trained {
         return false;
@@ -50,11 +52,11 @@ pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
         .clicked()
 }
 
-fn is_near(a: f64, b: f64) -> bool {
+fn is_same_length(a: f64, b: f64) -> bool {
     (a / b - 1.0).abs() < 1e-3
 }
 
-fn described(
+fn forecast_card(
     asked: StructuralScale,
     next: Option<EffectiveScale>,
     snapshot: &Snapshot,
@@ -67,12 +69,12 @@ fn described(
     };
     ui.label(scale);
     let Some(next) = next else { return };
-    if next.is_held {
+    if next.is_noise_limited {
         let text = format!(
             "Depth noise limits it to {:.2e} world units; in Settings, a scale in world units may be half of that",
             next.length
         );
-        let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+        let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
         ui.add(Label::new(RichText::new(text).color(color)).wrap());
     }
     match forecast(snapshot, next.length) {

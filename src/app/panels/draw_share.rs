@@ -17,8 +17,8 @@ pub fn ui(share: &mut f32, taken: Option<&str>, ui: &mut Ui) {
     ui.add(Label::new(RichText::new(text).weak()).wrap());
 }
 
-pub fn described(budget: &DrawBudget) -> String {
-    let (taken, scale) = (100.0 * budget.taken(), 100.0 * budget.scale(true));
+pub fn describe_use(budget: &DrawBudget) -> String {
+    let (taken, scale) = (100.0 * budget.used_share(), 100.0 * budget.scale(true));
     let apart = budget.interval().as_millis();
     format!(
         "Drawing recently used {taken:.0} % of the cores. During training, the view is drawn every {apart} ms while the camera moves, at {scale:.0} % of its size."

@@ -1,12 +1,12 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
 use super::explained::{SLIDER, named, weak};
-use super::legend::number;
+use super::legend::format_number;
 use super::walk_back;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EditCounts, Editor};
 use crate::app::edit::edits::Edits;
-use crate::app::edit::threshold::Doubt;
+use crate::app::edit::threshold::SelectCriterion;
 use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
@@ -18,7 +18,7 @@ pub fn ui(
     opened: &Opened,
     ui: &mut Ui,
 ) -> Option<UiCommand> {
-    let is_boxing = view.editor().is_boxing;
+    let is_boxing = view.editor().is_box_selecting;
     let mut asked = None;
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         let mut row = |ui: &mut Ui, commands: &[UiCommand]| {
@@ -36,8 +36,8 @@ pub fn ui(
         row(ui, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo]);
         weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
         section(ui, "Select by threshold");
-        let (editor, palette) = view.editing();
-        editor.is_asked = true;
+        let (editor, palette) = view.editor_and_palette();
+        editor.needs_attributes = true;
         let counts = editor.counts(palette);
         threshold(editor, palette, ui);
         section(ui, "Selected");
@@ -60,9 +60,9 @@ pub fn ui(
         }
         crop(editor, opened, &mut asked, ui);
         section(ui, "Hidden and deleted");
-        left_out(editor, &counts, &mut asked, ui);
+        hidden_and_deleted(editor, &counts, &mut asked, ui);
         section(ui, "Earlier frames");
-        walk_back::ui(view, counts.unborn, snapshot, ui);
+        walk_back::ui(view, counts.unknown_birth, snapshot, ui);
     });
     asked
 }
@@ -82,31 +82,31 @@ fn command(ui: &mut Ui, command: UiCommand, is_of_use: bool, asked: &mut Option<
 /// Slider that selects splats by threshold while it moves.
 fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
-        for doubt in Doubt::ALL {
-            if ui.selectable_label(editor.doubt == doubt, doubt.label()).clicked() {
-                (editor.doubt, editor.threshold) = (doubt, None);
+        for doubt in SelectCriterion::ALL {
+            if ui.selectable_label(editor.criterion == doubt, doubt.label()).clicked() {
+                (editor.criterion, editor.threshold) = (doubt, None);
             }
         }
     });
-    let doubt = editor.doubt;
-    let Some([low, high]) = doubt.range(palette.known()) else {
+    let doubt = editor.criterion;
+    let Some([low, high]) = doubt.range(palette.attributes()) else {
         weak(ui, "Not available for the open file: it needs a trained scene or a checkpoint.");
         return;
     };
     let start = match doubt {
-        Doubt::LittleEvidence => low,
-        Doubt::GreatUncertainty => high,
+        SelectCriterion::LowEvidence => low,
+        SelectCriterion::HighUncertainty => high,
     };
     ui.spacing_mut().slider_width = SLIDER;
     let mut value = editor.threshold.unwrap_or(start).clamp(low, high);
     let slider = Slider::new(&mut value, low..=high)
         .logarithmic(true)
-        .custom_formatter(|value, _| number(value))
+        .custom_formatter(|value, _| format_number(value))
         .suffix(format!(" {}", doubt.attribute().unit()));
     let slider = named(ui.add(slider), "Select by threshold")
         .on_hover_text("Splats beyond the threshold are selected while the slider moves");
     if slider.changed() {
-        editor.select_doubtful(value, palette);
+        editor.select_by_threshold(value, palette);
     }
     end_step(editor, &slider);
 }
@@ -156,7 +156,12 @@ fn crop(editor: &mut Editor, opened: &Opened, asked: &mut Option<UiCommand>, ui:
     );
 }
 
-fn left_out(editor: &Editor, counts: &EditCounts, asked: &mut Option<UiCommand>, ui: &mut Ui) {
+fn hidden_and_deleted(
+    editor: &Editor,
+    counts: &EditCounts,
+    asked: &mut Option<UiCommand>,
+    ui: &mut Ui,
+) {
     let edits = editor.edits();
     let written = counts.all - counts.left_out;
     ui.label(format!("An export writes {written} of {} splats.", counts.all));
@@ -169,7 +174,7 @@ fn left_out(editor: &Editor, counts: &EditCounts, asked: &mut Option<UiCommand>,
     }
     ui.horizontal_wrapped(|ui| {
         command(ui, UiCommand::ShowHidden, !edits.hidden.is_empty(), asked);
-        command(ui, UiCommand::BringBack, !edits.deleted.is_empty(), asked);
+        command(ui, UiCommand::RestoreDeleted, !edits.deleted.is_empty(), asked);
     });
     weak(ui, "The model, its checkpoints and its quality figures include all splats.");
 }

@@ -36,7 +36,7 @@ pub struct FrameCell<'a> {
 impl FrameCell<'_> {
     /// Width of a cell of this height for pictures of this width/height ratio, points.
     pub fn width(height: f32, aspect: f32) -> f32 {
-        (0.5 * picture_room(height)).max(1.0) * aspect + 2.0 * MARGIN
+        (0.5 * pictures_height(height)).max(1.0) * aspect + 2.0 * MARGIN
     }
 
     /// PSNR of the frame, dB: as a held-out view if measured, otherwise before training on it.
@@ -50,7 +50,7 @@ impl FrameCell<'_> {
 }
 
 /// Height available for both pictures.
-fn picture_room(height: f32) -> f32 {
+fn pictures_height(height: f32) -> f32 {
     height - BAR - CAPTION - 3.0 * MARGIN
 }
 
@@ -65,7 +65,7 @@ pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     let bar = Rect::from_min_max(rect.min, pos2(rect.right(), rect.top() + BAR));
     painter.rect_filled(bar, 1.0, color(cell, visuals.dark_mode));
     let top = bar.bottom() + MARGIN;
-    let half = 0.5 * picture_room(rect.height());
+    let half = 0.5 * pictures_height(rect.height());
     for (i, texture) in [cell.pictures.photo, cell.pictures.depth].into_iter().enumerate() {
         let corner = pos2(rect.left() + MARGIN, top + i as f32 * (half + MARGIN));
         let room = Rect::from_min_size(corner, Vec2::new(rect.width() - 2.0 * MARGIN, half));
@@ -79,7 +79,7 @@ pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
         pos2(rect.right() - MARGIN, top + 2.0 * half + MARGIN),
     );
     if matches!(cell.state, FrameState::Skipped(_)) || cell.pictures.problem.is_some() {
-        let stroke = Stroke::new(2.0, SignalColor::Red.on(visuals.dark_mode));
+        let stroke = Stroke::new(2.0, SignalColor::Red.for_theme(visuals.dark_mode));
         painter.line_segment([pictures.left_top(), pictures.right_bottom()], stroke);
         painter.line_segment([pictures.right_top(), pictures.left_bottom()], stroke);
     }
@@ -124,22 +124,22 @@ fn caption(cell: &FrameCell<'_>, rect: Rect, ui: &Ui) {
 fn color(cell: &FrameCell<'_>, is_dark: bool) -> Color32 {
     match &cell.state {
         _ if cell.is_latest => LATEST,
-        FrameState::Trained(..) => SignalColor::Green.on(is_dark),
-        FrameState::Ahead(_) => SignalColor::Blue.on(is_dark).gamma_multiply(0.5),
-        FrameState::Skipped(_) => SignalColor::Red.on(is_dark),
-        FrameState::NotTaken => Color32::TRANSPARENT,
+        FrameState::Trained(..) => SignalColor::Green.for_theme(is_dark),
+        FrameState::Pending(_) => SignalColor::Blue.for_theme(is_dark).gamma_multiply(0.5),
+        FrameState::Skipped(_) => SignalColor::Red.for_theme(is_dark),
+        FrameState::NotInRun => Color32::TRANSPARENT,
     }
 }
 
 /// Tooltip text.
-pub fn described(cell: &FrameCell<'_>) -> String {
+pub fn tooltip_text(cell: &FrameCell<'_>) -> String {
     let (frame, split) = (cell.frame, &cell.frame.split().name);
     let name = &frame.entry().name;
     let mut lines =
         vec![format!("Frame {} of {}: {name}, {split}", frame.number() + 1, frame.n_frames())];
     match &cell.state {
-        FrameState::NotTaken => lines.push("Not trained: not part of the run".to_owned()),
-        FrameState::Ahead(position) => {
+        FrameState::NotInRun => lines.push("Not trained: not part of the run".to_owned()),
+        FrameState::Pending(position) => {
             lines.push(format!("Pending: number {} of the run", position + 1));
         }
         FrameState::Trained(position, outcome) => {

@@ -2,7 +2,7 @@
 //!
 //! Only visible frames are laid out and decoded, so the cost does not depend on the length of the dataset.
 
-use super::frame_cell::{FrameCell, described, draw};
+use super::frame_cell::{FrameCell, draw, tooltip_text};
 use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
 use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
@@ -51,7 +51,7 @@ pub struct StripPosition {
 }
 
 /// Draws the header: fold button, recording status, skipped frames and training order.
-pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
+pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
     let StripContext { snapshot, opened, .. } = context;
     let mut asked = None;
     ui.horizontal(|ui| {
@@ -60,13 +60,13 @@ pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<St
         if ui.add(button).on_hover_text(command.hint(ui.ctx())).clicked() {
             asked = Some(StripAnswer::Fold);
         }
-        let live = live(snapshot);
+        let live = recording_status(snapshot);
         if let Some((text, hint)) = &live {
-            let color = SignalColor::Green.on(ui.visuals().dark_mode);
+            let color = SignalColor::Green.for_theme(ui.visuals().dark_mode);
             ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
         }
         if !snapshot.skipped.is_empty() {
-            let color = SignalColor::Red.on(ui.visuals().dark_mode);
+            let color = SignalColor::Red.for_theme(ui.visuals().dark_mode);
             let text = format!("{} skipped", snapshot.skipped.len());
             let hint = "Unusable frames are crossed out; hover over one for the reason";
             ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
@@ -84,7 +84,7 @@ pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<St
 }
 
 /// Status of the followed recording, and its path or problem.
-fn live(snapshot: &Snapshot) -> Option<(String, String)> {
+fn recording_status(snapshot: &Snapshot) -> Option<(String, String)> {
     let followed = snapshot.followed.as_ref()?;
     let path = followed.path.display().to_string();
     let ahead = snapshot.n_frames.saturating_sub(snapshot.frames_done + snapshot.skipped.len());
@@ -111,7 +111,7 @@ pub fn ui(
     // Dragging previews cameras, so it must not scroll.
     let source = ScrollSource { drag: DragScroll::Never, ..ScrollSource::default() };
     let mut area = ScrollArea::horizontal().auto_shrink(false).scroll_source(source);
-    if let Some(number) = follow(context, position, ui.rect_contains_pointer(view)) {
+    if let Some(number) = frame_to_scroll_to(context, position, ui.rect_contains_pointer(view)) {
         let middle = (number as f32 + 0.5) * width;
         let last = (n as f32 * width - view.width()).max(0.0);
         area = area.horizontal_scroll_offset((middle - 0.5 * view.width()).clamp(0.0, last));
@@ -126,7 +126,7 @@ pub fn ui(
             let Some(frame) = FrameRef::numbered(dataset, number) else { continue };
             let corner = pos2(start.x + number as f32 * width, start.y);
             let rect = Rect::from_min_size(corner, Vec2::new(width, height));
-            let response = cell(context, &frame, thumbnails.as_deref_mut(), rect, ui);
+            let response = draw_frame(context, &frame, thumbnails.as_deref_mut(), rect, ui);
             if response.clicked() {
                 asked = Some(StripAnswer::Show(frame));
             } else if let Some(pointer) = response.interact_pointer_pos()
@@ -151,14 +151,14 @@ fn width_of(opened: &Opened, height: f32) -> f32 {
 
 /// Frame to scroll to if the viewport or training moved to another one; `None` while the pointer is over the
 /// strip.
-fn follow(
+fn frame_to_scroll_to(
     context: &StripContext<'_>,
     position: &mut StripPosition,
     is_used: bool,
 ) -> Option<usize> {
     let StripContext { snapshot, opened, outcomes, shown, .. } = context;
     let trained = || {
-        let latest = outcomes.latest().filter(|_| snapshot.state == RunState::Training)?;
+        let latest = outcomes.latest_position().filter(|_| snapshot.state == RunState::Training)?;
         FrameRef::trained(opened, latest)
     };
     let number = shown.map(FrameRef::number).or_else(|| trained().map(|frame| frame.number()))?;
@@ -170,7 +170,7 @@ fn follow(
     Some(number)
 }
 
-fn cell(
+fn draw_frame(
     context: &StripContext<'_>,
     frame: &FrameRef,
     thumbnails: Option<&mut Thumbnails>,
@@ -179,12 +179,12 @@ fn cell(
 ) -> Response {
     let StripContext { opened, outcomes, quality, shown, .. } = context;
     let entry = frame.entry();
-    let state = outcomes.of(frame.position(), &entry.name);
+    let state = outcomes.state_of(frame.position(), &entry.name);
     let (split, index) = frame.position();
     let evaluated = quality.evaluation().filter(|evaluation| evaluation.new_views.split == split);
     let measured = evaluated.and_then(|_| quality.views().iter().find(|view| view.index == index));
     let pictures = thumbnails.map(|thumbnails| thumbnails.pictures(ui.ctx(), frame));
-    let latest = outcomes.latest();
+    let latest = outcomes.latest_position();
     let is_latest = match state {
         FrameState::Trained(position, _) => latest == Some(position),
         _ => false,
@@ -207,6 +207,6 @@ fn cell(
     response.widget_info(|| WidgetInfo::selected(Role::Button, true, is_shown, &label));
     draw(&cell, &response, ui);
     response.on_hover_ui(|ui| {
-        ui.label(described(&cell));
+        ui.label(tooltip_text(&cell));
     })
 }

@@ -1,6 +1,6 @@
 //! Histogram of the components' evidence.
 
-use super::plot_axes::numbered;
+use super::plot_axes::with_axes;
 use crate::app::evidence_histogram::{EvidenceHistogram, PER_DECADE};
 use eframe::egui::{Color32, Label, RichText, Ui};
 use egui_plot::{Bar, BarChart, Plot};
@@ -21,7 +21,7 @@ pub fn ui(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) 
     });
     let chart = BarChart::new("Components", bars.collect()).color(BAR);
     let axes = ["log10 of the points per component", "components"];
-    numbered(Plot::new("evidence"), axes)
+    with_axes(Plot::new("evidence"), axes)
         .height(150.0)
         .allow_drag(false)
         .allow_zoom(false)

@@ -1,6 +1,6 @@
 //! Inspector of the selected splat: posterior and drawing parameters.
 
-use super::legend::number;
+use super::legend::format_number;
 use crate::app::state::{Inspected, Snapshot};
 use crate::math::image::unit_to_byte;
 use crate::math::sym3::Sym3;
@@ -79,16 +79,16 @@ fn text(title: &str, sections: &[Section]) -> String {
 fn sections(inspected: &Inspected, origin: DVec3) -> Vec<Section> {
     match inspected {
         Inspected::Component(inspection) => {
-            let mut sections = posterior(inspection);
-            sections.extend(inspection.photographed.as_ref().map(photographed));
-            sections.push(drawn("As drawn", inspected, origin));
+            let mut sections = posterior_sections(inspection);
+            sections.extend(inspection.photometric_deviations.as_ref().map(photometric_section));
+            sections.push(splat_section("As drawn", inspected, origin));
             sections
         }
-        Inspected::Splat { .. } => vec![drawn("As stored in the file", inspected, origin)],
+        Inspected::Splat { .. } => vec![splat_section("As stored in the file", inspected, origin)],
     }
 }
 
-fn posterior(i: &Inspection) -> Vec<Section> {
+fn posterior_sections(i: &Inspection) -> Vec<Section> {
     let (p, a) = (&i.posterior, &i.attributes);
     let known = |value: Option<String>| value.unwrap_or_else(|| "unknown".to_owned());
     let color = i.color.as_vec3().to_array();
@@ -96,17 +96,20 @@ fn posterior(i: &Inspection) -> Vec<Section> {
     let evidence = Section {
         title: "Evidence",
         lines: vec![
-            line("Points N", number(p.count)),
-            line("Weight", format!("{} %", number(100.0 * i.weight))),
+            line("Points N", format_number(p.count)),
+            line("Weight", format!("{} %", format_number(100.0 * i.weight))),
             line("Born in frame", known(a.birth.map(|frame| frame.to_string()))),
-            line("ELBO, frame", known(a.elbo.map(|e| format!("{} nats", number(e.into()))))),
+            line("ELBO, frame", known(a.elbo.map(|e| format!("{} nats", format_number(e.into()))))),
         ],
     };
     let space = Section {
         title: "Posterior, world units",
         lines: vec![
             line("Mean", numbers(&i.mean.to_array())),
-            line("Uncertainty", known(a.uncertainty.map(|u| format!("± {}", number(u.into()))))),
+            line(
+                "Uncertainty",
+                known(a.uncertainty.map(|u| format!("± {}", format_number(u.into())))),
+            ),
             line("Covariance", matrix(i.covariance)),
             line("Deviations", numbers(&i.scales.to_array())),
             line("Rotation wxyz", quaternion([q.w, q.x, q.y, q.z])),
@@ -115,10 +118,10 @@ fn posterior(i: &Inspection) -> Vec<Section> {
     let law = Section {
         title: "Parameters",
         lines: vec![
-            line("κ", number(p.kappa_space)),
-            line("ν", number(p.nu_space)),
-            line("α", number(p.alpha)),
-            line("κ colour", number(p.kappa_color)),
+            line("κ", format_number(p.kappa_space)),
+            line("ν", format_number(p.nu_space)),
+            line("α", format_number(p.alpha)),
+            line("κ colour", format_number(p.kappa_color)),
             Line {
                 label: "Colour",
                 text: numbers(&i.color.to_array()),
@@ -130,26 +133,26 @@ fn posterior(i: &Inspection) -> Vec<Section> {
 }
 
 /// Standard deviations of the splat's parameters under the photometric posterior.
-fn photographed(found: &PhotometricDeviations) -> Section {
+fn photometric_section(found: &PhotometricDeviations) -> Section {
     let percent = |x: f64| 100.0 * x;
     let lines = vec![
         line("Centre ±", numbers(&found.mean)),
         line("Scales ± %", numbers(&found.scale.map(percent))),
         line("Rotation ± °", numbers(&found.turn.map(f64::to_degrees))),
-        line("Opacity ± %", number(percent(found.opacity))),
-        line("Colour ±", number(found.color)),
+        line("Opacity ± %", format_number(percent(found.opacity))),
+        line("Colour ±", format_number(found.color)),
     ];
     Section { title: "From photographs", lines }
 }
 
-fn drawn(title: &'static str, inspected: &Inspected, origin: DVec3) -> Section {
+fn splat_section(title: &'static str, inspected: &Inspected, origin: DVec3) -> Section {
     let (splat, appearance) = (inspected.splat(), inspected.appearance());
     let wide = |v: [f32; 3]| v.map(f64::from);
     let mut lines = vec![
         line("Centre", numbers(&wide(splat.mean))),
         line("Scales", numbers(&wide(splat.scale))),
         line("Rotation wxyz", quaternion(splat.rotation.map(f64::from))),
-        line("Opacity", number(splat.opacity.into())),
+        line("Opacity", format_number(splat.opacity.into())),
         Line { label: "Colour", text: numbers(&wide(splat.color)), swatch: Some(splat.color) },
     ];
     if origin != DVec3::ZERO {
@@ -169,7 +172,7 @@ fn line(label: &'static str, text: String) -> Line {
 }
 
 fn numbers(values: &[f64]) -> String {
-    values.iter().map(|&v| number(v)).collect::<Vec<_>>().join("  ")
+    values.iter().map(|&v| format_number(v)).collect::<Vec<_>>().join("  ")
 }
 
 /// Formats four numbers short enough for one line of the panel.

@@ -1,9 +1,9 @@
 //! Timings of the latest frames: stacked plot and table.
 
 use super::explained::named;
-use super::plot_axes::numbered;
+use super::plot_axes::with_axes;
 use super::timings::{stage_ms, stages, timings};
-use crate::app::drawing::{DrawHistory, DrawStage, Drawer};
+use crate::app::drawing::{DrawHistory, DrawStage, ViewRenderer};
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, Summary, quantile};
 use crate::train::stages::MAX_STAGES;
@@ -29,7 +29,7 @@ const COLORS: [Color32; MAX_STAGES] = [
 /// Range of the time budget, milliseconds per frame.
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Width of a number in the table, points; fixed so that columns do not move.
-const FIGURE: f32 = 54.0;
+const NUMBER_WIDTH: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
 /// Draws the panel; returns the timings as CSV if they are to be written to a file.
@@ -59,7 +59,7 @@ pub fn ui(
                 drawing_rows(drawn, ui);
             }
         });
-        if drawn.drawer == Drawer::UntimedGpu {
+        if drawn.drawer == ViewRenderer::UntimedGpu {
             ui.label(RichText::new("This adapter does not support GPU timings.").weak());
         }
         ui.add_space(6.0);
@@ -88,7 +88,7 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
     let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
     totals.sort_by(f64::total_cmp);
     let top = (1.25 * quantile(&totals, 0.98)).max(f64::MIN_POSITIVE);
-    numbered(Plot::new("latency"), ["frame", "ms"])
+    with_axes(Plot::new("latency"), ["frame", "ms"])
         .height(190.0)
         .include_y(0.0)
         // No gestures: the wheel scrolls the panel, and the bounds follow the newest frames.
@@ -101,7 +101,7 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
                 HoverPosition::NearDataPoint { position, .. }
                 | HoverPosition::Elsewhere { position } => position.x,
             };
-            frame_at(frames, x).map(described)
+            frame_at(frames, x).map(tooltip_text)
         })
         .show(ui, |plot| {
             plot.set_plot_bounds_y(0.0..=top);
@@ -126,7 +126,7 @@ fn frame_at(frames: &[FrameReport], x: f64) -> Option<&FrameReport> {
 }
 
 /// Tooltip text of a frame.
-fn described(frame: &FrameReport) -> String {
+fn tooltip_text(frame: &FrameReport) -> String {
     let ms = &frame.ms.stages;
     let mut text = format!("Frame {} ({}): {:.1} ms", frame.index, frame.frame, ms.train);
     for (stage, value) in ms.names().iter().zip(ms.values()) {
@@ -142,7 +142,7 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
         let value = DragValue::new(budget_ms).range(BUDGETS_MS).speed(0.5).max_decimals(1);
         let value = named(ui.add(value.suffix(" ms")), "Budget per frame");
         value.on_hover_text("Time allowed per frame; the red line in the plot");
-        let share = share_inside(frames, *budget_ms);
+        let share = share_within_budget(frames, *budget_ms);
         ui.label(format!("{:.0} % of frames within it", 100.0 * share));
     });
     let rate = Summary::of_frames(frames, 0.0).points_per_s;
@@ -150,7 +150,7 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
 }
 
 /// Share of frames trained within the budget.
-fn share_inside(frames: &[FrameReport], budget_ms: f64) -> f64 {
+fn share_within_budget(frames: &[FrameReport], budget_ms: f64) -> f64 {
     let n = frames.iter().filter(|frame| frame.ms.stages.train <= budget_ms).count();
     n as f64 / frames.len().max(1) as f64
 }
@@ -158,7 +158,7 @@ fn share_inside(frames: &[FrameReport], budget_ms: f64) -> f64 {
 fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
     headings("Training, ms", ui);
     for (at, stage) in stages(frames).iter().enumerate() {
-        row(ui, Some(COLORS[at]), stage.label, stage_ms(frames, at)).on_hover_text(stage.what);
+        row(ui, Some(COLORS[at]), stage.label, stage_ms(frames, at)).on_hover_text(stage.tooltip);
     }
     row(ui, None, "Total", frames.iter().map(|f| f.ms.stages.train));
     let beside = "Runs on another thread if the machine has a spare core, otherwise between two \
@@ -176,7 +176,7 @@ fn drawing_rows(drawn: &DrawHistory, ui: &mut Ui) {
             row(ui, None, stage.label(), values.into_iter());
         }
     }
-    if drawn.drawer != Drawer::Cpu {
+    if drawn.drawer != ViewRenderer::Cpu {
         let kib = drawn.samples().map(|s| s.uploaded_bytes as f64 / 1024.0);
         row(ui, None, "Uploaded, KiB", kib).on_hover_text("Data of changed splats sent to the GPU");
     }
@@ -213,10 +213,10 @@ fn row(
 }
 
 fn number(ui: &mut Ui, text: RichText) {
-    let size = Vec2::new(FIGURE, ui.spacing().interact_size.y);
+    let size = Vec2::new(NUMBER_WIDTH, ui.spacing().interact_size.y);
     ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| {
         // The column is as wide as the content of this layout.
-        ui.set_min_width(FIGURE);
+        ui.set_min_width(NUMBER_WIDTH);
         ui.label(text)
     });
 }
@@ -231,9 +231,9 @@ mod tests {
         let frames: Vec<_> = [(0, 10.0), (1, 20.0), (2, 30.0), (5, 40.0)]
             .map(|(index, ms)| FrameReport { index, ..frame(ms) })
             .into();
-        assert_eq!(share_inside(&frames, 20.0), 0.5);
-        assert_eq!(share_inside(&[], 20.0), 0.0);
+        assert_eq!(share_within_budget(&frames, 20.0), 0.5);
+        assert_eq!(share_within_budget(&[], 20.0), 0.0);
         assert_eq!(frame_at(&frames, 3.9).map(|f| f.index), Some(5));
-        assert!(described(&frames[1]).starts_with("Frame 1 (r_3): 20.0 ms\n"));
+        assert!(tooltip_text(&frames[1]).starts_with("Frame 1 (r_3): 20.0 ms\n"));
     }
 }

@@ -21,7 +21,7 @@ pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
             match range {
                 Some(range) => bar(range, ui),
                 None => {
-                    ui.label(RichText::new(why_unknown(attribute)).weak());
+                    ui.label(RichText::new(unknown_reason(attribute)).weak());
                 }
             }
             ui.horizontal(|ui| {
@@ -42,7 +42,7 @@ fn title(attribute: Attribute) -> String {
     }
 }
 
-fn why_unknown(attribute: Attribute) -> &'static str {
+fn unknown_reason(attribute: Attribute) -> &'static str {
     match attribute {
         Attribute::Elbo => "Available after the next trained frame",
         Attribute::Evidence | Attribute::Uncertainty | Attribute::Birth => {
@@ -63,8 +63,8 @@ fn bar(range: &Range, ui: &mut Ui) {
     }
     let [lo, hi] = range.ends();
     ui.horizontal(|ui| {
-        ui.label(number(lo));
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(number(hi)));
+        ui.label(format_number(lo));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(format_number(hi)));
     });
 }
 
@@ -74,7 +74,7 @@ fn color(c: [f32; 3]) -> Color32 {
 }
 
 /// Formats a number with at most four decimals; uses an exponent only for very large or small values.
-pub fn number(value: f64) -> String {
+pub fn format_number(value: f64) -> String {
     match value.abs() {
         a if a < 1e6 && a.fract() == 0.0 => format!("{value}"),
         a if (100.0..1e6).contains(&a) => format!("{value:.0}"),
@@ -87,11 +87,12 @@ pub fn number(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::number;
+    use super::format_number;
 
     #[test]
     fn numbers_are_short() {
-        let shown = [0.0, 32.0, 12.345, 123456.0, -3.456, 0.01234, 1.234e-5, 5e7].map(number);
+        let shown =
+            [0.0, 32.0, 12.345, 123456.0, -3.456, 0.01234, 1.234e-5, 5e7].map(format_number);
         assert_eq!(shown, ["0", "32", "12.3", "123456", "-3.46", "0.0123", "1.23e-5", "5.00e7"]);
     }
 }

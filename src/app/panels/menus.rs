@@ -30,7 +30,7 @@ impl Menu {
 }
 
 /// Menu of a command and its group there; separators divide the groups.
-fn place(command: UiCommand) -> (Menu, u8) {
+fn menu_and_group(command: UiCommand) -> (Menu, u8) {
     match command {
         UiCommand::Open | UiCommand::OpenDemo => (Menu::File, 0),
         UiCommand::Save | UiCommand::Export | UiCommand::SavePicture => (Menu::File, 1),
@@ -40,13 +40,13 @@ fn place(command: UiCommand) -> (Menu, u8) {
         UiCommand::HideSelected
         | UiCommand::ShowHidden
         | UiCommand::DeleteSelected
-        | UiCommand::BringBack
+        | UiCommand::RestoreDeleted
         | UiCommand::CropBox => (Menu::Selection, 2),
         UiCommand::FrameScene
         | UiCommand::Home
         | UiCommand::PreviousCamera
         | UiCommand::NextCamera
-        | UiCommand::RideAlong => (Menu::View, 0),
+        | UiCommand::AutoCamera => (Menu::View, 0),
         UiCommand::ToggleRenderer
         | UiCommand::ComparePhoto
         | UiCommand::CompareModel
@@ -87,7 +87,8 @@ pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     let mut asked = None;
     for menu in Menu::ALL {
         ui.menu_button(menu.label(), |ui| {
-            let mut commands = UiCommand::ALL.map(|command| (place(command), command)).to_vec();
+            let mut commands =
+                UiCommand::ALL.map(|command| (menu_and_group(command), command)).to_vec();
             commands.retain(|((of, _), _)| *of == menu);
             // A stable sort keeps the order of the shortcut list within a group.
             commands.sort_by_key(|((_, group), _)| *group);
@@ -134,7 +135,7 @@ fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<MenuAn
     let why_not = (context.why_not)(action);
     let is_on = matches!(action, Action::Command(command) if (context.is_on)(command));
     let button = Button::selectable(is_on, action.menu_label());
-    let keys = action.keys(ui.ctx());
+    let keys = action.shortcut_text(ui.ctx());
     // Screen readers would announce an empty shortcut as part of the name.
     let button = if keys.is_empty() { button } else { button.shortcut_text(keys) };
     let response = ui.add_enabled(why_not.is_none(), button);

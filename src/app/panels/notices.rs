@@ -17,7 +17,7 @@ const MARGIN: f32 = 10.0;
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
 /// Display time of information.
-const FADES_AFTER: Duration = Duration::from_secs(20);
+const INFO_DURATION: Duration = Duration::from_secs(20);
 
 /// Closed notices and display times of the others, by serial.
 #[derive(Default)]
@@ -29,7 +29,7 @@ pub struct NoticeBoard {
 impl NoticeBoard {
     /// Draws the newest open notices; returns the height they occupy at the top of the viewport, points.
     pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> f32 {
-        self.forget(&snapshot.notices);
+        self.remove_old(&snapshot.notices);
         let open: Vec<&Notice> =
             snapshot.notices.iter().rev().filter(|n| self.is_open(n)).take(SHOWN).collect();
         if open.is_empty() {
@@ -56,34 +56,34 @@ impl NoticeBoard {
             if ui.small_button("×").on_hover_text("Close this notice").clicked() {
                 self.closed.insert(notice.serial);
             }
-            let (word, color) = heading(notice.kind, ui.visuals().dark_mode);
+            let (word, color) = label_and_color(notice.kind, ui.visuals().dark_mode);
             ui.label(RichText::new(word).strong().color(color));
             ui.add(Label::new(&notice.text).wrap());
         });
         self.shown_since.entry(notice.serial).or_insert_with(Instant::now);
         if notice.kind == NoticeKind::Info {
-            ui.ctx().request_repaint_after(FADES_AFTER);
+            ui.ctx().request_repaint_after(INFO_DURATION);
         }
     }
 
     fn is_open(&self, notice: &Notice) -> bool {
         let age = self.shown_since.get(&notice.serial).map(Instant::elapsed);
-        let has_faded = notice.kind == NoticeKind::Info && age.is_some_and(|a| a >= FADES_AFTER);
+        let has_faded = notice.kind == NoticeKind::Info && age.is_some_and(|a| a >= INFO_DURATION);
         !self.closed.contains(&notice.serial) && !has_faded
     }
 
     /// Forgets notices that the worker has dropped.
-    fn forget(&mut self, notices: &[Notice]) {
+    fn remove_old(&mut self, notices: &[Notice]) {
         let oldest = notices.first().map_or(u64::MAX, |notice| notice.serial);
         self.closed.retain(|&serial| serial >= oldest);
         self.shown_since.retain(|&serial, _| serial >= oldest);
     }
 }
 
-fn heading(kind: NoticeKind, is_dark: bool) -> (&'static str, Color32) {
+fn label_and_color(kind: NoticeKind, is_dark: bool) -> (&'static str, Color32) {
     match kind {
-        NoticeKind::Info => ("Note", SignalColor::Blue.on(is_dark)),
-        NoticeKind::Warning => ("Warning", SignalColor::Yellow.on(is_dark)),
-        NoticeKind::Error => ("Error", SignalColor::Red.on(is_dark)),
+        NoticeKind::Info => ("Note", SignalColor::Blue.for_theme(is_dark)),
+        NoticeKind::Warning => ("Warning", SignalColor::Yellow.for_theme(is_dark)),
+        NoticeKind::Error => ("Error", SignalColor::Red.for_theme(is_dark)),
     }
 }

@@ -57,7 +57,7 @@ pub fn ui(
         });
     });
     ui.add_space(6.0);
-    asked = preview(editor, ui).or(asked);
+    asked = playback(editor, ui).or(asked);
     ui.add_space(6.0);
     asked = self::film(editor, film, ui).or(asked);
     files(editor, file, ui).or(asked)
@@ -97,7 +97,7 @@ fn keyframes(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
 }
 
 /// Playback controls and time slider.
-fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
+fn playback(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
     let path = editor.paced()?;
     let mut asked = None;
     ui.horizontal(|ui| {
@@ -128,7 +128,7 @@ fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         let fps = DragValue::new(&mut editor.fps).range(1.0..=120.0).suffix(" pictures per second");
         named(ui.add(fps), "Pictures per second");
     });
-    ui.label(RichText::new(format!("{} pictures", path.pictures().len())).weak());
+    ui.label(RichText::new(format!("{} pictures", path.keyframe_per_frame().len())).weak());
     asked
 }
 
@@ -164,7 +164,7 @@ pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
         ui.weak("pixels");
     });
     if let Some(path) = editor.paced() {
-        ui.weak(format!("{} pictures of the current scene", path.pictures().len()));
+        ui.weak(format!("{} pictures of the current scene", path.keyframe_per_frame().len()));
     }
 }
 

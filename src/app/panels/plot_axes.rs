@@ -4,14 +4,14 @@ use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
 
 /// Least distance of two labels in x and y, in units of the closest grid lines of a plot (8 points). Labels
 /// are wide but not high.
-const APART: [f64; 2] = [10.0, 4.0];
+const MIN_LABEL_DISTANCE: [f64; 2] = [10.0, 4.0];
 
 /// Adds axis names and labels to a plot.
-pub fn numbered<'a>(plot: Plot<'a>, [x, y]: [&'a str; 2]) -> Plot<'a> {
+pub fn with_axes<'a>(plot: Plot<'a>, [x, y]: [&'a str; 2]) -> Plot<'a> {
     plot.x_axis_label(x)
         .y_axis_label(y)
-        .x_grid_spacer(uniform_grid_spacer(|input| steps(&input, APART[0])))
-        .y_grid_spacer(uniform_grid_spacer(|input| steps(&input, APART[1])))
+        .x_grid_spacer(uniform_grid_spacer(|input| steps(&input, MIN_LABEL_DISTANCE[0])))
+        .y_grid_spacer(uniform_grid_spacer(|input| steps(&input, MIN_LABEL_DISTANCE[1])))
         .x_axis_formatter(|mark, _| number(&mark))
         .y_axis_formatter(|mark, _| number(&mark))
 }

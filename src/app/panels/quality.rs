@@ -1,8 +1,8 @@
 //! Quality panel: error of held-out views over frames or seconds, and per view.
 
 use super::explained::named;
-use super::legend::number;
-use super::plot_axes::numbered;
+use super::legend::format_number;
+use super::plot_axes::with_axes;
 use super::signal_color::SignalColor;
 use super::{histogram, retention};
 use crate::app::evidence_histogram::EvidenceHistogram;
@@ -53,7 +53,7 @@ impl Metric {
         }
     }
 
-    fn of(self, point: &QualityPoint) -> Option<f64> {
+    fn value_of(self, point: &QualityPoint) -> Option<f64> {
         match self {
             Self::Psnr => Some(point.psnr),
             Self::Ssim => Some(point.ssim),
@@ -66,7 +66,7 @@ impl Metric {
 /// Range of the measuring interval, frames.
 const EVERY: std::ops::RangeInclusive<usize> = 1..=1000;
 /// Default measuring interval, frames.
-pub const DEFAULT_EVERY: usize = 10;
+pub const DEFAULT_INTERVAL: usize = 10;
 /// Height of a photograph in the table, points.
 const ROW: f32 = 28.0;
 /// Width of a view's name in the table, points.
@@ -98,7 +98,7 @@ pub fn ui(
                 Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap(),
             );
             if let Some(problem) = quality.problem() {
-                let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+                let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
                 ui.label(RichText::new(problem).color(color));
             }
             if !quality.history().is_empty() {
@@ -107,7 +107,7 @@ pub fn ui(
             retention::ui(quality.retention().frames(), ui);
             let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
             histogram::ui(evidence, is_at_rest, ui);
-            rate(every, ui);
+            interval_setting(every, ui);
             if !quality.views().is_empty() {
                 ui.add_space(6.0);
                 ui.label(RichText::new("Views, worst first").strong());
@@ -144,7 +144,7 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     ui.label(RichText::new(format!("{:.2} dB", point.psnr)).size(24.0).strong());
     let mut line = format!("PSNR · SSIM {:.3}", point.ssim);
     if let Some(error) = point.depth_error {
-        line += &format!(" · depth error {}", number(error));
+        line += &format!(" · depth error {}", format_number(error));
     }
     ui.label(line);
     if let Some((psnr, share)) = point.covered {
@@ -177,7 +177,7 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
     ui.add_space(6.0);
     ui.horizontal_wrapped(|ui| {
         for metric in Metric::ALL {
-            let is_known = history.iter().any(|point| metric.of(point).is_some());
+            let is_known = history.iter().any(|point| metric.value_of(point).is_some());
             let button = Button::selectable(chosen.metric == metric, metric.label());
             if ui.add_enabled(is_known, button).clicked() {
                 chosen.metric = metric;
@@ -188,16 +188,16 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
         ui.selectable_value(&mut chosen.against_seconds, false, "Frames");
         ui.selectable_value(&mut chosen.against_seconds, true, "Seconds");
     });
-    let color = SignalColor::Blue.on(ui.visuals().dark_mode);
+    let color = SignalColor::Blue.for_theme(ui.visuals().dark_mode);
     let QualityPlot { metric, against_seconds } = *chosen;
     let x = |point: &QualityPoint| match against_seconds {
         true => point.seconds,
         false => point.frames as f64,
     };
     let points: Vec<[f64; 2]> =
-        history.iter().filter_map(|point| Some([x(point), metric.of(point)?])).collect();
+        history.iter().filter_map(|point| Some([x(point), metric.value_of(point)?])).collect();
     let unit = if against_seconds { "seconds of training" } else { "frames" };
-    numbered(Plot::new(("quality", metric.label(), against_seconds)), [unit, metric.axis()])
+    with_axes(Plot::new(("quality", metric.label(), against_seconds)), [unit, metric.axis()])
         .height(180.0)
         .allow_drag(false)
         .allow_zoom(false)
@@ -212,14 +212,14 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
 }
 
 /// Setting of the measuring interval during training.
-fn rate(every: &mut Option<usize>, ui: &mut Ui) {
+fn interval_setting(every: &mut Option<usize>, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let mut is_on = every.is_some();
         let help = "Measures a few views on one thread that is idle 15/16 of the time; all views are measured when training pauses";
         if ui.checkbox(&mut is_on, "While training, every").on_hover_text(help).changed() {
-            *every = is_on.then_some(DEFAULT_EVERY);
+            *every = is_on.then_some(DEFAULT_INTERVAL);
         }
-        let mut shown = every.unwrap_or(DEFAULT_EVERY);
+        let mut shown = every.unwrap_or(DEFAULT_INTERVAL);
         let value = DragValue::new(&mut shown).range(EVERY).suffix(" frames");
         if named(ui.add_enabled(is_on, value), "Measure every").changed() {
             *every = Some(shown);
@@ -264,7 +264,7 @@ fn table(
             }
             ui.label(RichText::new(format!("{:.2}", view.psnr)).monospace());
             ui.label(RichText::new(format!("{:.3}", view.ssim)).monospace());
-            let depth = view.depth_mae.map_or_else(String::new, number);
+            let depth = view.depth_mae.map_or_else(String::new, format_number);
             ui.label(RichText::new(depth).monospace());
             ui.end_row();
         }

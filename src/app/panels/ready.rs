@@ -30,7 +30,7 @@ pub fn ui(
         // The photograph gets the height left by the text.
         let measured = Id::unique("ready's text");
         let text = ui.data(|data| data.get_temp(measured)).unwrap_or(TEXT_HEIGHT);
-        let height = PHOTO_HEIGHT.min(place.room - text);
+        let height = PHOTO_HEIGHT.min(place.max_height - text);
         if let Some(photo) = photo.filter(|_| height >= MIN_PHOTO_HEIGHT) {
             let size = photo.size_vec2();
             let scale = (WIDTH / size.x).min(height / size.y);
@@ -38,7 +38,7 @@ pub fn ui(
                 .on_hover_text("The first photograph");
         }
         let top = ui.cursor().top();
-        words(snapshot, opened, ui);
+        dataset_facts(snapshot, opened, ui);
         let text = ui.min_rect().bottom() - top + ui.spacing().item_spacing.y;
         ui.data_mut(|data| data.insert_temp(measured, text));
     };
@@ -46,17 +46,17 @@ pub fn ui(
     asked
 }
 
-fn words(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
+fn dataset_facts(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
     ui.label(RichText::new(&opened.name).strong().size(16.0));
-    for line in recognised(opened) {
+    for line in describe_layout(opened) {
         ui.add(Label::new(line).wrap().selectable(false));
     }
     if let Some(check) = &snapshot.poses {
         let text = match wording::pose_warning(check) {
             Some(warning) => {
-                RichText::new(warning).color(SignalColor::Yellow.on(ui.visuals().dark_mode))
+                RichText::new(warning).color(SignalColor::Yellow.for_theme(ui.visuals().dark_mode))
             }
-            None => RichText::new(wording::poses(check)).weak(),
+            None => RichText::new(wording::pose_agreement(check)).weak(),
         };
         ui.add(Label::new(text).wrap().selectable(false));
     }
@@ -71,7 +71,7 @@ fn button(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
 }
 
 /// Layout, frames, image size and depth of each split.
-fn recognised(opened: &Opened) -> Vec<String> {
+fn describe_layout(opened: &Opened) -> Vec<String> {
     let Some(dataset) = &opened.dataset else { return Vec::new() };
     let mut lines = vec![format!("Recognised as {}", dataset.layout.name())];
     for (i, split) in dataset.splits.iter().enumerate() {

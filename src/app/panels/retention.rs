@@ -1,6 +1,6 @@
 //! Plot of the PSNR of early frames during training, which reveals forgetting.
 
-use super::plot_axes::numbered;
+use super::plot_axes::with_axes;
 use crate::app::retention::RetainedFrame;
 use crate::math::image::unit_to_byte;
 use crate::render::paint::ramp;
@@ -15,7 +15,7 @@ pub fn ui(frames: &[RetainedFrame], ui: &mut Ui) {
     ui.add_space(6.0);
     ui.label(RichText::new("Retention").strong())
         .on_hover_text("PSNR of earlier frames, measured again during training: a falling curve means that the frame is forgotten");
-    numbered(Plot::new("retention"), ["frames trained", "PSNR, dB"])
+    with_axes(Plot::new("retention"), ["frames trained", "PSNR, dB"])
         .height(180.0)
         .legend(Legend::default())
         .allow_drag(false)

@@ -24,7 +24,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
         }
         let skipped: Vec<&str> = snapshot.skipped.iter().map(|s| s.message.as_str()).collect();
         list("Skipped frames", &skipped, ui);
-        let doubts: Vec<&str> = snapshot.doubts.iter().map(String::as_str).collect();
+        let doubts: Vec<&str> = snapshot.outlier_reports.iter().map(String::as_str).collect();
         list("Photographs that contradict the scene", &doubts, ui);
     });
 }
@@ -33,9 +33,9 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
 fn poses(check: &PoseCheck, ui: &mut Ui) {
     ui.add_space(8.0);
     ui.label(RichText::new("Poses").strong());
-    ui.label(wording::poses(check));
+    ui.label(wording::pose_agreement(check));
     if let Some(warning) = wording::pose_warning(check) {
-        let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+        let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
         ui.label(RichText::new(warning).color(color));
     }
 }

@@ -14,7 +14,7 @@ const MAX_BUTTONS: usize = 3;
 const FIELD: f32 = 80.0;
 
 /// Setting with a custom control instead of that of its table entry.
-pub struct OwnRow<L> {
+pub struct CustomRow<L> {
     /// Field name in the table.
     pub field: &'static str,
     /// Default value as shown by the reset marker.
@@ -24,7 +24,7 @@ pub struct OwnRow<L> {
 
 /// Preset-specific parts of the rows.
 pub struct SettingRows<L: 'static> {
-    pub own: &'static [OwnRow<L>],
+    pub custom: &'static [CustomRow<L>],
     /// Validates the settings; the error is a message for the user.
     pub check: fn(&L) -> Result<(), String>,
 }
@@ -60,10 +60,10 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         // The id depends on the preset: grids of the same id would share their column widths.
         Grid::new(L::EXAMPLE).num_columns(3).min_col_width(0.0).show(ui, |ui| {
             for setting in listed::<L>().filter(|setting| !is_part(setting)) {
-                self.mark(setting, layer, ui);
+                self.reset_marker(setting, layer, ui);
                 let name = ui.label(setting.about.label.unwrap_or_default());
                 let name = name.on_hover_text(setting.about.help());
-                match self.own(setting) {
+                match self.custom_row(setting) {
                     Some(own) => (own.draw)(layer, ui),
                     None if (setting.about.choices)().is_empty() => {
                         problem = self.typed(setting, layer, &name, ui).or(problem.take());
@@ -75,7 +75,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         });
         // Below the grid, where a long message wraps; inside, it would widen the panel.
         if let Some(problem) = problem {
-            let color = SignalColor::Red.on(ui.visuals().dark_mode);
+            let color = SignalColor::Red.for_theme(ui.visuals().dark_mode);
             ui.add(Label::new(RichText::new(problem).color(color)).wrap());
         }
         if listed::<L>().any(|setting| is_part(&setting)) {
@@ -85,14 +85,14 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         listed::<L>().filter(is_part).for_each(|setting| self.part(setting, layer, ui));
     }
 
-    fn own(&self, setting: &Setting<L>) -> Option<&OwnRow<L>> {
-        self.own.iter().find(|own| own.field == setting.about.field)
+    fn custom_row(&self, setting: &Setting<L>) -> Option<&CustomRow<L>> {
+        self.custom.iter().find(|own| own.field == setting.about.field)
     }
 
     /// Draws the marker of a changed setting; a click resets it.
-    fn mark(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
+    fn reset_marker(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
         let about = &setting.about;
-        let default = self.own(setting).map_or(about.default, |own| own.default);
+        let default = self.custom_row(setting).map_or(about.default, |own| own.default);
         let is_back =
             badge::ui(about.label.unwrap_or_default(), default, differs(setting, layer), ui);
         if is_back {
@@ -122,7 +122,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
             .add(TextEdit::singleline(&mut typed.text).desired_width(FIELD))
             .labelled_by(name.id)
             .on_hover_text(format!("{}{range}", about.help()));
-        let parsed = self.parsed(setting, layer, &typed.text);
+        let parsed = self.with_parsed(setting, layer, &typed.text);
         if field.changed() {
             match (&parsed, &typed.before) {
                 (Ok(parsed), _) => layer.clone_from(parsed),
@@ -140,7 +140,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
     }
 
     /// Settings with one of them parsed from a text.
-    fn parsed(&self, setting: &Setting<L>, layer: &L, text: &str) -> Result<L, String> {
+    fn with_parsed(&self, setting: &Setting<L>, layer: &L, text: &str) -> Result<L, String> {
         let mut changed = layer.clone();
         (setting.parse)(&mut changed, text.trim().as_ref()).map_err(|error| error.to_string())?;
         (self.check)(&changed).map(|()| changed)
@@ -156,7 +156,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
             if is_changed && let Some(part) = (setting.flag)(layer) {
                 *part = (!is_on).then_some(false);
             }
-            self.mark(setting, layer, ui);
+            self.reset_marker(setting, layer, ui);
         });
     }
 }

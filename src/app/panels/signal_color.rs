@@ -17,7 +17,7 @@ pub enum SignalColor {
 
 impl SignalColor {
     /// Shade for text in the dark or the light theme.
-    pub fn on(self, is_dark: bool) -> Color32 {
+    pub fn for_theme(self, is_dark: bool) -> Color32 {
         let [on_dark, on_light] = match self {
             Self::Blue => [Color32::from_rgb(110, 170, 240), Color32::from_rgb(20, 90, 190)],
             Self::Green => [Color32::from_rgb(110, 200, 120), Color32::from_rgb(20, 115, 40)],
@@ -48,7 +48,7 @@ mod tests {
             for color in
                 [SignalColor::Blue, SignalColor::Green, SignalColor::Yellow, SignalColor::Red]
             {
-                let pair = [luminance(color.on(is_dark)), luminance(visuals.panel_fill)];
+                let pair = [luminance(color.for_theme(is_dark)), luminance(visuals.panel_fill)];
                 let [least, most] = [pair[0].min(pair[1]), pair[0].max(pair[1])];
                 let contrast = (most + 0.05) / (least + 0.05);
                 assert!(contrast >= 4.5, "{color:?}, dark: {is_dark}: {contrast:.2}");

@@ -22,7 +22,7 @@ pub struct StatusContext<'a> {
 
 /// Operation that the user cancels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unwanted {
+pub enum CancelRequest {
     /// The running export.
     File,
     /// Opening a file or folder.
@@ -30,20 +30,21 @@ pub enum Unwanted {
 }
 
 /// Draws the bar; returns the operation that the user cancels, if any.
-pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Option<Unwanted> {
+pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Option<CancelRequest> {
     let line = ui.horizontal(|ui| {
         let color = color(snapshot.state, ui.visuals().dark_mode);
         ui.label(RichText::new(snapshot.state.label()).strong().color(color));
-        let is_cancelled = surroundings.file_progress.is_some_and(|share| file(share, ui));
+        let is_cancelled =
+            surroundings.file_progress.is_some_and(|share| export_progress(share, ui));
         let is_given_up = snapshot.state == RunState::Loading && opening(ui);
         let unwanted = match (is_cancelled, is_given_up) {
-            (true, _) => Some(Unwanted::File),
-            (false, true) => Some(Unwanted::Opening),
+            (true, _) => Some(CancelRequest::File),
+            (false, true) => Some(CancelRequest::Opening),
             (false, false) => None,
         };
         if let Some(time) = surroundings.slow_frame {
             ui.separator();
-            slow_frame(snapshot, time, ui);
+            slow_frame_warning(snapshot, time, ui);
         }
         if let Some(followed) = &snapshot.followed {
             ui.separator();
@@ -85,7 +86,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
 }
 
 /// Draws the progress of an export; returns true if the user cancels it.
-fn file(share: f32, ui: &mut Ui) -> bool {
+fn export_progress(share: f32, ui: &mut Ui) -> bool {
     ui.separator();
     let text = format!("Exporting: {:.0} %", 100.0 * share);
     ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
@@ -102,17 +103,17 @@ fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(first) = snapshot.skipped.first() else { return };
     ui.separator();
     let text = format!("{} frames skipped", snapshot.skipped.len());
-    let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+    let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
     let said = ui.label(RichText::new(text).color(color));
     said.on_hover_text(format!("First reason: {}", first.message));
 }
 
 /// Draws a warning about a frame that is still being read.
-fn slow_frame(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
+fn slow_frame_warning(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
     let next = snapshot.opened.as_ref().and_then(|o| FrameRef::trained(o, snapshot.n_seen()));
     let name = next.map_or_else(|| "a frame".to_owned(), |frame| frame.entry().name.clone());
     let text = format!("{name}: still reading after {} s", time.as_secs());
-    let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+    let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
     ui.label(RichText::new(text).color(color)).on_hover_text(
         "The drive may be slow or disconnected: check it. Training continues when it responds; pausing, saving and exporting wait until then. The window can be closed",
     );
@@ -127,7 +128,7 @@ fn following(n_frames: usize, followed: &Followed) -> String {
 fn components(snapshot: &Snapshot) -> String {
     let Snapshot { components, used, opened, .. } = snapshot;
     let method = opened.as_ref().and_then(|opened| opened.method.as_ref());
-    match method.map(|method| method.any().component_limit()) {
+    match method.map(|method| method.as_any().component_limit()) {
         None => format!("{components} splats"),
         Some(ComponentLimit::Fixed(_)) => format!("{used} of {components} components used"),
         Some(ComponentLimit::Default(_)) => format!("{used} components"),
@@ -139,9 +140,11 @@ fn color(state: RunState, is_dark: bool) -> Color32 {
     match state {
         RunState::Empty | RunState::Loading if is_dark => Color32::GRAY,
         RunState::Empty | RunState::Loading => Color32::DARK_GRAY,
-        RunState::Ready | RunState::Paused | RunState::Waiting => SignalColor::Yellow.on(is_dark),
-        RunState::Training => SignalColor::Green.on(is_dark),
-        RunState::Finished => SignalColor::Blue.on(is_dark),
-        RunState::Failed => SignalColor::Red.on(is_dark),
+        RunState::Ready | RunState::Paused | RunState::Waiting => {
+            SignalColor::Yellow.for_theme(is_dark)
+        }
+        RunState::Training => SignalColor::Green.for_theme(is_dark),
+        RunState::Finished => SignalColor::Blue.for_theme(is_dark),
+        RunState::Failed => SignalColor::Red.for_theme(is_dark),
     }
 }

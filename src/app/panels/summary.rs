@@ -38,7 +38,7 @@ pub fn ui(
         Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
             ui.label(RichText::new("Held out").weak());
             let figures = ui
-                .link(figures(quality))
+                .link(quality_text(quality))
                 .on_hover_text("Shows the figures of every view and their history");
             if figures.clicked() {
                 answer = Some(SummaryAnswer::Quality);
@@ -79,7 +79,7 @@ fn buttons(finer: Option<&str>, ui: &mut Ui) -> Option<SummaryAnswer> {
     answer
 }
 
-fn figures(quality: &QualityMonitor) -> String {
+fn quality_text(quality: &QualityMonitor) -> String {
     let (done, all) = quality.progress();
     match (quality.result(), all) {
         (Some(point), _) => {

@@ -6,7 +6,7 @@ use crate::train::stages::TrainStage;
 
 /// Frames, then pictures, as CSV.
 pub fn timings(frames: &[FrameReport], drawn: &DrawHistory) -> String {
-    csv(frames) + &drawing_csv(drawn)
+    frames_csv(frames) + &drawing_csv(drawn)
 }
 
 /// Training stages of the preset.
@@ -24,7 +24,7 @@ pub fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> 
     })
 }
 
-fn csv(frames: &[FrameReport]) -> String {
+fn frames_csv(frames: &[FrameReport]) -> String {
     let names: Vec<&str> = stages(frames).iter().map(|stage| stage.key).collect();
     let mut text = format!("frame,points,load,prepare,{},train\n", names.join(","));
     let columns: Vec<Vec<f64>> =
@@ -60,7 +60,7 @@ fn drawing_csv(drawn: &DrawHistory) -> String {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use crate::app::drawing::{DrawSample, Drawer};
+    use crate::app::drawing::{DrawSample, ViewRenderer};
     use crate::eval::report::FrameMs;
     use crate::train::stages::PAPER_STAGES;
     use crate::train::timing::StageMs;
@@ -90,7 +90,7 @@ pub mod tests {
 
     #[test]
     fn csv_has_a_column_per_heading() {
-        let text = csv(&[frame(1.0)]);
+        let text = frames_csv(&[frame(1.0)]);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
         assert!(lines[1].starts_with("3,10,0.5000,0.2500,1.0000,"));
@@ -98,7 +98,7 @@ pub mod tests {
 
     #[test]
     fn pictures_leave_stages_empty_that_did_not_happen() {
-        let mut drawn = DrawHistory::new(Drawer::Gpu);
+        let mut drawn = DrawHistory::new(ViewRenderer::Gpu);
         let mut sample = DrawSample::new(640);
         sample.add(DrawStage::Order, Some(0.5));
         sample.add(DrawStage::Draw, Some(1.25));

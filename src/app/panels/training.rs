@@ -1,7 +1,7 @@
 //! Training settings for the next opened or reset run.
 
 use super::explained::named;
-use super::setting_rows::{self, OwnRow, SettingRows};
+use super::setting_rows::{self, CustomRow, SettingRows};
 use crate::app::training::{AUTOSAVE_S, TrainSettings};
 use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::paper::config::{PaperConfig, PaperOverrides};
@@ -20,12 +20,12 @@ const AUTOSAVES_S: RangeInclusive<u32> = 1..=3600;
 
 /// Rows of the scene preset; the types of its settings validate their ranges.
 const SCENE: SettingRows<SceneOverrides> = SettingRows {
-    own: &[OwnRow { field: "budget", default: "no budget", draw: budget }],
+    custom: &[CustomRow { field: "budget", default: "no budget", draw: budget }],
     check: |_| Ok(()),
 };
 
 const PAPER: SettingRows<PaperOverrides> = SettingRows {
-    own: &[],
+    custom: &[],
     check: |paper| {
         PaperConfig::paper().with(paper).map(drop).map_err(|refused| refused.to_string())
     },

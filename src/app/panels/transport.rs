@@ -19,7 +19,7 @@ pub enum TransportAnswer {
     Command(UiCommand),
     Menu(MenuAnswer),
     /// Train on the same frames with the chosen level of detail.
-    Again,
+    Retrain,
 }
 
 /// Draws the bar. `scale` is the structural scale of the next run; `None` means that of the open run.
@@ -58,14 +58,14 @@ pub fn ui(
             ui.spinner();
         }
         if detail::ui(scale, snapshot, ui) {
-            asked = Some(TransportAnswer::Again);
+            asked = Some(TransportAnswer::Retrain);
         }
     });
     asked
 }
 
 fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
-    let why_not = command.why_not(snapshot.state, snapshot.source);
+    let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
     let is_on = command == UiCommand::Follow && snapshot.follows;
     let button = Button::new(command.label()).selected(is_on);
     let response = ui.add_enabled(why_not.is_none(), button);

@@ -1,7 +1,7 @@
 //! Controls for viewing earlier frames: stored copies of the scene, or current splats by birth frame.
 
 use super::explained::{SLIDER, named, weak};
-use crate::app::edit::editor::{Editor, WalkBack};
+use crate::app::edit::editor::{EarlierView, Editor};
 use crate::app::state::Snapshot;
 use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
@@ -10,21 +10,21 @@ use eframe::egui::{DragValue, Slider, Ui};
 /// Draws the controls; `n_unborn` is the number of splats with unknown birth frame.
 pub fn ui(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
     let last = snapshot.n_seen();
-    let (editor, palette) = view.editing();
-    let knows_births = palette.known().iter().any(|known| known.birth.is_some());
-    let is_kept = !editor.past.moments().is_empty();
+    let (editor, palette) = view.editor_and_palette();
+    let knows_births = palette.attributes().iter().any(|known| known.birth.is_some());
+    let is_kept = !editor.stored_scenes.moments().is_empty();
     if last == 0 || !knows_births && !is_kept {
-        editor.walked_to = None;
+        editor.earlier_frames = None;
         weak(ui, "Available for scenes trained since they were opened.");
         return;
     }
     ui.horizontal_wrapped(|ui| {
-        for (walk, label, hint) in WALKS {
-            ui.selectable_value(&mut editor.walk, walk, label).on_hover_text(hint);
+        for (walk, label, hint) in VIEW_CHOICES {
+            ui.selectable_value(&mut editor.earlier_view, walk, label).on_hover_text(hint);
         }
     });
     slider(editor, last, ui);
-    weak(ui, &described(editor));
+    weak(ui, &describe_display(editor));
     if editor.born_until().is_some() && n_unborn > 0 {
         weak(ui, &format!("{n_unborn} splats with unknown birth frame are always shown."));
     }
@@ -32,10 +32,10 @@ pub fn ui(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut U
     budget(view, ui);
 }
 
-const WALKS: [(WalkBack, &str, &str); 2] = [
-    (WalkBack::AsItWas, "As it was", "Shows a stored copy of the scene after that frame"),
+const VIEW_CHOICES: [(EarlierView, &str, &str); 2] = [
+    (EarlierView::StoredCopy, "As it was", "Shows a stored copy of the scene after that frame"),
     (
-        WalkBack::Births,
+        EarlierView::BornByThen,
         "By birth, as it is now",
         "Shows the current splats that were created up to that frame, in their current state",
     ),
@@ -43,23 +43,23 @@ const WALKS: [(WalkBack, &str, &str); 2] = [
 
 fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
     ui.spacing_mut().slider_width = SLIDER;
-    let mut frames = editor.walked_to.map_or(last, |frames| frames.min(last));
+    let mut frames = editor.earlier_frames.map_or(last, |frames| frames.min(last));
     ui.horizontal_wrapped(|ui| {
         ui.label("After frame");
         if named(ui.add(Slider::new(&mut frames, 1..=last)), "After frame").changed() {
-            editor.walked_to = (frames < last).then_some(frames);
+            editor.earlier_frames = (frames < last).then_some(frames);
         }
-        let is_away = editor.walked_to.is_some();
+        let is_away = editor.earlier_frames.is_some();
         if ui.add_enabled(is_away, eframe::egui::Button::new("Back to now")).clicked() {
-            editor.walked_to = None;
+            editor.earlier_frames = None;
         }
     });
 }
 
 /// Describes the displayed scene.
-fn described(editor: &Editor) -> String {
-    let Some(asked) = editor.walked_to else { return "Showing the current scene.".to_owned() };
-    match (editor.walk, editor.past_shown()) {
+fn describe_display(editor: &Editor) -> String {
+    let Some(asked) = editor.earlier_frames else { return "Showing the current scene.".to_owned() };
+    match (editor.earlier_view, editor.displayed_past()) {
         (_, Some(past)) if past.n_frames == asked => format!(
             "Showing the scene after frame {asked}, in its learned colours. Figures refer to the current scene."
         ),
@@ -67,10 +67,10 @@ fn described(editor: &Editor) -> String {
             "Showing the scene after frame {}, the latest copy up to frame {asked}, in its learned colours. Figures refer to the current scene.",
             past.n_frames
         ),
-        (WalkBack::AsItWas, None) => format!(
+        (EarlierView::StoredCopy, None) => format!(
             "No copy exists up to frame {asked}: showing the current splats created by then."
         ),
-        (WalkBack::Births, None) => {
+        (EarlierView::BornByThen, None) => {
             format!("Showing the current splats created up to frame {asked}.")
         }
     }
@@ -79,7 +79,7 @@ fn described(editor: &Editor) -> String {
 /// Memory budget of the copies.
 fn budget(view: &mut SceneView, ui: &mut Ui) {
     let mut budget = view.settings.past_mb;
-    let past = &view.editor().past;
+    let past = &view.editor().stored_scenes;
     let (n, taken) = (past.moments().len(), past.bytes() as f64 / 1e6);
     ui.horizontal_wrapped(|ui| {
         ui.label(format!("{n} copies stored, {taken:.1} MB of at most"));
@@ -90,6 +90,6 @@ fn budget(view: &mut SceneView, ui: &mut Ui) {
     if budget != view.settings.past_mb {
         view.settings.past_mb = budget;
         let bytes = view.settings.past_bytes();
-        view.editing().0.past.keep_to(bytes);
+        view.editor_and_palette().0.stored_scenes.set_budget(bytes);
     }
 }

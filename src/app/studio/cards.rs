@@ -2,7 +2,7 @@
 
 use super::Studio;
 use crate::app::color_mode::ColorMode;
-use crate::app::detail::{finer, trained_by};
+use crate::app::detail::{finer, retrainable_run};
 use crate::app::panels::card::CardPlace;
 use crate::app::panels::ready;
 use crate::app::panels::summary::{self, SummaryAnswer};
@@ -22,7 +22,7 @@ impl Studio {
         if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
             self.ready_card(opened, place, ui, snapshot);
         }
-        let is_read = self.summary_closed == opened.serial;
+        let is_read = self.closed_summary_serial == opened.serial;
         let is_plain = self.view.mode() == ViewMode::Single
             && self.view.settings.color_mode == ColorMode::Color;
         let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
@@ -56,34 +56,34 @@ impl Studio {
         });
         match summary::ui(snapshot, &self.quality, forecast.as_deref(), place, ui) {
             None => {}
-            Some(SummaryAnswer::Close) => self.summary_closed = opened.serial,
-            Some(SummaryAnswer::Quality) => self.layout.show(SideTab::Quality),
+            Some(SummaryAnswer::Close) => self.closed_summary_serial = opened.serial,
+            Some(SummaryAnswer::Quality) => self.layout.activate(SideTab::Quality),
             Some(SummaryAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(SummaryAnswer::Finer) => {
                 self.training.scene.scale = finer;
-                self.train_again(snapshot);
+                self.retrain(snapshot);
             }
         }
     }
 
     /// Trains on the same frames with the current settings; the view stays.
-    pub(super) fn train_again(&mut self, snapshot: &Snapshot) {
+    pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let settings = Box::new(self.training.clone());
         // Sent even if the user then cancels discarding: the settings apply to the next run.
         self.worker.send(WorkerOrder::TrainBy(settings.clone()));
-        self.view.keep_place_of(opened);
-        self.discard_then(WorkerOrder::Retrain(settings), snapshot);
+        self.view.retain_camera_for(opened);
+        self.confirm_then_send(WorkerOrder::Retrain(settings), snapshot);
     }
 
     /// Applies a level of detail chosen after opening, if no frame is trained yet.
-    pub(super) fn take_detail(&mut self, snapshot: &Snapshot) {
+    pub(super) fn apply_detail(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let (Some(run), Some(chosen)) = (trained_by(opened), self.training.scene.scale) else {
+        let (Some(run), Some(chosen)) = (retrainable_run(opened), self.training.scene.scale) else {
             return;
         };
         if snapshot.state == RunState::Ready && run.scale != chosen {
-            self.view.keep_place_of(opened);
+            self.view.retain_camera_for(opened);
             self.worker.send(WorkerOrder::Reset);
         }
     }

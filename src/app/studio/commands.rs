@@ -14,24 +14,26 @@ use std::path::PathBuf;
 
 impl Studio {
     pub(super) fn apply_command(&mut self, command: UiCommand, snapshot: &Snapshot) {
-        if !command.is_legal(snapshot.state, snapshot.source) {
+        if !command.is_available(snapshot.state, snapshot.source) {
             return;
         }
         tracing::debug!("command: {command:?}");
         match command {
             UiCommand::Open => self.open_dialog.show(),
-            UiCommand::OpenDemo => self.discard_then(WorkerOrder::Open(Subject::Demo), snapshot),
+            UiCommand::OpenDemo => {
+                self.confirm_then_send(WorkerOrder::Open(Subject::Demo), snapshot)
+            }
             UiCommand::Train => {
-                self.take_detail(snapshot);
+                self.apply_detail(snapshot);
                 self.worker.send(WorkerOrder::Train);
             }
             UiCommand::Pause => self.worker.send(WorkerOrder::Pause),
             UiCommand::Step => {
-                self.take_detail(snapshot);
+                self.apply_detail(snapshot);
                 self.worker.send(WorkerOrder::Step);
             }
             UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.follows)),
-            UiCommand::Reset => self.discard_then(WorkerOrder::Reset, snapshot),
+            UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.save_dialog.show(),
             UiCommand::Export => self.export_dialog.show(),
             UiCommand::SavePicture => self.save_picture(snapshot),
@@ -53,7 +55,7 @@ impl Studio {
             // Returns as a close request, which may ask for confirmation first.
             UiCommand::Quit => self.egui.send_viewport_cmd(ViewportCommand::Close),
             of_view => {
-                debug_assert!(of_view.is_of_view(), "{of_view:?} does nothing");
+                debug_assert!(of_view.is_view_command(), "{of_view:?} does nothing");
                 self.apply_to_view(of_view, snapshot);
             }
         }
@@ -80,17 +82,21 @@ impl Studio {
     }
 
     /// Reason why an action is unavailable, if any.
-    pub(super) fn why_not(&self, action: Action, snapshot: &Snapshot) -> Option<&'static str> {
+    pub(super) fn unavailable_reason(
+        &self,
+        action: Action,
+        snapshot: &Snapshot,
+    ) -> Option<&'static str> {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => {
                 let removes = command == UiCommand::RemoveModel;
-                let vain = removes.then(|| self.view.why_not_remove()).flatten();
+                let vain = removes.then(|| self.view.remove_unavailable_reason()).flatten();
                 let useless = (!self.view.is_of_use(command)).then_some("Nothing to apply it to");
-                command.why_not(snapshot.state, snapshot.source).or(vain).or(useless)
+                command.unavailable_reason(snapshot.state, snapshot.source).or(vain).or(useless)
             }
             (Action::Tab(_), _) => None,
-            (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened),
-            (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes),
+            (Action::Mode(mode), Some(opened)) => self.view.mode_unavailable_reason(mode, opened),
+            (Action::Color(mode), Some(opened)) => mode.unavailable_reason(opened.available_modes),
             (Action::Mode(_) | Action::Color(_), None) => Some("Nothing is open"),
         }
     }
@@ -100,7 +106,7 @@ impl Studio {
         let is_open = snapshot.opened.is_some();
         match command {
             UiCommand::Follow => snapshot.follows,
-            UiCommand::RideAlong => is_open && self.view.is_guided(),
+            UiCommand::AutoCamera => is_open && self.view.is_guided(),
             UiCommand::Measure => self.view.is_measuring(),
             UiCommand::Cameras => self.view.settings.shows_cameras,
             UiCommand::Points => self.view.settings.shows_points,
@@ -114,7 +120,7 @@ impl Studio {
     pub(super) fn apply_action(&mut self, action: Action, snapshot: &Snapshot) {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => self.apply_command(command, snapshot),
-            (Action::Tab(tab), _) => self.layout.show(tab),
+            (Action::Tab(tab), _) => self.layout.activate(tab),
             (Action::Mode(mode), Some(opened)) => self.view.set_mode(mode, opened),
             (Action::Color(mode), _) => self.view.settings.color_mode = mode,
             (Action::Mode(_), None) => {}
@@ -123,7 +129,7 @@ impl Studio {
 
     /// Executes shortcuts. Text fields, dialogs and menus have priority; a focused control receives the keys
     /// that activate it, change it or move the focus.
-    pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
+    pub(super) fn handle_shortcuts(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dialogs = [
             &self.open_dialog,
             &self.compare_dialog,
@@ -146,16 +152,16 @@ impl Studio {
         // Shift+Tab moves the focus to the controls even though Tab alone is a command.
         let leads_on = ui.input(|i| i.modifiers.shift && i.key_pressed(Key::Tab));
         let is_of_controls = leads_on || ui.memory(|memory| memory.focused().is_some());
-        let toggles = UiCommand::ToggleRenderer.is_legal(snapshot.state, snapshot.source);
+        let toggles = UiCommand::ToggleRenderer.is_available(snapshot.state, snapshot.source);
         if toggles && !is_of_controls && ui.input(|i| i.key_pressed(Key::Tab)) {
             // Tab is a command here; egui would also move the focus, and with it the keyboard input.
             ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
         }
         for command in UiCommand::ALL {
-            if !command.is_legal(snapshot.state, snapshot.source) {
+            if !command.is_available(snapshot.state, snapshot.source) {
                 continue;
             }
-            if is_of_controls && command.is_of_controls() {
+            if is_of_controls && command.conflicts_with_controls() {
                 continue;
             }
             let keys = command.shortcuts();
@@ -171,22 +177,22 @@ impl Studio {
 
     /// Opens a path; a calibration file is applied to the open dataset.
     pub(super) fn open_path(&mut self, path: PathBuf, snapshot: &Snapshot) {
-        self.discard_then(order_to_open(path), snapshot);
+        self.confirm_then_send(order_to_open(path), snapshot);
     }
 
-    pub(super) fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {
+    pub(super) fn handle_dropped_files(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let paths: Vec<PathBuf> =
             ui.input(|i| i.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
         match <[PathBuf; 1]>::try_from(paths) {
-            Ok([path]) => self.discard_then(order_to_open(path), snapshot),
+            Ok([path]) => self.confirm_then_send(order_to_open(path), snapshot),
             Err(none) if none.is_empty() => {}
-            Err(several) => self.discard_then(WorkerOrder::OpenFirst(several), snapshot),
+            Err(several) => self.confirm_then_send(WorkerOrder::OpenFirst(several), snapshot),
         }
     }
 
     /// Handles a request to close the window: unsaved training must be confirmed.
-    pub(super) fn take_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
-        if snapshot.is_left_behind && !self.may_close {
+    pub(super) fn handle_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
+        if snapshot.is_terminated && !self.may_close {
             // The program is terminated from outside, so no confirmation is possible.
             self.may_close = true;
             ctx.send_viewport_cmd(ViewportCommand::Close);

@@ -1,7 +1,7 @@
 //! Docking of panels and viewport: tiles that the user rearranges by dragging tabs.
 
 use super::Studio;
-use crate::app::layout::{DockPane, WindowLayout, is_whole};
+use crate::app::layout::{DockPane, WindowLayout, is_valid};
 use crate::app::state::Snapshot;
 use crate::app::viewer::toolbar;
 use eframe::egui::containers::panel::PanelState;
@@ -30,7 +30,7 @@ struct Dock<'a> {
     snapshot: &'a Snapshot,
     picture: Option<TileId>,
     /// Rectangle of the viewport, which is drawn after the panels so that their changes apply at once.
-    place: Option<Rect>,
+    picture_rect: Option<Rect>,
     is_dropped: bool,
     /// Margin of the tab titles in the current tab bar.
     tab_margin: Vec2,
@@ -46,7 +46,7 @@ impl Dock<'_> {
 impl Behavior<DockPane> for Dock<'_> {
     fn pane_ui(&mut self, ui: &mut Ui, _: TileId, pane: &mut DockPane) -> UiResponse {
         match *pane {
-            DockPane::Picture => self.place = Some(ui.max_rect()),
+            DockPane::Picture => self.picture_rect = Some(ui.max_rect()),
             DockPane::Panel(tab) => {
                 let content = Frame::NONE.inner_margin(MARGIN);
                 content.show(ui, |ui| self.studio.panel(tab, ui, self.snapshot));
@@ -163,7 +163,7 @@ impl Behavior<DockPane> for Dock<'_> {
 impl Studio {
     /// Draws panels and viewport in the remaining room.
     pub(super) fn tiles(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
-        self.layout.fit(ui.available_size(), GAP);
+        self.layout.resize(ui.available_size(), GAP);
         let before = self.layout.tree.clone();
         let nothing = Tree::empty(before.id());
         let mut tree = std::mem::replace(&mut self.layout.tree, nothing);
@@ -172,14 +172,14 @@ impl Studio {
             studio: self,
             snapshot,
             picture,
-            place: None,
+            picture_rect: None,
             is_dropped: false,
             tab_margin: TAB_MARGIN,
         };
         tree.ui(&mut dock, ui);
-        let Dock { place, is_dropped, .. } = dock;
+        let Dock { picture_rect: place, is_dropped, .. } = dock;
         // A panel dropped on the middle of the viewport would hide it behind a tab.
-        self.layout.tree = if is_dropped && !is_whole(&tree) { before } else { tree };
+        self.layout.tree = if is_dropped && !is_valid(&tree) { before } else { tree };
         let Some(place) = place else { return };
         let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
         ui.set_clip_rect(place);

@@ -21,16 +21,16 @@ impl Studio {
     /// Histogram of the components' evidence while training is paused; collecting it costs the trainer time.
     pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
         let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
-        let (editor, palette) = self.view.editing();
+        let (editor, palette) = self.view.editor_and_palette();
         is_at_rest.then(|| editor.evidence(palette)).flatten()
     }
 
     /// Requests the component attributes needed by colours, edits and panels. Call it after drawing the view,
     /// which leaves modes unavailable for the scene, and after the panels.
-    pub(super) fn watch_components(&mut self) {
-        let watched = self.view.take_watched();
-        if watched != self.watched {
-            self.watched = watched;
+    pub(super) fn request_attributes(&mut self) {
+        let watched = self.view.take_watched_attribute();
+        if watched != self.requested_attribute {
+            self.requested_attribute = watched;
             self.worker.send(WorkerOrder::Watch(watched));
         }
     }

@@ -5,7 +5,7 @@ use super::commands::order_to_open;
 use crate::app::abandoned::AbandonedRun;
 use crate::app::dialogs::{self, Decision};
 use crate::app::export_options;
-use crate::app::film::FilmOrder;
+use crate::app::film::FilmRequest;
 use crate::app::panels;
 use crate::app::panels::abandoned::Answer;
 use crate::app::path_dialog::PathAnswer;
@@ -19,7 +19,7 @@ use eframe::egui::{Ui, ViewportCommand};
 
 impl Studio {
     /// Sends the order at once if no training would be lost, otherwise after confirmation.
-    pub(super) fn discard_then(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
+    pub(super) fn confirm_then_send(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
         self.pending = match self.pending.take() {
             // The user already confirmed or is about to name a file; only the following action changes.
             Some(waiting) => Some(waiting.instead(Continuation::Send(order))),
@@ -34,11 +34,11 @@ impl Studio {
     }
 
     /// True if the user chose "Not now" for this abandoned run.
-    pub(super) fn is_put_off(&self, run: &AbandonedRun) -> bool {
-        self.put_off.as_ref() == Some(&run.slot)
+    pub(super) fn is_postponed(&self, run: &AbandonedRun) -> bool {
+        self.postponed_slot.as_ref() == Some(&run.slot)
     }
 
-    pub(super) fn answer_abandoned(
+    pub(super) fn handle_abandoned_answer(
         &mut self,
         run: &AbandonedRun,
         answer: Option<Answer>,
@@ -46,29 +46,29 @@ impl Studio {
     ) {
         match answer {
             None => {}
-            Some(Answer::GoOn) => self.discard_then(WorkerOrder::GoOn, snapshot),
-            Some(Answer::GiveUp) => self.worker.send(WorkerOrder::GiveUp),
-            Some(Answer::NotNow) => self.put_off = Some(run.slot.clone()),
+            Some(Answer::Resume) => self.confirm_then_send(WorkerOrder::ResumeAbandoned, snapshot),
+            Some(Answer::Forget) => self.worker.send(WorkerOrder::DiscardAbandoned),
+            Some(Answer::NotNow) => self.postponed_slot = Some(run.slot.clone()),
         }
     }
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         // No action waits for this dialog, so cancelling it has no effect.
         if let Some(PathAnswer::Path(path)) =
-            self.open_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ())
+            self.open_dialog.ui(ui, self.window_waker.waker(), |_| (), |_| ())
         {
-            self.discard_then(order_to_open(path), snapshot);
+            self.confirm_then_send(order_to_open(path), snapshot);
         }
         if let Some(PathAnswer::Path(path)) =
-            self.compare_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ())
+            self.compare_dialog.ui(ui, self.window_waker.waker(), |_| (), |_| ())
             && let Err(error) = self.view.compare_with(path)
         {
             let text = format!("cannot start a thread to read the model: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
-        match self.save_dialog.ui(ui, self.wakes.waker(), |_| (), |_| ()) {
+        match self.save_dialog.ui(ui, self.window_waker.waker(), |_| (), |_| ()) {
             None => {}
-            Some(PathAnswer::Cancelled) => self.forget_named(),
+            Some(PathAnswer::Cancelled) => self.cancel_naming(),
             Some(PathAnswer::Path(path)) => {
                 let number = self.begin_write();
                 self.worker.send(WorkerOrder::Save(number, path));
@@ -81,13 +81,13 @@ impl Studio {
         }
         dialogs::help(ui, &mut self.help_is_open);
         let mut finder = std::mem::take(&mut self.finder);
-        let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
+        let chosen = finder.ui(ui, |action| self.unavailable_reason(action, snapshot).is_none());
         self.finder = finder;
         if let Some(action) = chosen {
             self.apply_action(action, snapshot);
         }
         // After the dialogs, so that a file named in this pass is already taken into account.
-        self.go_on(ui, snapshot);
+        self.resolve_pending(ui, snapshot);
     }
 
     /// Draws the export dialog with its options and preview.
@@ -98,7 +98,7 @@ impl Studio {
             true => self.view.n_left_out(),
             false => None,
         };
-        let report = self.view.previewed();
+        let report = self.view.export_preview_report();
         let (mapping, previews) = (&mut self.mapping, &mut self.view.settings.previews_export);
         let choices = |ui: &mut Ui| {
             if is_native {
@@ -110,9 +110,9 @@ impl Studio {
             export_options::preview(previews, ui);
         };
         let told = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
-        match self.export_dialog.ui(ui, self.wakes.waker(), choices, told) {
+        match self.export_dialog.ui(ui, self.window_waker.waker(), choices, told) {
             None => {}
-            Some(PathAnswer::Cancelled) => self.forget_named(),
+            Some(PathAnswer::Cancelled) => self.cancel_naming(),
             Some(PathAnswer::Path(path)) => {
                 let number = self.begin_write();
                 let left_out = self.view.editor().left_out();
@@ -125,7 +125,7 @@ impl Studio {
     pub(super) fn save_picture(&mut self, snapshot: &Snapshot) {
         let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
         let path = opened.files.path("view.png");
-        if let Err(error) = self.still.start(still, path, self.wakes.waker().clone()) {
+        if let Err(error) = self.still.start(still, path, self.window_waker.waker().clone()) {
             let text = format!("cannot start a thread to draw the picture: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
@@ -133,13 +133,13 @@ impl Studio {
 
     /// Draws the film dialog and reports the previous film.
     fn ask_film(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        if let Some((kind, text)) = self.film.take() {
+        if let Some((kind, text)) = self.film.poll_notice() {
             self.worker.send(WorkerOrder::Report(kind, text));
         }
         let path = &mut self.path;
         let choices = |ui: &mut Ui| panels::path::film_choices(path, ui);
         let Some(PathAnswer::Path(output)) =
-            self.film_dialog.ui(ui, self.wakes.waker(), choices, |_| ())
+            self.film_dialog.ui(ui, self.window_waker.waker(), choices, |_| ())
         else {
             return;
         };
@@ -147,16 +147,16 @@ impl Studio {
         let settings = &self.view.settings;
         let method = settings.method(settings.renderer, Lens::Pinhole);
         let plain = RenderOptions::viewport(method, settings.background.rgb(), opened.home.radius);
-        let order = FilmOrder {
+        let order = FilmRequest {
             path,
             size: self.path.size,
             output,
-            options: RenderOptions { exposing: settings.exposing, ..plain },
+            options: RenderOptions { exposure_mode: settings.exposing, ..plain },
             left_out: self.view.editor().left_out(),
-            is_aside: snapshot.state == RunState::Training,
+            is_beside_training: snapshot.state == RunState::Training,
         };
         let scene = self.view.learned().clone();
-        if let Err(error) = self.film.start(scene, order, self.wakes.waker().clone()) {
+        if let Err(error) = self.film.start(scene, order, self.window_waker.waker().clone()) {
             let text = format!("cannot start a thread to render the film: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
@@ -188,34 +188,36 @@ impl Studio {
     }
 
     /// Cancels the action that waits for a file name.
-    fn forget_named(&mut self) {
+    fn cancel_naming(&mut self) {
         self.pending = self.pending.take().filter(|p| !matches!(p, Pending::Naming(_)));
     }
 
     /// Confirms discarding of unsaved training and executes pending actions that are ready.
-    fn go_on(&mut self, ui: &Ui, snapshot: &Snapshot) {
+    fn resolve_pending(&mut self, ui: &Ui, snapshot: &Snapshot) {
         // Taken out and put back while waiting, since dialogs are drawn in every pass.
         let Some(pending) = self.pending.take() else { return };
         match pending.after(snapshot.latest_write) {
-            AfterWrite::Wait(Pending::Asking(next)) => self.ask(next, ui, snapshot.unsaved_frames),
+            AfterWrite::Wait(Pending::Asking(next)) => {
+                self.confirm_pending(next, ui, snapshot.unsaved_frames)
+            }
             AfterWrite::Wait(waiting) => {
                 let exported = self.worker.file_progress();
-                let is_given_up =
-                    matches!(waiting, Pending::Writing(..)) && dialogs::wait_for_file(ui, exported);
+                let is_given_up = matches!(waiting, Pending::Writing(..))
+                    && dialogs::writing_dialog(ui, exported);
                 if is_given_up && exported.is_some() {
                     self.worker.cancel_file();
                 }
                 self.pending = Some(waiting).filter(|_| !is_given_up);
             }
-            AfterWrite::GoAhead(next) => self.go_ahead(next, ui),
+            AfterWrite::GoAhead(next) => self.execute(next, ui),
             AfterWrite::GiveUp => {}
         }
     }
 
-    fn ask(&mut self, next: Continuation, ui: &Ui, n_frames: usize) {
+    fn confirm_pending(&mut self, next: Continuation, ui: &Ui, n_frames: usize) {
         match dialogs::confirm_discard(ui, n_frames) {
             None => self.pending = Some(Pending::Asking(next)),
-            Some(Decision::Discard) => self.go_ahead(next, ui),
+            Some(Decision::Discard) => self.execute(next, ui),
             Some(Decision::Save) => {
                 self.pending = Some(Pending::Naming(next));
                 self.save_dialog.show();
@@ -228,7 +230,7 @@ impl Studio {
         }
     }
 
-    fn go_ahead(&mut self, next: Continuation, ui: &Ui) {
+    fn execute(&mut self, next: Continuation, ui: &Ui) {
         match next {
             Continuation::Send(order) => self.worker.send(order),
             Continuation::Close => {

@@ -16,12 +16,12 @@ impl Studio {
         else {
             return;
         };
-        self.strip.outcomes.take(snapshot);
+        self.strip.outcomes.update(snapshot);
         let shown = self.view.frame_ref().cloned();
         let is_open = self.layout.shows_frames;
         let thumbnails = self.view.thumbnails(opened);
         if let Some(thumbnails) = &thumbnails {
-            thumbnails.stand_back(snapshot.state == RunState::Training);
+            thumbnails.set_yields_cores(snapshot.state == RunState::Training);
         }
         let context = StripContext {
             snapshot,
@@ -40,12 +40,12 @@ impl Studio {
                 .size_range(heights.min..=highest)
                 .default_size((SHARE * room).clamp(heights.min, highest));
             panel.show(ui, |ui| {
-                let folded = frame_strip::line(&context, is_open, ui);
+                let folded = frame_strip::header(&context, is_open, ui);
                 frame_strip::ui(&context, position, thumbnails, ui).or(folded)
             })
         } else {
             let panel = Panel::bottom("frames folded").frame(frame);
-            panel.show(ui, |ui| frame_strip::line(&context, is_open, ui))
+            panel.show(ui, |ui| frame_strip::header(&context, is_open, ui))
         };
         self.answer_strip(asked.inner, opened.serial, ui);
     }
@@ -54,13 +54,13 @@ impl Studio {
         match asked {
             None => {}
             Some(StripAnswer::Fold) => self.layout.shows_frames = !self.layout.shows_frames,
-            Some(StripAnswer::Show(frame)) => self.view.stand_at(frame),
+            Some(StripAnswer::Show(frame)) => self.view.move_to_frame(frame),
             Some(StripAnswer::Preview(frame)) => {
                 if self.strip.before.is_none() {
-                    self.strip.before = Some((serial, self.view.place_now()));
+                    self.strip.before = Some((serial, self.view.current_position()));
                 }
                 if self.view.frame_ref() != Some(&frame) {
-                    self.view.stand_at(frame);
+                    self.view.move_to_frame(frame);
                 }
             }
         }
@@ -69,7 +69,7 @@ impl Studio {
         }
         // If another dataset was opened during the drag, the previous camera no longer applies.
         if let Some((_, before)) = self.strip.before.take().filter(|(was, _)| *was == serial) {
-            self.view.return_to(before);
+            self.view.restore_position(before);
         }
     }
 }

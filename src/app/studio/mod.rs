@@ -13,7 +13,7 @@ mod strip_memory;
 use super::action_finder::ActionFinder;
 use super::device::WindowDevice;
 use super::drop_target;
-use super::exit::{Exit, Handover, Leave};
+use super::exit::{Exit, ExitReason, Handover};
 use super::film::FilmThread;
 use super::layout::WindowLayout;
 use super::painting::Painting;
@@ -43,12 +43,12 @@ use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
 use glam::DVec3;
-use setup::{give_first_orders, go_on, scene_view, strengthen_weak_text};
+use setup::{give_first_orders, scene_view, strengthen_weak_text, take_over};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use strip_memory::StripMemory;
+use strip_memory::FrameStripState;
 
 /// State of the window; the trainer's state is on its own thread.
 pub struct Studio {
@@ -56,22 +56,22 @@ pub struct Studio {
     exit: Exit,
     device: Option<WindowDevice>,
     /// Wakes this window from other threads; inactive once the window is dropped.
-    wakes: WindowWaker,
+    window_waker: WindowWaker,
     egui: Context,
     view: SceneView,
     quality: QualityMonitor,
     quality_plot: QualityPlot,
     /// Serial of the run whose summary card was closed.
-    summary_closed: u64,
+    closed_summary_serial: u64,
     training: TrainSettings,
     /// Component attribute requested from the worker.
-    watched: Option<Attribute>,
+    requested_attribute: Option<Attribute>,
     adapter: String,
     layout: WindowLayout,
-    strip: StripMemory,
+    strip: FrameStripState,
     path: PathEditor,
     /// True if the view shows a moment of the playing path.
-    path_plays: bool,
+    is_at_path_moment: bool,
     finder: ActionFinder,
     open_dialog: PathDialog,
     compare_dialog: PathDialog,
@@ -90,7 +90,7 @@ pub struct Studio {
     /// Current title, to send only changes.
     title: String,
     /// Slot of the abandoned run for which the user chose "Not now".
-    put_off: Option<PathBuf>,
+    postponed_slot: Option<PathBuf>,
     started: Instant,
     first_splats_logged: bool,
     passes: PassTimes,
@@ -134,22 +134,22 @@ impl Studio {
         // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
-            path: go_on(&mut view, &exit),
+            path: take_over(&mut view, &exit),
             worker,
             exit,
             device,
-            watched: None,
+            requested_attribute: None,
             view,
             training,
             quality: QualityMonitor::new(waker.clone()),
             quality_plot: QualityPlot::default(),
-            summary_closed: 0,
-            wakes,
+            closed_summary_serial: 0,
+            window_waker: wakes,
             egui: context.egui_ctx.clone(),
             adapter,
             layout,
-            strip: StripMemory::default(),
-            path_plays: false,
+            strip: FrameStripState::default(),
+            is_at_path_moment: false,
             finder: ActionFinder::default(),
             open_dialog: PathDialog::open(),
             compare_dialog: PathDialog::compare(),
@@ -165,7 +165,7 @@ impl Studio {
             notices: NoticeBoard::default(),
             recent,
             title: String::new(),
-            put_off: None,
+            postponed_slot: None,
             started,
             first_splats_logged: false,
             passes: PassTimes::default(),
@@ -198,8 +198,8 @@ impl Studio {
     }
 
     /// Closes the window but not the run.
-    fn leave(&mut self, why: Leave, context: &Context) {
-        self.exit.leave(why);
+    fn close_window(&mut self, why: ExitReason, context: &Context) {
+        self.exit.set_reason(why);
         // No confirmation: unsaved training continues in the next window.
         self.may_close = true;
         context.send_viewport_cmd(ViewportCommand::Close);
@@ -216,7 +216,7 @@ impl Studio {
         }
         let mut path = std::mem::take(&mut self.path);
         path.is_playing = false;
-        self.exit.hand_over(Handover { view: self.view.keep(), path });
+        self.exit.hand_over(Handover { view: self.view.take_retained_state(), path });
     }
 
     /// Draws everything except dialogs.
@@ -237,18 +237,18 @@ impl Studio {
                 self.apply_action(action, snapshot);
             }
             Some(TransportAnswer::Menu(MenuAnswer::Open(path))) => self.open_path(path, snapshot),
-            Some(TransportAnswer::Again) => self.train_again(snapshot),
+            Some(TransportAnswer::Retrain) => self.retrain(snapshot),
         }
-        if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_put_off(run)) {
+        if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_postponed(run)) {
             let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
-            self.answer_abandoned(run, answer.inner, snapshot);
+            self.handle_abandoned_answer(run, answer.inner, snapshot);
         }
         if snapshot.state == RunState::Training {
             // A trainer that waits for a drive does not wake the window.
             ui.ctx().request_repaint_after(Duration::from_secs(1));
         }
         let surroundings = status::StatusContext {
-            adapter: &self.drawn_by(),
+            adapter: &self.renderer_description(),
             n_drawn: self.view.n_drawn(),
             file_progress: self.worker.file_progress(),
             slow_frame: self.worker.slow_frame(),
@@ -257,8 +257,8 @@ impl Studio {
             .frame(frame)
             .show(ui, |ui| status::ui(snapshot, &surroundings, ui));
         match unwanted.inner {
-            Some(status::Unwanted::File) => self.worker.cancel_file(),
-            Some(status::Unwanted::Opening) => self.worker.cancel_opening(),
+            Some(status::CancelRequest::File) => self.worker.cancel_file(),
+            Some(status::CancelRequest::Opening) => self.worker.cancel_opening(),
             None => {}
         }
         self.frame_strip(ui, frame, snapshot);
@@ -270,7 +270,7 @@ impl Studio {
         let mut scale = self.training.scene.scale;
         let menu = MenuContext {
             recent: self.recent.paths(),
-            why_not: &|action| self.why_not(action, snapshot),
+            why_not: &|action| self.unavailable_reason(action, snapshot),
             is_on: &|command| self.is_on(command, snapshot),
         };
         let asked = transport::ui(snapshot, &menu, &mut scale, ui);
@@ -282,7 +282,7 @@ impl Studio {
     }
 
     /// Updates the window title.
-    fn name_window(&mut self, context: &Context, snapshot: &Snapshot) {
+    fn update_title(&mut self, context: &Context, snapshot: &Snapshot) {
         let title = match &snapshot.opened {
             Some(opened) => format!("{} - VBGS Studio", opened.name),
             None => "VBGS Studio".to_owned(),
@@ -294,11 +294,11 @@ impl Studio {
     }
 
     /// Switches view and file dialogs to the open dataset or model.
-    fn turn_to(&mut self, opened: &Opened) {
+    fn switch_to(&mut self, opened: &Opened) {
         if let Some(path) = opened.path.as_ref().filter(|_| self.view.is_another(opened)) {
             self.recent.note(path);
         }
-        self.view.turn_to(opened);
+        self.view.reset_for_subject(opened);
         self.save_dialog.propose(opened.serial, &opened.files);
         self.export_dialog.propose(opened.serial, &opened.files);
         self.film_dialog.propose(opened.serial, &opened.files);
@@ -309,7 +309,7 @@ impl Studio {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
             self.quality.change(&update.change);
-            self.view.change(update);
+            self.view.apply_update(update);
         }
         if snapshot.opened.is_none() {
             if let Some(command) = start::ui(snapshot, noticed, ui) {
@@ -330,12 +330,12 @@ impl Studio {
         let (every, splats) = (settings.quality_every, self.view.learned());
         self.quality.update(ui.ctx(), snapshot, method, every, splats);
         self.cards(ui, snapshot, noticed);
-        self.watch_components();
+        self.request_attributes();
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click next to the splats deselects, which is no reason to switch tabs.
             if picked.is_some() && !self.view.is_measuring() {
-                self.layout.show(SideTab::Inspector);
+                self.layout.activate(SideTab::Inspector);
             }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
@@ -354,9 +354,9 @@ impl Drop for Studio {
             // A device that panics when polled is lost.
             && catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true)
         {
-            self.exit.leave(Leave::DeviceLost);
+            self.exit.set_reason(ExitReason::DeviceLost);
         }
-        if self.exit.why() != Leave::Closed {
+        if self.exit.reason() != ExitReason::Closed {
             self.hand_over();
         }
     }
@@ -368,9 +368,9 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        let adapter = match self.exit.why() {
-            Leave::Adapter(chosen) => Some(chosen),
-            Leave::Closed | Leave::DeviceLost => None,
+        let adapter = match self.exit.reason() {
+            ExitReason::Adapter(chosen) => Some(chosen),
+            ExitReason::Closed | ExitReason::DeviceLost => None,
         };
         persistence::write(
             storage,
@@ -391,25 +391,25 @@ impl eframe::App for Studio {
         std::thread::sleep(self.view.begin_pass(snapshot.state));
         self.passes.begin(snapshot.state);
         self.worker.set_interval(self.view.snapshot_interval());
-        self.take_close_request(ctx, &snapshot);
+        self.handle_close_request(ctx, &snapshot);
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         if self.device.as_ref().is_some_and(WindowDevice::is_lost) {
             // Drawing with a lost device panics, even in egui.
-            self.leave(Leave::DeviceLost, ui.ctx());
+            self.close_window(ExitReason::DeviceLost, ui.ctx());
             return;
         }
         self.report_faults();
         // One snapshot for the whole pass, so that shortcuts, panels and dialogs act on the same state.
         let snapshot = self.worker.snapshot();
         if let Some(opened) = &snapshot.opened {
-            self.turn_to(opened);
+            self.switch_to(opened);
         }
-        self.name_window(ui.ctx(), &snapshot);
-        self.take_dropped(ui, &snapshot);
+        self.update_title(ui.ctx(), &snapshot);
+        self.handle_dropped_files(ui, &snapshot);
         // Before the dialogs: otherwise the Escape that closes a dialog would also clear the selection.
-        self.take_keys(ui, &snapshot);
+        self.handle_shortcuts(ui, &snapshot);
         self.panels(ui, &snapshot);
         self.dialogs(ui, &snapshot);
         drop_target::show(ui.ctx());

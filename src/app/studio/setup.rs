@@ -1,7 +1,7 @@
 //! Steps of opening a window.
 
 use crate::app::device::WindowDevice;
-use crate::app::drawing::Drawer;
+use crate::app::drawing::ViewRenderer;
 use crate::app::exit::{Exit, Handover};
 use crate::app::panels::signal_color::SignalColor;
 use crate::app::path_editor::PathEditor;
@@ -40,7 +40,7 @@ pub(super) fn scene_view(
     (window, waker): (&Context, &Waker),
     device: Option<&WindowDevice>,
 ) -> SceneView {
-    let on_cpu = painter.drawer() == Drawer::Cpu;
+    let on_cpu = painter.drawer() == ViewRenderer::Cpu;
     let mut view = SceneView::new(painter, settings, waker.clone());
     if let Some(WindowDevice { state, .. }) = device.filter(|_| on_cpu) {
         if viewport::capabilities(state).is_software() {
@@ -53,15 +53,17 @@ pub(super) fn scene_view(
 }
 
 /// Restores the view handed over by the previous window, if any; returns its camera path.
-pub(super) fn go_on(view: &mut SceneView, exit: &Exit) -> PathEditor {
-    let Some(Handover { view: kept, path }) = exit.taken_over() else { return Default::default() };
-    view.go_on_with(kept);
+pub(super) fn take_over(view: &mut SceneView, exit: &Exit) -> PathEditor {
+    let Some(Handover { view: kept, path }) = exit.take_handover() else {
+        return Default::default();
+    };
+    view.restore_retained_state(kept);
     path
 }
 
 /// Raises the contrast of weak text and links, which egui draws too pale, above all on white.
 pub(super) fn strengthen_weak_text(context: &Context) {
     context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
-    let link = SignalColor::Blue.on(false);
+    let link = SignalColor::Blue.for_theme(false);
     context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
 }

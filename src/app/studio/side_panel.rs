@@ -2,8 +2,8 @@
 
 use super::Studio;
 use crate::app::device::WindowDevice;
-use crate::app::drawing::Drawer;
-use crate::app::exit::Leave;
+use crate::app::drawing::ViewRenderer;
+use crate::app::exit::ExitReason;
 use crate::app::panels::adapter::{self, AdapterRequest};
 use crate::app::panels::path::PathRequest;
 use crate::app::panels::settings::SettingsAnswer;
@@ -77,7 +77,7 @@ impl Studio {
             }
             Some(PathRequest::Film) => self.film_dialog.show(),
             Some(PathRequest::CancelFilm) => self.film.cancel(),
-            Some(PathRequest::Show(moment)) => self.view.stand_along(moment),
+            Some(PathRequest::Show(moment)) => self.view.move_to_keyframe(moment),
             Some(PathRequest::Save(json)) => self.worker.send(WorkerOrder::WriteText(file, json)),
             Some(PathRequest::Open(file)) => {
                 if let Err(error) = self.path.open(&file, self.view.up()) {
@@ -90,28 +90,29 @@ impl Studio {
     /// Advances a playing path; moving the camera by hand stops it.
     pub(super) fn play_path(&mut self, ui: &Ui) {
         if !self.path.is_playing {
-            self.path_plays = false;
+            self.is_at_path_moment = false;
             return;
         }
-        if self.path_plays && !self.view.is_along() {
-            (self.path.is_playing, self.path_plays) = (false, false);
+        if self.is_at_path_moment && !self.view.is_along() {
+            (self.path.is_playing, self.is_at_path_moment) = (false, false);
             return;
         }
         // The first pass shows the moment at which the path was stopped.
-        let seconds = if self.path_plays { f64::from(ui.input(|i| i.stable_dt)) } else { 0.0 };
-        match self.path.play(seconds) {
-            Some(moment) => self.view.stand_along(moment),
+        let seconds =
+            if self.is_at_path_moment { f64::from(ui.input(|i| i.stable_dt)) } else { 0.0 };
+        match self.path.advance(seconds) {
+            Some(moment) => self.view.move_to_keyframe(moment),
             None => self.path.is_playing = false,
         }
-        self.path_plays = true;
+        self.is_at_path_moment = true;
         ui.ctx().request_repaint();
     }
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let own_fov_deg = self.view.own_fov_deg();
-        let drawing = self.view.budget().map(draw_share::described);
+        let drawing = self.view.budget().map(draw_share::describe_use);
         let around = settings::SettingsContext {
-            adapter: &self.drawn_by(),
+            adapter: &self.renderer_description(),
             own_fov_deg,
             drawing: drawing.as_deref(),
         };
@@ -133,13 +134,13 @@ impl Studio {
             Some(SettingsAnswer::Adapter(AdapterRequest::Adapter(choice))) => {
                 // Reports about the current adapter would be misread as those of the next one.
                 self.worker.send(WorkerOrder::ForgetReports);
-                self.leave(Leave::Adapter(choice), ui.ctx());
+                self.close_window(ExitReason::Adapter(choice), ui.ctx());
             }
         }
     }
 
     /// Description of the renderer in use, including a fallback to the CPU.
-    pub(super) fn drawn_by(&self) -> String {
+    pub(super) fn renderer_description(&self) -> String {
         match &self.device {
             Some(device) if self.view.gpu_failed() => {
                 format!("CPU renderer, since the GPU failed; window by {}", device.adapter)
@@ -150,10 +151,10 @@ impl Studio {
 
     pub(super) fn retry_gpu(&mut self) {
         let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
-        faults.take(); // earlier errors are already reported
-        match GpuViewPainter::new(state, faults.clone(), self.wakes.waker().clone()) {
+        faults.take_new(); // earlier errors are already reported
+        match GpuViewPainter::new(state, faults.clone(), self.window_waker.waker().clone()) {
             Ok(painter) => {
-                self.view.draw_by(ViewPainter::Gpu(Box::new(painter)));
+                self.view.set_painter(ViewPainter::Gpu(Box::new(painter)));
                 self.adapter = viewport::capabilities(state).to_string();
                 self.worker.send(WorkerOrder::ForgetReports);
             }
@@ -166,9 +167,9 @@ impl Studio {
 
     /// Reports errors of drawing the window itself, which no one else collects while the CPU draws the scene.
     pub(super) fn report_faults(&self) {
-        let is_on_cpu = self.view.drawn().drawer == Drawer::Cpu;
+        let is_on_cpu = self.view.drawn().drawer == ViewRenderer::Cpu;
         let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };
-        for fault in device.faults.take() {
+        for fault in device.faults.take_new() {
             let text = format!(
                 "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
                 fault.message

@@ -60,7 +60,7 @@ impl SceneView {
         match asked {
             None => return,
             Some((axis, true)) => camera.set_up(axis),
-            Some((axis, false)) => camera.look_along(-axis),
+            Some((axis, false)) => camera.set_view_direction(-axis),
         }
         self.guide = None;
         self.moved_at = Instant::now();

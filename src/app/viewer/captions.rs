@@ -3,7 +3,7 @@
 use super::mode::ViewMode;
 use super::photo::PhotoResult;
 use super::picture_request::{ComparedPicture, Partner, PictureRequest};
-use super::stand::Place;
+use super::stand::ViewPosition;
 use super::{SceneView, overlay, pixel_status};
 use crate::render::Renderer;
 use crate::render::compare::Combination;
@@ -15,7 +15,7 @@ const HINT: Duration = Duration::from_secs(5);
 
 impl SceneView {
     /// Draws divider, captions, metrics and hints over the picture.
-    pub(super) fn decorate(
+    pub(super) fn draw_captions(
         &mut self,
         ui: &mut Ui,
         rect: Rect,
@@ -93,7 +93,7 @@ impl SceneView {
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }
-        if let Some(past) = self.editor.past_shown() {
+        if let Some(past) = self.editor.displayed_past() {
             let (frame, of) = (past.n_frames, self.n_frames);
             return Some(format!("Scene after frame {frame} of {of} (Edit)"));
         }
@@ -103,13 +103,13 @@ impl SceneView {
                 "Splats born up to frame {frame} of {of}, in their current state (Edit)"
             ));
         }
-        if self.editor.is_boxing {
+        if self.editor.is_box_selecting {
             return Some("Box select: drag over splats (B to exit)".to_owned());
         }
         if let Some(hint) = self.measure.hint() {
             return Some(hint.to_owned());
         }
-        let is_away = self.mode.needs_frame() && self.place == Place::Free;
+        let is_away = self.mode.needs_frame() && self.place == ViewPosition::Free;
         is_away.then(|| "No photograph from this viewpoint: press [ or ] to go to one".to_owned())
     }
 }

@@ -1,7 +1,7 @@
 //! Second model for comparison, read on its own thread.
 
 use crate::app::background_job::BackgroundJob;
-use crate::app::opening::{BareSplats, OpenError, splats_of};
+use crate::app::opening::{BareSplats, OpenError, read_splats};
 use crate::app::state::NoticeKind;
 use crate::app::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
@@ -41,7 +41,7 @@ impl ComparedModel {
 }
 
 /// Notice for the user.
-type Told = (NoticeKind, String);
+type NoticeText = (NoticeKind, String);
 
 /// Model compared with the scene, and the one being read.
 #[derive(Default)]
@@ -52,7 +52,7 @@ pub struct ModelSlot {
 
 struct Reading {
     path: PathBuf,
-    job: BackgroundJob<Result<(ComparedModel, Vec<Told>), String>>,
+    job: BackgroundJob<Result<(ComparedModel, Vec<NoticeText>), String>>,
 }
 
 impl ModelSlot {
@@ -70,7 +70,7 @@ impl ModelSlot {
     }
 
     /// Re-expresses the model relative to the scene's local origin, which may change with the dataset.
-    pub fn follow_origin(&mut self, origin: DVec3) {
+    pub fn rebase_to_origin(&mut self, origin: DVec3) {
         if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
             Arc::make_mut(model).move_origin(origin);
         }
@@ -83,10 +83,14 @@ impl ModelSlot {
 
     /// Takes a finished read: true if the model was replaced, and the notices. After an error the
     /// previous model stays.
-    pub fn take(&mut self) -> Option<(bool, Vec<Told>)> {
+    pub fn take_finished_read(&mut self) -> Option<(bool, Vec<NoticeText>)> {
         let reading = self.reading.as_ref()?;
-        let read = reading.job.take()?.unwrap_or_else(|panic| {
-            Err(format!("{}: {}", reading.path.display(), panic.ended("reading the model")))
+        let read = reading.job.poll()?.unwrap_or_else(|panic| {
+            Err(format!(
+                "{}: {}",
+                reading.path.display(),
+                panic.failure_notice("reading the model")
+            ))
         });
         self.reading = None;
         match read {
@@ -99,9 +103,9 @@ impl ModelSlot {
     }
 }
 
-fn read(path: &Path) -> Result<(ComparedModel, Vec<Told>), String> {
-    let read = splats_of(path).map_err(|error: OpenError| error.to_string())?;
-    let BareSplats { splats, local_origin, told } = read;
+fn read(path: &Path) -> Result<(ComparedModel, Vec<NoticeText>), String> {
+    let read = read_splats(path).map_err(|error: OpenError| error.to_string())?;
+    let BareSplats { splats, local_origin, notices: told } = read;
     let Some(framing) = framing(splats.iter()) else {
         return Err(format!(
             "{}: expected at least one splat, found none; compare with another file",
@@ -151,7 +155,7 @@ mod tests {
             })),
             reading: None,
         };
-        slot.follow_origin(far - DVec3::X);
+        slot.rebase_to_origin(far - DVec3::X);
         let model = slot.model().unwrap();
         assert_eq!(model.splats.view().splats()[0].mean, [2.0, 2.0, 3.0]);
         assert_eq!(model.local_origin, far - DVec3::X);

@@ -5,7 +5,7 @@ use super::compared_model::ComparedModel;
 use super::mode::ViewMode;
 use super::photo::{PhotoQuery, PhotoRequests, PhotoResult};
 use super::picture_request::{ComparedPicture, Partner, PictureRequest};
-use super::stand::Place;
+use super::stand::ViewPosition;
 use crate::app::state::{NoticeKind, Opened};
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
@@ -24,8 +24,8 @@ impl SceneView {
     }
 
     /// Reason why a comparison mode is unavailable, if it is.
-    pub fn why_not(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
-        mode.why_not(self.settings.lens, opened, self.compared().map(|model| &**model))
+    pub fn mode_unavailable_reason(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
+        mode.unavailable_reason(self.settings.lens, opened, self.compared().map(|model| &**model))
     }
 
     /// Starts reading a second model; the view compares with it once it is read.
@@ -35,7 +35,7 @@ impl SceneView {
     }
 
     /// Reason why there is no second model to remove, if so.
-    pub fn why_not_remove(&self) -> Option<&'static str> {
+    pub fn remove_unavailable_reason(&self) -> Option<&'static str> {
         if self.preview.model().is_some() {
             // The model beside the scene is the preview, not an opened file.
             return Some("An export preview is shown: switch it off first");
@@ -51,8 +51,8 @@ impl SceneView {
     /// Shows a second model that was read since the last call, relative to the scene's local origin
     /// `origin`. Returns its notices.
     pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
-        let taken = self.compared.take();
-        self.compared.follow_origin(origin);
+        let taken = self.compared.take_finished_read();
+        self.compared.rebase_to_origin(origin);
         let Some((is_there, told)) = taken else { return Vec::new() };
         self.hint = None;
         if is_there && !self.mode.has_model() {
@@ -68,7 +68,7 @@ impl SceneView {
     }
 
     /// Returns the photograph at the current dataset camera with its metrics, if the mode uses it.
-    pub(super) fn look_at_photo(
+    pub(super) fn request_photo_result(
         &mut self,
         ui: &Ui,
         opened: &Opened,
@@ -76,7 +76,7 @@ impl SceneView {
     ) -> Option<Result<PhotoResult, String>> {
         // A second model is also measured against the photograph, if there is one.
         let is_looked_at = self.mode.needs_frame() || self.mode.has_model();
-        let (true, Place::At(frame)) = (is_looked_at, &self.place) else { return None };
+        let (true, ViewPosition::At(frame)) = (is_looked_at, &self.place) else { return None };
         let query = PhotoQuery {
             frame: frame.clone(),
             color_camera: self.color_camera(opened),
@@ -95,7 +95,7 @@ impl SceneView {
                 }
             }
         }
-        self.photos.as_mut()?.look(ui, &query, is_training).cloned()
+        self.photos.as_mut()?.request_result(ui, &query, is_training).cloned()
     }
 
     pub(super) fn picture_request(
@@ -109,7 +109,7 @@ impl SceneView {
             .camera
             .map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(&camera)));
         // A dataset camera is a pinhole, whatever lens is chosen.
-        let lens = if self.place == Place::Free { settings.lens } else { Lens::Pinhole };
+        let lens = if self.place == ViewPosition::Free { settings.lens } else { Lens::Pinhole };
         let options =
             |renderer| settings.options(settings.method(renderer, lens), radius, distance);
         let wipe = Combination::Wipe(self.divider);
@@ -144,10 +144,12 @@ impl SceneView {
             ViewMode::PhotoDifference => photo(difference),
         };
         let mut options = options(renderer);
-        if self.mode.has_photo() && self.place != Place::Free && options.look.paint == Paint::Stored
+        if self.mode.has_photo()
+            && self.place != ViewPosition::Free
+            && options.style.paint == Paint::Stored
         {
             // Beside a photograph the scene is drawn with the exposure of that photograph.
-            options.exposing = Exposing::Recorded;
+            options.exposure_mode = Exposing::Recorded;
         }
         PictureRequest { camera, options, second }
     }

@@ -48,7 +48,7 @@ pub fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize
 
 /// Returns the box with one face moved along its axis by a drag of `by` points, at most to the opposite
 /// face.
-pub fn dragged(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
+pub fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
     let (axis, at) = (face / 2, middle(crop, face));
     // A small step along the axis gives its direction and scale on screen.
     let step = 1e-3 * (crop[1] - crop[0]).max_element().max(f64::MIN_POSITIVE);

@@ -10,7 +10,7 @@ use std::time::Instant;
 impl SceneView {
     /// Number of the frame whose points are drawn, among all frames, and the number of its points.
     pub fn points_shown(&self) -> Option<(usize, usize)> {
-        let shown = self.points.shown().filter(|_| self.settings.shows_points);
+        let shown = self.points.displayed().filter(|_| self.settings.shows_points);
         shown.map(|(frame, points)| (frame.number(), points.as_ref().map_or(0, Vec::len)))
     }
 
@@ -21,25 +21,27 @@ impl SceneView {
     }
 
     /// Draws the points of the current frame; until they are decoded, those of the previous one.
-    pub(super) fn frame_points(
+    pub(super) fn draw_frame_points(
         &mut self,
         world: &WorldPainter,
         opened: &Opened,
         snapshot: &Snapshot,
     ) {
-        self.points.take();
+        self.points.take_decoded();
         if let Some(frame) = self.current_frame(opened, snapshot) {
             // The corrected pose, because the scene is trained with it.
             let scene = self.palette.splats().finishing();
-            let pose = scene.corrected(&frame.entry().camera.pose);
+            let pose = scene.corrected_pose(&frame.entry().camera.pose);
             let cameras = (pose, opened.color_camera());
             let is_training = snapshot.state == RunState::Training;
-            if let Err(error) = self.points.ask(frame, cameras, is_training, &self.waker) {
+            if let Err(error) =
+                self.points.request_decoding(frame, cameras, is_training, &self.waker)
+            {
                 let text = format!("Starting the thread that decodes the frame failed: {error}");
                 self.hint = Some((text, Instant::now()));
             }
         }
-        match self.points.shown() {
+        match self.points.displayed() {
             None => {}
             Some((_, Ok(points))) => world.points(points),
             Some((_, Err(problem))) => self.hint = Some((problem.clone(), Instant::now())),

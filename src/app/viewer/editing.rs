@@ -3,11 +3,11 @@
 use super::SceneView;
 use super::crop_handles::{self, EditDrag};
 use super::picture_request::PictureRequest;
-use super::stand::Place;
+use super::stand::ViewPosition;
 use super::world_painter::WorldPainter;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::Editor;
-use crate::app::edit::edits::{Edits, SelectHow};
+use crate::app::edit::edits::{Edits, SelectMode};
 use crate::app::edit::screen_box::slots_within;
 use crate::app::palette::Palette;
 use crate::app::splat_updates::SplatChange;
@@ -28,12 +28,12 @@ impl SceneView {
     }
 
     /// Attributes of each splat, if colours, edits or panels need them.
-    pub fn known(&self) -> &[ComponentAttributes] {
-        self.palette.known()
+    pub fn attributes(&self) -> &[ComponentAttributes] {
+        self.palette.attributes()
     }
 
     /// Returns the editor and the splats that it edits, for the edit panel.
-    pub fn editing(&mut self) -> (&mut Editor, &Palette) {
+    pub fn editor_and_palette(&mut self) -> (&mut Editor, &Palette) {
         (&mut self.editor, &self.palette)
     }
 
@@ -51,41 +51,41 @@ impl SceneView {
             UiCommand::Redo => self.editor.can_redo(),
             UiCommand::HideSelected | UiCommand::DeleteSelected => !edits.selected.is_empty(),
             UiCommand::ShowHidden => !edits.hidden.is_empty(),
-            UiCommand::BringBack => !edits.deleted.is_empty(),
+            UiCommand::RestoreDeleted => !edits.deleted.is_empty(),
             _ => true,
         }
     }
 
     /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
     /// or the birth filter needs attributes.
-    fn watched(&self) -> Option<Attribute> {
-        let is_asked = self.editor.is_asked || self.editor.born_until().is_some();
+    fn watched_attribute(&self) -> Option<Attribute> {
+        let is_asked = self.editor.needs_attributes || self.editor.born_until().is_some();
         self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
     }
 
     /// Returns the attribute to watch at the end of a pass. Panels renew their requests in the next
     /// pass.
-    pub fn take_watched(&mut self) -> Option<Attribute> {
-        let watched = self.watched();
-        self.editor.is_asked = false;
+    pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
+        let watched = self.watched_attribute();
+        self.editor.needs_attributes = false;
         watched
     }
 
     /// Applies the chosen colours and edits.
-    pub(super) fn show_edits(&mut self) {
-        self.palette.keep_known(self.watched().is_some());
-        if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
-            self.show(change);
+    pub(super) fn apply_colors_and_edits(&mut self) {
+        self.palette.set_stores_attributes(self.watched_attribute().is_some());
+        if let Some(change) = self.palette.set_attribute(self.settings.color_mode.attribute()) {
+            self.pass_change_to_painter(change);
         }
-        if let Some(change) = self.editor.follow(&self.palette) {
-            self.painter.change(change, self.editor.shown(&self.palette));
+        if let Some(change) = self.editor.update_visible(&self.palette) {
+            self.painter.change(change, self.editor.displayed_splats(&self.palette));
         }
     }
 
     /// Passes a change of the palette to the painter, filtered by the edits.
-    pub(super) fn show(&mut self, change: SplatChange) {
-        if let Some(change) = self.editor.change(change, &self.palette) {
-            self.painter.change(change, self.editor.shown(&self.palette));
+    pub(super) fn pass_change_to_painter(&mut self, change: SplatChange) {
+        if let Some(change) = self.editor.apply_change(change, &self.palette) {
+            self.painter.change(change, self.editor.displayed_splats(&self.palette));
         }
     }
 
@@ -105,7 +105,7 @@ impl SceneView {
             crop_handles::face_at(&world, crop, at)
         });
         // Edits apply to the current splats, which are not visible while the past is shown.
-        let is_boxing = self.editor.is_boxing && self.editor.past_shown().is_none();
+        let is_boxing = self.editor.is_box_selecting && self.editor.displayed_past().is_none();
         let selects = is_boxing.then_some(EditDrag::Select);
         self.edit_drag = face.map(EditDrag::Face).or(selects);
         if self.edit_drag.is_some() {
@@ -115,7 +115,7 @@ impl SceneView {
     }
 
     /// Draws the crop box and the selection rectangle, and applies the drag.
-    pub(super) fn edit(
+    pub(super) fn update_edit_drag(
         &mut self,
         ui: &Ui,
         response: &Response,
@@ -131,7 +131,7 @@ impl SceneView {
             Some(EditDrag::Select) => self.drag_box(ui, response, request),
             Some(EditDrag::Face(face)) => {
                 if let (Some(crop), Some(world)) = (self.editor.edits().crop, &world) {
-                    let crop = crop_handles::dragged(world, crop, face, response.drag_delta());
+                    let crop = crop_handles::drag_face(world, crop, face, response.drag_delta());
                     let next = Edits { crop: Some(crop), ..self.editor.edits().clone() };
                     self.editor.history().drag(next);
                 }
@@ -164,9 +164,9 @@ impl SceneView {
         let (lens, near) = (request.options.method.lens(), request.options.near);
         let slots = slots_within(self.palette.learned(), &request.camera, lens, near, corners);
         let how = match ui.input(|i| i.modifiers) {
-            modifiers if modifiers.command => SelectHow::Remove,
-            modifiers if modifiers.shift => SelectHow::Add,
-            _ => SelectHow::Replace,
+            modifiers if modifiers.command => SelectMode::Remove,
+            modifiers if modifiers.shift => SelectMode::Add,
+            _ => SelectMode::Replace,
         };
         let slots = slots.collect();
         self.editor.select(slots, &self.palette, how);
@@ -174,7 +174,7 @@ impl SceneView {
 
     /// Crop box, while its panel is open.
     fn crop_shown(&self) -> Option<[glam::DVec3; 2]> {
-        self.editor.edits().crop.filter(|_| self.editor.is_asked)
+        self.editor.edits().crop.filter(|_| self.editor.needs_attributes)
     }
 
     /// `None` for a fisheye, which bends straight lines.
@@ -185,7 +185,7 @@ impl SceneView {
         camera: &Camera,
         opened: &Opened,
     ) -> Option<WorldPainter> {
-        let is_pinhole = self.place != Place::Free || self.settings.lens == Lens::Pinhole;
+        let is_pinhole = self.place != ViewPosition::Free || self.settings.lens == Lens::Pinhole;
         is_pinhole.then(|| WorldPainter::new(ui, rect, camera, opened.home.radius))
     }
 }

@@ -19,7 +19,7 @@ use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
 use crate::render::cpu::CpuRenderer;
-use crate::render::{Paint, RenderOptions, SplatStyle};
+use crate::render::{DisplayStyle, Paint, RenderOptions};
 use glam::DVec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::path::PathBuf;
@@ -120,20 +120,20 @@ impl ExportPreview {
             Some(Ok(converted)) => PreviewReport::Shown {
                 n_splats: converted.model.splats.len(),
                 bytes: converted.bytes,
-                psnr: self.figure(),
+                psnr: self.current_psnr(),
                 losses: converted.losses.clone(),
             },
         }
     }
 
     /// State of the preview; `None` if there is none.
-    pub fn told(&self) -> Option<PreviewReport> {
+    pub fn current_report(&self) -> Option<PreviewReport> {
         self.choice.as_ref().map(|_| self.report())
     }
 
     /// Starts the conversion of the scene, unless it is done or in progress. `frame` is the scene's up
     /// direction and local origin.
-    pub fn choose(
+    pub fn request_conversion(
         &mut self,
         choice: ExportChoice,
         scene: &Arc<SplatSet>,
@@ -152,7 +152,8 @@ impl ExportPreview {
             return Ok(());
         }
         let is_wanted = Arc::new(AtomicBool::new(true));
-        let (flag, scene, aside) = (is_wanted.clone(), scene.clone(), aside(is_training)?);
+        let (flag, scene, aside) =
+            (is_wanted.clone(), scene.clone(), single_thread_pool(is_training)?);
         let convert = move || {
             let converted = run_in(aside, || convert(scene, &choice, frame, &flag));
             converted.map_err(|fault| fault.to_string())
@@ -164,25 +165,26 @@ impl ExportPreview {
     }
 
     /// Latest PSNR, if it belongs to the current file.
-    fn figure(&self) -> Option<f64> {
+    fn current_psnr(&self) -> Option<f64> {
         let (measure, psnr) = self.measured.as_ref()?;
         self.model().filter(|model| Arc::ptr_eq(model, &measure.0)).map(|_| *psnr)
     }
 
     /// Takes finished conversions and measurements; true if a file is shown for the first time.
-    pub fn take(&mut self) -> bool {
-        let answer = self.converting.as_ref().and_then(|converting| converting.job.take());
+    pub fn take_finished_jobs(&mut self) -> bool {
+        let answer = self.converting.as_ref().and_then(|converting| converting.job.poll());
         let is_first = match answer {
             None => false,
             Some(answer) => {
                 self.converting = None;
-                let converted = answer.unwrap_or_else(|panic| Err(panic.ended("the preview")));
+                let converted =
+                    answer.unwrap_or_else(|panic| Err(panic.failure_notice("the preview")));
                 let is_first = self.model().is_none() && converted.is_ok();
                 self.converted = Some(converted);
                 is_first
             }
         };
-        let figure = self.measuring.as_ref().and_then(|(_, job)| job.take());
+        let figure = self.measuring.as_ref().and_then(|(_, job)| job.poll());
         if let Some(figure) = figure
             && let Some((measure, _)) = self.measuring.take()
         {
@@ -205,8 +207,8 @@ impl ExportPreview {
         let height = (u64::from(k.height) * u64::from(width) / u64::from(k.width.max(1))).max(1);
         let (camera, _) = fit(&request.camera, [width, height as u32]);
         // With learned colours, whatever colours are displayed.
-        let look = SplatStyle { paint: Paint::Stored, ..request.options.look };
-        let options = RenderOptions { look, ..request.options };
+        let look = DisplayStyle { paint: Paint::Stored, ..request.options.style };
+        let options = RenderOptions { style: look, ..request.options };
         let measure = (converted.model.clone(), camera, options);
         let is_known = |known: &Measure| {
             Arc::ptr_eq(&known.0, &measure.0) && (known.1, &known.2) == (measure.1, &measure.2)
@@ -215,10 +217,11 @@ impl ExportPreview {
         if is_done || self.measuring.is_some() {
             return Ok(());
         }
-        let (scene, of, aside) = (converted.scene.clone(), measure.clone(), aside(is_training)?);
+        let (scene, of, aside) =
+            (converted.scene.clone(), measure.clone(), single_thread_pool(is_training)?);
         // The job owns its reference to the scene and drops it before the result arrives, so that the
         // next change of the splats need not copy them.
-        let figure = move || run_in(aside, || difference(&scene, &of));
+        let figure = move || run_in(aside, || psnr_between(&scene, &of));
         let job = BackgroundJob::start("export figure", waker.clone(), figure)?;
         self.measuring = Some((measure, job));
         Ok(())
@@ -226,7 +229,7 @@ impl ExportPreview {
 }
 
 /// Returns the PSNR between renders of the scene and of its file, dB.
-fn difference(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
+fn psnr_between(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
     let mut renderer = CpuRenderer::new();
     let [whole, plain] =
         [scene, &model.splats].map(|splats| renderer.render(splats, camera, options).color);
@@ -235,7 +238,7 @@ fn difference(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
 }
 
 /// Returns a pool of one thread during training, which needs the other cores.
-fn aside(is_training: bool) -> std::io::Result<Option<ThreadPool>> {
+fn single_thread_pool(is_training: bool) -> std::io::Result<Option<ThreadPool>> {
     let pool = || ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other);
     is_training.then(pool).transpose()
 }
@@ -254,7 +257,7 @@ fn convert(
     (up, local_origin): (DVec3, DVec3),
     is_wanted: &AtomicBool,
 ) -> Result<Converted, Fault> {
-    let scene = choice.left_out.kept(scene);
+    let scene = choice.left_out.remaining(scene);
     let told = |_| is_wanted.load(Ordering::Relaxed);
     let options = WriteOptions {
         up,

@@ -38,17 +38,17 @@ struct Decoding {
 
 impl FramePoints {
     /// Decoded frame with its points, or the reason why it has none.
-    pub fn shown(&self) -> Option<(&FrameRef, &Points)> {
+    pub fn displayed(&self) -> Option<(&FrameRef, &Points)> {
         self.shown.as_ref().map(|(frame, points)| (frame, points))
     }
 
     /// Takes a decoded frame, if there is one.
-    pub fn take(&mut self) {
+    pub fn take_decoded(&mut self) {
         let Some(decoding) = &self.decoding else { return };
-        let Some(decoded) = decoding.job.take() else { return };
+        let Some(decoded) = decoding.job.poll() else { return };
         let (points, took) = decoded.unwrap_or_else(|panic| {
             let name = &decoding.frame.entry().name;
-            (Err(format!("{name}: {}", panic.ended("decoding the frame"))), Duration::ZERO)
+            (Err(format!("{name}: {}", panic.failure_notice("decoding the frame"))), Duration::ZERO)
         });
         let frame = self.decoding.take().map(|decoding| decoding.frame);
         self.shown = frame.map(|frame| (frame, points));
@@ -56,7 +56,7 @@ impl FramePoints {
     }
 
     /// Starts decoding a frame, unless it is done or in progress or the cores are needed.
-    pub fn ask(
+    pub fn request_decoding(
         &mut self,
         frame: FrameRef,
         (pose, color_camera): (Pose, Option<ColorCamera>),
@@ -93,7 +93,7 @@ fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -
     let mut points = Vec::with_capacity(MAX_POINTS);
     for row in (stride / 2..height).step_by(stride) {
         for column in (stride / 2..width).step_by(stride) {
-            let length = depth.value_at(column, row).filter(|length| depth.trusts(*length));
+            let length = depth.value_at(column, row).filter(|length| depth.is_trusted(*length));
             let Some(length) = length else { continue };
             let ray = camera.intrinsics.ray(column, row);
             let point = camera.pose.transform_point(match depth.kind {

@@ -69,7 +69,7 @@ impl FrameRef {
     }
 
     /// Same frame of `dataset` if that is a newer state of the same recording, else itself.
-    pub fn of_now(&self, dataset: Option<&Arc<Dataset>>) -> Self {
+    pub fn in_current_dataset(&self, dataset: Option<&Arc<Dataset>>) -> Self {
         let (split, index) = self.position();
         let is_there = |dataset: &&Arc<Dataset>| {
             dataset.path == self.dataset.path
@@ -80,7 +80,7 @@ impl FrameRef {
     }
 
     /// Next or previous frame; continues across splits and wraps around.
-    pub fn stepped(&self, direction: Direction) -> Self {
+    pub fn neighbour(&self, direction: Direction) -> Self {
         let n = self.n_frames();
         let number = match direction {
             Direction::Forth => (self.number() + 1) % n,
@@ -126,7 +126,7 @@ impl FrameRef {
     /// the photographs were not taken by the depth camera.
     pub fn photo_camera(&self, color_camera: Option<&ColorCamera>, scene: &Finishing) -> Camera {
         let entry = self.entry();
-        entry.photo_camera_at(scene.corrected(&entry.camera.pose), color_camera)
+        entry.photo_camera_at(scene.corrected_pose(&entry.camera.pose), color_camera)
     }
 }
 
@@ -165,8 +165,8 @@ mod tests {
         for number in 0..first.n_frames() {
             assert_eq!(frame.number(), number);
             assert_eq!(FrameRef::numbered(&dataset, number).as_ref(), Some(&frame));
-            let next = frame.stepped(Direction::Forth);
-            assert_eq!(next.stepped(Direction::Back), frame);
+            let next = frame.neighbour(Direction::Forth);
+            assert_eq!(next.neighbour(Direction::Back), frame);
             frame = next;
         }
         assert_eq!(frame, first);

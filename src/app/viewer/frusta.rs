@@ -25,7 +25,7 @@ impl SceneView {
     }
 
     /// Draws the cameras of the run's frames.
-    pub(super) fn frusta(
+    pub(super) fn draw_frusta(
         &mut self,
         ui: &Ui,
         world: &WorldPainter,
@@ -47,7 +47,7 @@ impl SceneView {
                 _ => AHEAD,
             };
             let thumbnails = self.thumbnails(opened);
-            frustum(ui, world, &frame, length, color, thumbnails.map(|t| (t, may_decode)));
+            draw_frustum(ui, world, &frame, length, color, thumbnails.map(|t| (t, may_decode)));
         }
     }
 
@@ -62,7 +62,7 @@ impl SceneView {
     }
 }
 
-fn frustum(
+fn draw_frustum(
     ui: &Ui,
     world: &WorldPainter,
     frame: &FrameRef,

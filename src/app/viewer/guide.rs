@@ -6,7 +6,7 @@
 
 use super::SceneView;
 use super::frame_refs::FrameRef;
-use super::stand::{GuideStage, Place};
+use super::stand::{GuideStage, ViewPosition};
 use crate::app::camera::ViewCamera;
 use crate::app::state::{Opened, RunState, Snapshot, Source};
 use crate::model::splat::framing::{Framing, framing};
@@ -38,32 +38,32 @@ impl SceneView {
             return;
         }
         self.guide = Some(now);
-        self.place = Place::Free;
+        self.place = ViewPosition::Free;
         match now {
             GuideStage::Start => {}
-            GuideStage::Overview => self.look_over(opened),
+            GuideStage::Overview => self.frame_all_cameras(opened),
             GuideStage::Frame(position) => {
                 let frame = FrameRef::trained(opened, position);
                 if let (Some(frame), Some(camera)) = (frame, &mut self.camera) {
-                    camera.visit(&frame.entry().camera);
+                    camera.move_to_camera(&frame.entry().camera);
                 }
             }
-            GuideStage::End => self.look_at_the_end(opened, snapshot.source),
+            GuideStage::End => self.frame_finished_scene(opened, snapshot.source),
         }
     }
 
     /// Moves back until every camera of the dataset is visible.
-    fn look_over(&mut self, opened: &Opened) {
+    fn frame_all_cameras(&mut self, opened: &Opened) {
         let (Some(camera), Some(around)) = (&mut self.camera, framing_of_cameras(opened)) else {
             return;
         };
-        camera.look_over(&around, self.viewport);
+        camera.fit_scene_from_above(&around, self.viewport);
         self.moved_at = Instant::now();
     }
 
     /// Shows the whole scene if it was captured from outside. A room is shown from its first camera:
     /// from outside only the backs of its walls would be visible.
-    fn look_at_the_end(&mut self, opened: &Opened, source: Source) {
+    fn frame_finished_scene(&mut self, opened: &Opened, source: Source) {
         let splats = framing(self.palette.splats().iter());
         let is_inside = match (&splats, source) {
             (Some(scene), Source::Dataset) => are_inside(&camera_centres(opened), scene),
@@ -71,7 +71,7 @@ impl SceneView {
         };
         let Some(camera) = &mut self.camera else { return };
         match splats {
-            Some(scene) if !is_inside => camera.frame(&scene, self.viewport),
+            Some(scene) if !is_inside => camera.fit_scene(&scene, self.viewport),
             _ => *camera = ViewCamera::home(&opened.home),
         }
         self.moved_at = Instant::now();

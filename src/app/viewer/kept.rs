@@ -5,7 +5,7 @@ use super::SceneView;
 use super::compared_model::ModelSlot;
 use super::measure::MeasureTool;
 use super::mode::ViewMode;
-use super::stand::{GuideStage, Place};
+use super::stand::{GuideStage, ViewPosition};
 use crate::app::camera::ViewCamera;
 use crate::app::edit::editor::Editor;
 
@@ -13,7 +13,7 @@ use crate::app::edit::editor::Editor;
 pub struct KeptView {
     serial: u64,
     camera: Option<ViewCamera>,
-    place: Place,
+    place: ViewPosition,
     guide: Option<GuideStage>,
     mode: ViewMode,
     divider: f32,
@@ -24,7 +24,7 @@ pub struct KeptView {
 
 impl SceneView {
     /// Moves the state for the next window out of this view.
-    pub fn keep(&mut self) -> KeptView {
+    pub fn take_retained_state(&mut self) -> KeptView {
         // The export dialog closes with the window, so its preview ends too.
         self.end_preview();
         KeptView {
@@ -41,7 +41,7 @@ impl SceneView {
     }
 
     /// Restores the state of the previous window; it is reset once another subject is open.
-    pub fn go_on_with(&mut self, kept: KeptView) {
+    pub fn restore_retained_state(&mut self, kept: KeptView) {
         let KeptView { serial, camera, place, guide, mode, divider, compared, measure, editor } =
             kept;
         (self.serial, self.camera, self.place, self.guide) = (serial, camera, place, guide);

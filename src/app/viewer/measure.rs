@@ -5,7 +5,7 @@
 //! line between two points the variances of both ends add up.
 
 use super::world_painter::WorldPainter;
-use crate::app::panels::legend::number;
+use crate::app::panels::legend::format_number;
 use crate::app::state::Inspected;
 use crate::math::camera::Camera;
 use crate::math::sym3::Sym3;
@@ -53,12 +53,12 @@ impl MeasureTool {
     }
 
     /// Stores a clicked point until its splat is inspected.
-    pub fn aim(&mut self, splat: u32, point: DVec3) {
+    pub fn set_pending_point(&mut self, splat: u32, point: DVec3) {
         self.waiting = Some((splat, point));
     }
 
     /// Adds the stored point once its splat is inspected; a third point starts a new measurement.
-    pub fn take(&mut self, inspected: Option<&Inspected>) {
+    pub fn add_inspected_point(&mut self, inspected: Option<&Inspected>) {
         let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
         if inspected.id() != id {
             return;
@@ -113,7 +113,7 @@ impl MeasureTool {
         world.line([a.point, b.point], Stroke::new(2.0, LINE));
         if let Some(at) = world.position(0.5 * (a.point + b.point)) {
             let (painter, font) = (world.painter(), FontId::proportional(15.0));
-            let galley = painter.layout_no_wrap(described(length), font, Color32::WHITE);
+            let galley = painter.layout_no_wrap(format_length(length), font, Color32::WHITE);
             let size = galley.size() + Vec2::new(12.0, 6.0);
             let plate = Align2::CENTER_BOTTOM.anchor_size(at - Vec2::new(0.0, 8.0), size);
             painter.rect_filled(plate, 4.0, Color32::from_black_alpha(190));
@@ -123,10 +123,12 @@ impl MeasureTool {
 }
 
 /// Formats a length with its standard deviation.
-pub fn described(MeasuredLength { length, deviation }: MeasuredLength) -> String {
+pub fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String {
     match deviation {
-        Some(deviation) => format!("{} ± {} world units", number(length), number(deviation)),
-        None => format!("{} world units", number(length)),
+        Some(deviation) => {
+            format!("{} ± {} world units", format_number(length), format_number(deviation))
+        }
+        None => format!("{} world units", format_number(length)),
     }
 }
 

@@ -61,7 +61,7 @@ use painter::ViewPainter;
 use photo::PhotoRequests;
 use picture_request::PictureRequest;
 use settings::ViewSettings;
-use stand::{GuideStage, Place};
+use stand::{GuideStage, ViewPosition};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thumbnails::Thumbnails;
@@ -81,13 +81,13 @@ pub struct SceneView {
     painter: ViewPainter,
     waker: Waker,
     camera: Option<ViewCamera>,
-    place: Place,
+    place: ViewPosition,
     /// Stage of a guided camera; `None` once the user has steered.
     guide: Option<GuideStage>,
     is_flying: bool,
     measure: MeasureTool,
     /// Files of the subject whose camera is retained if it is opened again.
-    kept: Option<FileProposal>,
+    retained_for: Option<FileProposal>,
     /// Size of the viewport in the last pass, pixels.
     viewport: [u32; 2],
     /// Serial of the dataset, and its thumbnails.
@@ -131,11 +131,11 @@ impl SceneView {
             painter,
             waker,
             camera: None,
-            place: Place::Free,
+            place: ViewPosition::Free,
             guide: Some(GuideStage::Start),
             is_flying: false,
             measure: MeasureTool::default(),
-            kept: None,
+            retained_for: None,
             viewport: [1, 1],
             thumbnails: None,
             latest_frame: None,
@@ -160,17 +160,21 @@ impl SceneView {
     }
 
     /// Applies an update of the splats.
-    pub fn change(&mut self, update: SplatUpdate) {
+    pub fn apply_update(&mut self, update: SplatUpdate) {
         if let Some(photos) = &mut self.photos {
             // With learned colours: the PSNR must not depend on the displayed colours.
             photos.change(update.change.clone());
         }
         self.preview.outdate();
         let n_frames = update.n_frames;
-        self.editor.past.take_copies();
+        self.editor.stored_scenes.install_finished_copies();
         let change = self.palette.change(update);
-        self.editor.past.note(n_frames, self.palette.learned(), self.settings.past_bytes());
-        self.show(change);
+        self.editor.stored_scenes.record(
+            n_frames,
+            self.palette.learned(),
+            self.settings.past_bytes(),
+        );
+        self.pass_change_to_painter(change);
     }
 
     /// True if the CPU draws because the GPU failed.
@@ -184,9 +188,9 @@ impl SceneView {
     }
 
     /// Replaces the painter and passes it the whole scene.
-    pub fn draw_by(&mut self, mut painter: ViewPainter) {
+    pub fn set_painter(&mut self, mut painter: ViewPainter) {
         // A new painter is empty, and the trainer sends only changes.
-        let splats = self.editor.shown(&self.palette);
+        let splats = self.editor.displayed_splats(&self.palette);
         painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
         self.painter = painter;
@@ -216,8 +220,8 @@ impl SceneView {
     /// Dataset camera in view, if any.
     pub fn frame_ref(&self) -> Option<&FrameRef> {
         match &self.place {
-            Place::Free | Place::Along(_) => None,
-            Place::At(frame) => Some(frame),
+            ViewPosition::Free | ViewPosition::Along(_) => None,
+            ViewPosition::At(frame) => Some(frame),
         }
     }
 
@@ -253,7 +257,7 @@ impl SceneView {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), sense);
         let opened = snapshot.opened.as_ref()?;
         self.take_preview();
-        self.fall_back(opened);
+        self.leave_unsupported_modes(opened);
         let pixels = rect.size() * ui.ctx().pixels_per_point();
         let size = [pixels.x.round() as u32, pixels.y.round() as u32];
         if size[0] == 0 || size[1] == 0 {
@@ -262,27 +266,27 @@ impl SceneView {
         self.viewport = size;
         self.n_frames = snapshot.n_frames;
         self.follow_guide(opened, snapshot);
-        self.measure.take(snapshot.inspected.as_deref());
+        self.measure.add_inspected_point(snapshot.inspected.as_deref());
         self.begin_edit(ui, &response, opened);
         // Before the camera is computed, so that a drag shows in the same pass.
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
         self.latest_camera = Some(camera);
-        let result = self.look_at_photo(ui, opened, snapshot.state == RunState::Training);
+        let result = self.request_photo_result(ui, opened, snapshot.state == RunState::Training);
         let request =
             self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
         let message = self.paint(ui, rect, &request, snapshot.state);
         self.measure_preview(&request, snapshot.state);
         self.draw_world(ui, rect, &request, opened, snapshot);
-        self.decorate(ui, rect, &request, result);
+        self.draw_captions(ui, rect, &request, result);
         // The past is drawn in its own colours, to which the legend does not apply.
-        let legend = self.palette.legend().filter(|_| self.editor.past_shown().is_none());
+        let legend = self.palette.legend().filter(|_| self.editor.displayed_past().is_none());
         if let Some((attribute, range)) = legend {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
-        self.edit(ui, &response, &request, opened);
+        self.update_edit_drag(ui, &response, &request, opened);
         // Picking needs positions, not colours, and these splats are shared without a copy.
-        let splats = self.editor.clickable(&self.palette);
+        let splats = self.editor.pickable_splats(&self.palette);
         let picked = self.selection.ui(
             ui,
             &response,
@@ -304,7 +308,7 @@ impl SceneView {
         opened: &Opened,
         snapshot: &Snapshot,
     ) {
-        let is_pinhole = self.place != Place::Free || self.settings.lens == Lens::Pinhole;
+        let is_pinhole = self.place != ViewPosition::Free || self.settings.lens == Lens::Pinhole;
         if is_pinhole {
             let radius = opened.home.radius;
             let world = WorldPainter::new(ui, rect, &request.camera, radius);
@@ -312,27 +316,27 @@ impl SceneView {
                 self.grid(&world, radius);
             }
             if self.shows_cameras(snapshot) {
-                self.frusta(ui, &world, opened, snapshot);
+                self.draw_frusta(ui, &world, opened, snapshot);
             }
             if self.settings.shows_points {
-                self.frame_points(&world, opened, snapshot);
+                self.draw_frame_points(&world, opened, snapshot);
             }
             self.measure.draw(&world);
         }
-        if self.place == Place::Free {
+        if self.place == ViewPosition::Free {
             self.gizmo(ui, rect);
         }
     }
 
     /// Leaves modes that the scene or lens does not support, and applies colours and edits.
-    fn fall_back(&mut self, opened: &Opened) {
-        if self.why_not(self.mode, opened).is_some() {
+    fn leave_unsupported_modes(&mut self, opened: &Opened) {
+        if self.mode_unavailable_reason(self.mode, opened).is_some() {
             self.mode = ViewMode::Single;
         }
-        if self.settings.color_mode.why_not(opened.available_modes).is_some() {
+        if self.settings.color_mode.unavailable_reason(opened.available_modes).is_some() {
             self.settings.color_mode = Default::default();
         }
-        self.show_edits();
+        self.apply_colors_and_edits();
     }
 
     /// Returns the camera for a viewport of `size` pixels, and the area that a photograph would fill.
@@ -343,15 +347,15 @@ impl SceneView {
             Lens::Pinhole => settings.pinhole_fov_deg,
             Lens::Fisheye => Some(settings.fisheye_fov_deg),
         };
-        camera.look_through(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
+        camera.set_lens(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
         match &self.place {
-            Place::At(frame) => {
+            ViewPosition::At(frame) => {
                 let color_camera = self.color_camera(opened);
                 let scene = self.palette.splats().finishing();
                 Some(fit(&frame.photo_camera(color_camera.as_ref(), scene), size))
             }
-            Place::Along(moment) => Some((along(moment, size), Area::FULL)),
-            Place::Free => Some((camera.camera(size), Area::FULL)),
+            ViewPosition::Along(moment) => Some((camera_at_keyframe(moment, size), Area::FULL)),
+            ViewPosition::Free => Some((camera.camera(size), Area::FULL)),
         }
     }
 
@@ -375,7 +379,7 @@ impl SceneView {
             // egui does not repaint without input: one more pass refines the picture.
             ui.ctx().request_repaint_after(SETTLE);
         }
-        let splats = self.editor.shown(&self.palette);
+        let splats = self.editor.displayed_splats(&self.palette);
         match self.painter.paint(ui, rect, request, effort, &mut self.budget, splats) {
             Ok(sample) => {
                 if let Some(sample) = sample {
@@ -383,15 +387,15 @@ impl SceneView {
                 }
                 None
             }
-            Err(error) => self.give_up_gpu(&error.to_string()),
+            Err(error) => self.fall_back_to_cpu(&error.to_string()),
         }
     }
 
     /// Falls back to the CPU renderer and passes it the whole scene.
-    fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
+    fn fall_back_to_cpu(&mut self, reason: &str) -> Option<String> {
         match ViewPainter::software(&self.waker) {
             Ok(painter) => {
-                self.draw_by(painter);
+                self.set_painter(painter);
                 self.gpu_failed = true;
                 Some(format!(
                     "the GPU can no longer draw the scene ({reason}); the CPU renderer is used instead; retry the GPU in Settings"
@@ -405,7 +409,7 @@ impl SceneView {
 }
 
 /// Camera at a keyframe of a path, for a viewport of `width` × `height` pixels.
-fn along(moment: &Keyframe, [width, height]: [u32; 2]) -> Camera {
+fn camera_at_keyframe(moment: &Keyframe, [width, height]: [u32; 2]) -> Camera {
     let intrinsics = Intrinsics::from_vertical_fov(width, height, moment.fov_y);
     Camera { intrinsics, pose: moment.pose }
 }

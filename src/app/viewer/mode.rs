@@ -92,7 +92,7 @@ impl ViewMode {
     }
 
     /// Reason why the mode is unavailable, if it is.
-    pub fn why_not(
+    pub fn unavailable_reason(
         self,
         lens: Lens,
         opened: &Opened,

@@ -2,7 +2,7 @@
 
 use super::SceneView;
 use crate::app::draw_budget::DrawBudget;
-use crate::app::drawing::Drawer;
+use crate::app::drawing::ViewRenderer;
 use crate::app::state::RunState;
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 impl SceneView {
     /// CPU budget of drawing; `None` if a GPU draws.
     pub fn budget(&self) -> Option<&DrawBudget> {
-        (self.painter.drawer() == Drawer::Cpu).then_some(&self.budget)
+        (self.painter.drawer() == ViewRenderer::Cpu).then_some(&self.budget)
     }
 
     /// Minimum time between two snapshots during training. Every snapshot repaints the window, which a
@@ -32,7 +32,7 @@ impl SceneView {
         self.budget.share = self.settings.draw_share;
         let is_shared = state == RunState::Training && self.budget().is_some();
         let is_steered = is_shared && self.moved_at.elapsed() < super::SETTLE;
-        let pause = if is_steered { self.budget.pause() } else { Duration::ZERO };
+        let pause = if is_steered { self.budget.pause_before_pass() } else { Duration::ZERO };
         self.budget.begin_pass(pause);
         pause
     }

@@ -3,7 +3,7 @@
 use super::picture_request::PictureRequest;
 use crate::app::device::WindowDevice;
 use crate::app::draw_budget::DrawBudget;
-use crate::app::drawing::{DrawSample, Drawer};
+use crate::app::drawing::{DrawSample, ViewRenderer};
 use crate::app::painting::Painting;
 use crate::app::software::{Effort, SoftwarePainter};
 use crate::app::splat_updates::SplatChange;
@@ -55,10 +55,10 @@ impl ViewPainter {
     }
 
     /// Device that draws.
-    pub fn drawer(&self) -> Drawer {
+    pub fn drawer(&self) -> ViewRenderer {
         match self {
             Self::Gpu(painter) => painter.drawer(),
-            Self::Software(_) => Drawer::Cpu,
+            Self::Software(_) => ViewRenderer::Cpu,
         }
     }
 

@@ -73,7 +73,7 @@ pub struct PhotoResult {
 
 /// Part of the result to compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Question {
+enum PhotoTask {
     /// Only the photograph, which is available at once.
     Show,
     /// PSNR, with one thread because training needs the others.
@@ -89,7 +89,7 @@ struct Answer {
 
 /// Client of the photograph thread.
 pub struct PhotoRequests {
-    thread: ViewThread<(PhotoQuery, Question), Answer>,
+    thread: ViewThread<(PhotoQuery, PhotoTask), Answer>,
     query: Option<PhotoQuery>,
     result: Option<Result<PhotoResult, String>>,
     is_stale: bool,
@@ -104,7 +104,7 @@ impl PhotoRequests {
             "photographs",
             waker,
             move |splats: &SplatSet, (query, question)| {
-                let result = worker.look(splats, &query, question);
+                let result = worker.compute_result(splats, &query, question);
                 Answer { query, result }
             },
         )?;
@@ -118,19 +118,19 @@ impl PhotoRequests {
     }
 
     /// Returns the known part of the result, and requests the rest.
-    pub fn look(
+    pub fn request_result(
         &mut self,
         ui: &Ui,
         query: &PhotoQuery,
         is_training: bool,
     ) -> Option<&Result<PhotoResult, String>> {
-        self.turn_to(query);
+        self.set_query(query);
         self.take_answer();
-        self.ask(ui, is_training);
+        self.send_request(ui, is_training);
         self.result.as_ref()
     }
 
-    fn turn_to(&mut self, query: &PhotoQuery) {
+    fn set_query(&mut self, query: &PhotoQuery) {
         match &self.query {
             Some(now) if now.is_same_photo(query) => {
                 if !now.is_same_measurement(query) {
@@ -160,13 +160,13 @@ impl PhotoRequests {
         }
     }
 
-    fn ask(&mut self, ui: &Ui, is_training: bool) {
+    fn send_request(&mut self, ui: &Ui, is_training: bool) {
         let Some(query) = &self.query else { return };
         if self.thread.is_busy() {
             return; // the answer wakes the window, which repeats the request
         }
         match &self.result {
-            None => self.thread.ask((query.clone(), Question::Show), Announce::Wake),
+            None => self.thread.send_request((query.clone(), PhotoTask::Show), Announce::Wake),
             // A photograph painted with pixel status cannot be compared with the scene.
             Some(Ok(result)) if self.is_stale && result.pixel_counts.is_none() => {
                 let pause = INTERVAL.saturating_sub(self.measured_at.elapsed());
@@ -175,8 +175,9 @@ impl PhotoRequests {
                     ui.ctx().request_repaint_after(pause);
                     return;
                 }
-                let question = if is_training { Question::MeasureAside } else { Question::Measure };
-                self.thread.ask((query.clone(), question), Announce::Wake);
+                let question =
+                    if is_training { PhotoTask::MeasureAside } else { PhotoTask::Measure };
+                self.thread.send_request((query.clone(), question), Announce::Wake);
                 self.is_stale = false;
                 self.measured_at = Instant::now();
             }
@@ -214,14 +215,14 @@ impl PhotoWorker {
         })
     }
 
-    fn look(
+    fn compute_result(
         &mut self,
         splats: &SplatSet,
         query: &PhotoQuery,
-        question: Question,
+        question: PhotoTask,
     ) -> Result<PhotoResult, String> {
         let Photo { image, pixel_counts } = self.photo(query)?;
-        if question == Question::Show {
+        if question == PhotoTask::Show {
             return Ok(PhotoResult { image, pixel_counts, psnr: None, compared_psnr: None });
         }
         let known = self.latest_compared.take();
@@ -243,8 +244,8 @@ impl PhotoWorker {
             Ok((scene, compared))
         };
         let measured = match question {
-            Question::MeasureAside => self.alone.install(both),
-            Question::Show | Question::Measure => both(),
+            PhotoTask::MeasureAside => self.alone.install(both),
+            PhotoTask::Show | PhotoTask::Measure => both(),
         };
         let (scene, compared_psnr) = measured.map_err(|error: MetricError| error.to_string())?;
         self.latest_compared = compared_psnr.map(|psnr| (query.clone(), psnr));

@@ -71,7 +71,8 @@ impl PixelStatusPainter {
     ) -> Result<(RgbImage, SurfaceCounts), FrameError> {
         let counts = self.preparer.prepare(frame, settings, &mut self.observation)?;
         // Statuses refer to depth pixels, whatever size the photograph has.
-        let mut image = ground_truth(&frame.registered(), GroundTruth::Composited, background);
+        let mut image =
+            ground_truth(&frame.with_registered_color(), GroundTruth::Composited, background);
         for (pixel, &status) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
             if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.status == status) {
                 *pixel = std::array::from_fn(|i| OVERLAY * color[i] + (1.0 - OVERLAY) * pixel[i]);

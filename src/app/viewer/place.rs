@@ -6,7 +6,7 @@ use super::frame_refs::{Direction, FrameRef};
 use super::measure::{MeasureTool, MeasuredLength, surface_point};
 use super::mode::ViewMode;
 use super::picture_request::PictureRequest;
-use super::stand::{GuideStage, Place};
+use super::stand::{GuideStage, ViewPosition};
 use crate::app::camera::ViewCamera;
 use crate::app::command::UiCommand;
 use crate::app::selection::{PickPurpose, SplatSelection};
@@ -26,7 +26,7 @@ impl SceneView {
     /// Resets the view if another subject is open. Call it with every snapshot before anything is drawn
     /// from it or any key is handled, so that no camera, comparison or pending pick of the previous
     /// subject remains.
-    pub fn turn_to(&mut self, opened: &Opened) {
+    pub fn reset_for_subject(&mut self, opened: &Opened) {
         if self.serial == opened.serial {
             return;
         }
@@ -38,7 +38,7 @@ impl SceneView {
         self.mode = ViewMode::Single;
         self.selection = SplatSelection::default();
         self.editor.reset();
-        if self.kept.take().is_some_and(|kept| kept == opened.files) {
+        if self.retained_for.take().is_some_and(|kept| kept == opened.files) {
             return;
         }
         self.go_home(opened);
@@ -51,13 +51,13 @@ impl SceneView {
     }
 
     /// Retains the camera when the same files are opened again, once.
-    pub fn keep_place_of(&mut self, opened: &Opened) {
-        self.kept = Some(opened.files.clone());
+    pub fn retain_camera_for(&mut self, opened: &Opened) {
+        self.retained_for = Some(opened.files.clone());
     }
 
     /// Moves to a dataset camera and compares with its photograph.
     pub fn compare_at(&mut self, frame: FrameRef, opened: &Opened) {
-        self.stand_at(frame);
+        self.move_to_frame(frame);
         if !self.mode.has_photo() {
             self.set_mode(ViewMode::PhotoWipe, opened);
         }
@@ -84,11 +84,11 @@ impl SceneView {
         let found = self.selection.take_picked()?;
         let picked = found
             .inspect_err(|panic| {
-                let text = panic.ended("finding the splat under the pointer");
+                let text = panic.failure_notice("finding the splat under the pointer");
                 self.hint = Some((text, Instant::now()));
             })
             .ok()?;
-        if self.editor.past_shown().is_some() && picked.purpose != PickPurpose::Pivot {
+        if self.editor.displayed_past().is_some() && picked.purpose != PickPurpose::Pivot {
             let text = "Only current splats can be inspected: return to them in the Edit tab";
             self.hint = Some((text.to_owned(), Instant::now()));
             return None;
@@ -96,18 +96,18 @@ impl SceneView {
         if picked.purpose == PickPurpose::Select {
             return Some(picked.splat);
         }
-        let splat = self.editor.clickable(&self.palette).get(picked.splat? as usize)?;
+        let splat = self.editor.pickable_splats(&self.palette).get(picked.splat? as usize)?;
         let point = surface_point(splat, &picked.camera, picked.pixel);
         if picked.purpose == PickPurpose::Measure {
-            self.measure.aim(picked.splat?, point);
+            self.measure.set_pending_point(picked.splat?, point);
             return Some(picked.splat);
         }
         let camera = self.camera.as_mut()?;
-        if self.place != Place::Free {
-            camera.visit(&picked.camera);
+        if self.place != ViewPosition::Free {
+            camera.move_to_camera(&picked.camera);
         }
-        camera.pivot(point);
-        (self.place, self.guide) = (Place::Free, None);
+        camera.set_target(point);
+        (self.place, self.guide) = (ViewPosition::Free, None);
         self.moved_at = Instant::now();
         None
     }
@@ -123,7 +123,7 @@ impl SceneView {
             UiCommand::ToggleRenderer => self.toggle_renderer(),
             UiCommand::PreviousCamera => self.step(opened, Direction::Back),
             UiCommand::NextCamera => self.step(opened, Direction::Forth),
-            UiCommand::RideAlong => self.toggle_guide(),
+            UiCommand::AutoCamera => self.toggle_guide(),
             UiCommand::Measure => self.measure.toggle(),
             UiCommand::Cameras => {
                 self.settings.shows_cameras = !self.settings.shows_cameras;
@@ -135,17 +135,17 @@ impl SceneView {
             }
             UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
             // The editor ignores commands that are not its own.
-            edit => self.editor.apply(edit, &self.palette),
+            edit => self.editor.execute(edit, &self.palette),
         }
     }
 
     /// Sets the comparison mode; photographs are compared at a dataset camera.
     pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
         self.mode = mode;
-        if mode.needs_frame() && self.place == Place::Free {
+        if mode.needs_frame() && self.place == ViewPosition::Free {
             let first = || opened.dataset.as_ref().and_then(FrameRef::first);
             if let Some(frame) = self.latest_frame.clone().or_else(first) {
-                self.stand_at(frame);
+                self.move_to_frame(frame);
             }
         }
     }
@@ -163,34 +163,36 @@ impl SceneView {
     }
 
     fn frame_scene(&mut self) {
-        (self.place, self.guide) = (Place::Free, None);
+        (self.place, self.guide) = (ViewPosition::Free, None);
         if let (Some(camera), Some(framing)) =
             (&mut self.camera, self.editor.framing(&self.palette))
         {
-            camera.frame(&framing, self.viewport);
+            camera.fit_scene(&framing, self.viewport);
             self.moved_at = Instant::now();
         }
     }
 
     fn go_home(&mut self, opened: &Opened) {
         self.camera = Some(ViewCamera::home(&opened.home));
-        self.place = Place::Free;
+        self.place = ViewPosition::Free;
         self.moved_at = Instant::now();
     }
 
     fn step(&mut self, opened: &Opened, direction: Direction) {
         let frame = match (&self.latest_frame, direction) {
             // The first step after steering returns to the last camera instead of passing it.
-            (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
-            (Some(frame), _) => Some(frame.of_now(opened.dataset.as_ref()).stepped(direction)),
+            (Some(frame), _) if self.place == ViewPosition::Free => Some(frame.clone()),
+            (Some(frame), _) => {
+                Some(frame.in_current_dataset(opened.dataset.as_ref()).neighbour(direction))
+            }
             (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
             (None, Direction::Back) => {
                 let first = opened.dataset.as_ref().and_then(FrameRef::first);
-                first.map(|first| first.stepped(direction))
+                first.map(|first| first.neighbour(direction))
             }
         };
         if let Some(frame) = frame {
-            self.stand_at(frame);
+            self.move_to_frame(frame);
         }
     }
 
@@ -204,7 +206,7 @@ impl SceneView {
     pub fn still(&self) -> Option<Still> {
         let camera = self.latest_camera?;
         let PictureRequest { options, .. } = self.picture_request(camera, Area::FULL, None);
-        Some(Still { splats: self.editor.shown(&self.palette).clone(), camera, options })
+        Some(Still { splats: self.editor.displayed_splats(&self.palette).clone(), camera, options })
     }
 
     /// Path of one revolution about the orbit centre, from the current camera.
@@ -214,17 +216,17 @@ impl SceneView {
     }
 
     /// Moves to a keyframe of a camera path, until something else moves the camera.
-    pub fn stand_along(&mut self, moment: Keyframe) {
+    pub fn move_to_keyframe(&mut self, moment: Keyframe) {
         if self.mode.needs_frame() {
             self.mode = ViewMode::Single;
         }
-        (self.place, self.guide) = (Place::Along(moment), None);
+        (self.place, self.guide) = (ViewPosition::Along(moment), None);
         self.moved_at = Instant::now();
     }
 
     /// True while the camera is on a path.
     pub fn is_along(&self) -> bool {
-        matches!(self.place, Place::Along(_))
+        matches!(self.place, ViewPosition::Along(_))
     }
 
     /// Up direction, unit length.
@@ -233,8 +235,8 @@ impl SceneView {
     }
 
     /// Moves to a dataset camera.
-    pub fn stand_at(&mut self, frame: FrameRef) {
-        (self.place, self.guide) = (Place::At(frame.clone()), None);
+    pub fn move_to_frame(&mut self, frame: FrameRef) {
+        (self.place, self.guide) = (ViewPosition::At(frame.clone()), None);
         self.latest_frame = Some(frame);
         self.moved_at = Instant::now();
     }

@@ -2,20 +2,20 @@
 
 use super::SceneView;
 use super::frame_refs::FrameRef;
-use super::stand::{GuideStage, Place};
+use super::stand::{GuideStage, ViewPosition};
 use std::time::Instant;
 
 /// Position before a temporary visit.
-pub struct PlaceBefore {
-    place: Place,
+pub struct SavedPosition {
+    place: ViewPosition,
     guide: Option<GuideStage>,
     latest_frame: Option<FrameRef>,
 }
 
 impl SceneView {
     /// Current position, to return to.
-    pub fn place_now(&self) -> PlaceBefore {
-        PlaceBefore {
+    pub fn current_position(&self) -> SavedPosition {
+        SavedPosition {
             place: self.place.clone(),
             guide: self.guide,
             latest_frame: self.latest_frame.clone(),
@@ -23,8 +23,8 @@ impl SceneView {
     }
 
     /// Restores a position.
-    pub fn return_to(&mut self, before: PlaceBefore) {
-        let PlaceBefore { place, guide, latest_frame } = before;
+    pub fn restore_position(&mut self, before: SavedPosition) {
+        let SavedPosition { place, guide, latest_frame } = before;
         (self.place, self.guide, self.latest_frame) = (place, guide, latest_frame);
         self.moved_at = Instant::now();
     }

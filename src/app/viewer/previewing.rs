@@ -24,17 +24,23 @@ impl SceneView {
         };
         let frame = (opened.home.up, opened.local_origin);
         let is_training = state == RunState::Training;
-        self.preview.choose(choice, self.palette.learned(), frame, is_training, &self.waker)
+        self.preview.request_conversion(
+            choice,
+            self.palette.learned(),
+            frame,
+            is_training,
+            &self.waker,
+        )
     }
 
     /// State of the export preview, if there is one.
-    pub fn previewed(&self) -> Option<PreviewReport> {
-        self.preview.told()
+    pub fn export_preview_report(&self) -> Option<PreviewReport> {
+        self.preview.current_report()
     }
 
     /// Takes a finished conversion, and switches the mode to the first one.
     pub(super) fn take_preview(&mut self) {
-        if self.preview.take() && self.preview.before.is_none() {
+        if self.preview.take_finished_jobs() && self.preview.before.is_none() {
             self.preview.before = Some(self.mode);
             self.mode = ViewMode::ModelWipe;
         }

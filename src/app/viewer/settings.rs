@@ -2,11 +2,11 @@
 
 use crate::app::color_mode::ColorMode;
 use crate::app::draw_budget::{DEFAULT_SHARE, SHARES};
-use crate::app::panels::quality::DEFAULT_EVERY;
+use crate::app::panels::quality::DEFAULT_INTERVAL;
 use crate::app::stored_text;
 use crate::render::Exposing;
 use crate::render::{
-    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Renderer, Response, SplatStyle,
+    Antialias, DisplayStyle, ExactOptions, Lens, RenderMethod, RenderOptions, Renderer, Response,
 };
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -123,7 +123,7 @@ impl Default for ViewSettings {
             shows_points: false,
             shows_grid: false,
             previews_export: true,
-            quality_every: Some(DEFAULT_EVERY),
+            quality_every: Some(DEFAULT_INTERVAL),
             frame_budget_ms: FRAME_BUDGET_MS,
             draw_share: DEFAULT_SHARE,
             past_mb: 128,
@@ -201,7 +201,7 @@ impl ViewSettings {
     /// scene's centre, world units.
     pub fn options(&self, method: RenderMethod, radius: f64, distance: f64) -> RenderOptions {
         let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);
-        let look = SplatStyle {
+        let look = DisplayStyle {
             scale: self.scale,
             opacity_cut: self.opacity_cut,
             paint: self.color_mode.paint(range),
@@ -212,7 +212,7 @@ impl ViewSettings {
             _ => Exposing::Neutral,
         };
         let plain = RenderOptions::viewport(method, self.background.rgb(), radius);
-        RenderOptions { look, exposing, ..plain }
+        RenderOptions { style: look, exposure_mode: exposing, ..plain }
     }
 
     /// Options with which `eval` measures the chosen renderer at a dataset camera.

@@ -5,7 +5,7 @@ use crate::math::camera_path::Keyframe;
 
 /// Position of the view.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Place {
+pub(super) enum ViewPosition {
     /// Steered freely.
     Free,
     /// Exactly at a dataset camera.

@@ -1,7 +1,7 @@
 //! Camera control by pointer and keys: orbit, pan, dolly, fly.
 
 use super::SceneView;
-use super::stand::Place;
+use super::stand::ViewPosition;
 use crate::app::state::Opened;
 use eframe::egui::{Key, PointerButton, Response, Ui};
 use std::time::Instant;
@@ -100,11 +100,11 @@ impl SceneView {
         if gesture.is_nothing() {
             return;
         }
-        self.leave_frame(opened, size_px);
+        self.take_over_camera(opened, size_px);
         let Some(camera) = &mut self.camera else { return };
         let size = response.rect.size();
         let size = [f64::from(size.x), f64::from(size.y)];
-        camera.turn(gesture.turn, size[1]);
+        camera.orbit_by(gesture.turn, size[1]);
         camera.pan(gesture.pan, size);
         camera.dolly(gesture.dolly);
         camera.fly(gesture.fly);
@@ -117,13 +117,14 @@ impl SceneView {
     }
 
     /// Hands the camera over to the user at its current pose.
-    pub(super) fn leave_frame(&mut self, opened: &Opened, size_px: [u32; 2]) {
+    pub(super) fn take_over_camera(&mut self, opened: &Opened, size_px: [u32; 2]) {
         self.guide = None;
         if let Some((stood, _)) = self.camera_now(opened, size_px)
-            && let (Place::At(_) | Place::Along(_), Some(camera)) = (&self.place, &mut self.camera)
+            && let (ViewPosition::At(_) | ViewPosition::Along(_), Some(camera)) =
+                (&self.place, &mut self.camera)
         {
-            camera.visit(&stood);
-            self.place = Place::Free;
+            camera.move_to_camera(&stood);
+            self.place = ViewPosition::Free;
         }
     }
 }

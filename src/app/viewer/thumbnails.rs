@@ -29,7 +29,7 @@ const MAX_KEPT: usize = 256;
 /// down by half of 1/`REST`.
 const REST: u32 = 15;
 /// Interval at which a resting thread checks whether training still runs.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Colour of depth pixels without a measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
@@ -49,7 +49,7 @@ struct Decoded {
 }
 
 /// Thumbnails of a frame.
-struct Kept {
+struct StoredThumbnails {
     /// Largest part requested so far.
     part: Part,
     /// Pass of the window that used it last.
@@ -74,10 +74,10 @@ pub struct FramePictures<'a> {
 pub struct Thumbnails {
     requests: SyncSender<(FrameRef, Part)>,
     decoded: Receiver<Decoded>,
-    kept: HashMap<(usize, usize), Kept>,
+    kept: HashMap<(usize, usize), StoredThumbnails>,
     /// Number of frames queued or being decoded.
     n_waiting: usize,
-    stands_back: Arc<AtomicBool>,
+    yields_cores: Arc<AtomicBool>,
 }
 
 impl Thumbnails {
@@ -96,13 +96,19 @@ impl Thumbnails {
             })
         };
         std::thread::Builder::new().name("thumbnails".into()).spawn(work)?;
-        Ok(Self { requests, decoded, kept: HashMap::new(), n_waiting: 0, stands_back })
+        Ok(Self {
+            requests,
+            decoded,
+            kept: HashMap::new(),
+            n_waiting: 0,
+            yields_cores: stands_back,
+        })
     }
 
     /// Sets whether the thread leaves the cores to training.
-    pub fn stand_back(&self, stands_back: bool) {
+    pub fn set_yields_cores(&self, stands_back: bool) {
         // Relaxed: no other memory depends on the flag.
-        self.stands_back.store(stands_back, Ordering::Relaxed);
+        self.yields_cores.store(stands_back, Ordering::Relaxed);
     }
 
     /// Number of stored frames.
@@ -137,7 +143,7 @@ impl Thumbnails {
         if let Some(part) = wanted
             && known.is_none_or(|known| known == Part::Photo && part == Part::PhotoAndDepth)
         {
-            self.ask(frame, part, pass);
+            self.request(frame, part, pass);
         }
         let Some(kept) = self.kept.get_mut(&position) else { return FramePictures::default() };
         kept.used_in = pass;
@@ -148,7 +154,7 @@ impl Thumbnails {
         }
     }
 
-    fn ask(&mut self, frame: &FrameRef, part: Part, pass: u64) {
+    fn request(&mut self, frame: &FrameRef, part: Part, pass: u64) {
         let position = frame.position();
         let is_new = !self.kept.contains_key(&position);
         if self.n_waiting == MAX_WAITING || is_new && !self.make_room(pass) {
@@ -157,7 +163,13 @@ impl Thumbnails {
         match self.requests.try_send((frame.clone(), part)) {
             Ok(()) => {
                 self.n_waiting += 1;
-                let new = Kept { part, used_in: pass, photo: None, depth: None, problem: None };
+                let new = StoredThumbnails {
+                    part,
+                    used_in: pass,
+                    photo: None,
+                    depth: None,
+                    problem: None,
+                };
                 self.kept.entry(position).or_insert(new).part = part;
             }
             Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
@@ -211,7 +223,7 @@ fn serve(
             position: frame.position(),
             photo: None,
             depth: None,
-            problem: Some(PanicReport::of(&*panic).ended("decoding the frame")),
+            problem: Some(PanicReport::of(&*panic).failure_notice("decoding the frame")),
         });
         let rest_until = Instant::now() + started.elapsed() * REST;
         if answers.send(decoded).is_err() {
@@ -221,7 +233,7 @@ fn serve(
             waker();
         }
         while stands_back.load(Ordering::Relaxed) && Instant::now() < rest_until {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
     }
 }
@@ -334,7 +346,7 @@ mod tests {
             }
         }
         let codes = DepthCodes::Lengths(lengths);
-        let depth = Depth { codes, kind: DepthKind::Z, trusted: [0.0, 9e9], metre: 1.0 };
+        let depth = Depth { codes, kind: DepthKind::Z, trusted: [0.0, 9e9], units_per_metre: 1.0 };
         let image = depth_picture(&depth);
         assert_eq!(image.size, [133, 1]);
         let (near, far) = (image.pixels[0], image.pixels[132]);
@@ -368,7 +380,7 @@ mod tests {
         let dataset = demo::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
-        let kept = |used_in| Kept {
+        let kept = |used_in| StoredThumbnails {
             part: Part::PhotoAndDepth,
             used_in,
             photo: None,
@@ -376,9 +388,9 @@ mod tests {
             problem: None,
         };
         thumbnails.kept = (0..MAX_KEPT).map(|i| ((7, i), kept(10 + i as u64))).collect();
-        thumbnails.ask(&frame, Part::PhotoAndDepth, 10);
+        thumbnails.request(&frame, Part::PhotoAndDepth, 10);
         assert!(!thumbnails.kept.contains_key(&frame.position()), "all of them are on screen");
-        thumbnails.ask(&frame, Part::PhotoAndDepth, 12);
+        thumbnails.request(&frame, Part::PhotoAndDepth, 12);
         assert!(thumbnails.kept.contains_key(&frame.position()));
         assert!(!thumbnails.kept.contains_key(&(7, 0)), "the least recently used one");
         assert_eq!(thumbnails.n_kept(), MAX_KEPT);

@@ -82,7 +82,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
         .selected_text(view.mode.label())
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
-                let why_not = view.why_not(mode, opened);
+                let why_not = view.mode_unavailable_reason(mode, opened);
                 let button = Button::selectable(view.mode == mode, mode.label());
                 let response = ui.add_enabled(why_not.is_none(), button);
                 if response
@@ -96,7 +96,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
             ui.separator();
             for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
                 let removes = command == UiCommand::RemoveModel;
-                let why_not = removes.then(|| view.why_not_remove()).flatten();
+                let why_not = removes.then(|| view.remove_unavailable_reason()).flatten();
                 let button = Button::selectable(false, command.label());
                 let response = ui.add_enabled(why_not.is_none(), button);
                 if response
@@ -120,7 +120,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .selected_text(shown.label())
         .show_ui(ui, |ui| {
             for mode in ColorMode::ALL {
-                let why_not = mode.why_not(opened.available_modes);
+                let why_not = mode.unavailable_reason(opened.available_modes);
                 let button = Button::selectable(shown == mode, mode.label());
                 let response = ui.add_enabled(why_not.is_none(), button);
                 if response
@@ -151,7 +151,7 @@ fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComm
         (UiCommand::Grid, view.settings.shows_grid),
         (UiCommand::Measure, view.is_measuring()),
     ] {
-        let legal = command.is_legal(snapshot.state, snapshot.source);
+        let legal = command.is_available(snapshot.state, snapshot.source);
         let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
         if response.on_hover_text(command.hint(ui.ctx())).clicked() {
             asked = Some(command);
@@ -163,7 +163,7 @@ fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComm
 fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     let mut button = |ui: &mut Ui, command: UiCommand, is_on: bool| {
-        let legal = command.is_legal(snapshot.state, snapshot.source);
+        let legal = command.is_available(snapshot.state, snapshot.source);
         let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
         if response.on_hover_text(command.hint(ui.ctx())).clicked() {
             asked = Some(command);
@@ -184,6 +184,6 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
     }
     button(ui, UiCommand::NextCamera, false);
     button(ui, UiCommand::ComparePhoto, view.mode.has_photo());
-    button(ui, UiCommand::RideAlong, view.is_guided());
+    button(ui, UiCommand::AutoCamera, view.is_guided());
     asked
 }

@@ -27,7 +27,7 @@ impl WorkerThread {
             RunAutosave::Off => None,
             RunAutosave::On(autosave, _) => {
                 autosave.set_interval(AutosaveInterval { frames: None, time: Some(time) });
-                autosave.between_frames(session)
+                autosave.poll(session)
             }
             RunAutosave::Waiting(_) if self.frames_since_checkpoint == 0 => None,
             RunAutosave::Waiting(since) => {
@@ -38,11 +38,11 @@ impl WorkerThread {
                 return;
             }
         };
-        self.tell_of_autosave(outcome);
+        self.report_autosave(outcome);
     }
 
     /// True if an autosave may start or end without an order or a trained frame.
-    pub(super) fn saves_by_itself(&self) -> bool {
+    pub(super) fn has_pending_autosave(&self) -> bool {
         let Some(Content::Session(session)) = &self.content else { return false };
         match &self.saver {
             _ if self.training.autosave_s.is_none() => false,
@@ -64,9 +64,9 @@ impl WorkerThread {
             Ok(slot) => {
                 let path = slot.path().to_owned();
                 let mut autosave = Autosave::new(path, AutosaveInterval::default(), session);
-                let begun = autosave.begin(session).err().map(Err);
+                let begun = autosave.start_save(session).err().map(Err);
                 self.saver = RunAutosave::On(autosave, slot);
-                self.tell_of_autosave(begun);
+                self.report_autosave(begun);
             }
             Err(error) => {
                 self.saver = RunAutosave::Off;
@@ -79,7 +79,7 @@ impl WorkerThread {
         }
     }
 
-    fn tell_of_autosave(&mut self, outcome: Option<SaveOutcome>) {
+    fn report_autosave(&mut self, outcome: Option<SaveOutcome>) {
         if let Some(Err(error)) = outcome {
             self.changed = true;
             self.notify(NoticeKind::Warning, error.to_string());
@@ -87,30 +87,30 @@ impl WorkerThread {
     }
 
     /// Discards the autosave, because the run is in a file of the user's or is not wanted.
-    pub(super) fn forget_autosave(&mut self) {
+    pub(super) fn discard_autosave(&mut self) {
         let saver = std::mem::replace(&mut self.saver, RunAutosave::Waiting(None));
         if let RunAutosave::On(autosave, slot) = saver {
             // Dropped first, because it may still write to the slot.
             drop(autosave);
-            slot.discard();
+            slot.delete_files();
         }
     }
 
     /// Stops training because the program is terminated, and stores training that no checkpoint holds
     /// in a slot, else in a rescue folder. The demo is not stored, as it can be recomputed.
-    pub(super) fn leave_behind(&mut self) -> Rescue {
+    pub(super) fn store_for_next_window(&mut self) -> Rescue {
         self.set_state(RunState::Paused);
-        let kept = self.keep();
+        let kept = self.store_unsaved_training();
         match &kept {
             Rescue::Nothing => {}
             Rescue::Saved { .. } => self.notify(NoticeKind::Info, format!("terminated: {kept}")),
             Rescue::Lost { .. } => self.notify(NoticeKind::Error, format!("terminated: {kept}")),
         }
-        self.snapshot.is_left_behind = true;
+        self.snapshot.is_terminated = true;
         kept
     }
 
-    fn keep(&mut self) -> Rescue {
+    fn store_unsaved_training(&mut self) -> Rescue {
         let frames = self.frames_since_checkpoint;
         let Some(Content::Session(session)) = &self.content else { return Rescue::Nothing };
         if frames == 0 || session.dataset().path.is_none() {
@@ -118,8 +118,8 @@ impl WorkerThread {
         }
         match &mut self.saver {
             RunAutosave::On(autosave, _) => {
-                let begun = autosave.begin(session).err().map(Err);
-                self.tell_of_autosave(begun);
+                let begun = autosave.start_save(session).err().map(Err);
+                self.report_autosave(begun);
             }
             // Even if autosave is off, because this is the last chance.
             RunAutosave::Waiting(_) | RunAutosave::Off => self.start_autosave(),
@@ -138,23 +138,24 @@ impl WorkerThread {
     /// before. After a crash whose rescue failed it is retained: then this file is the only copy.
     pub(super) fn end_autosave(&mut self) {
         if !matches!(self.rescued, Some(Rescue::Lost { .. })) {
-            self.forget_autosave();
+            self.discard_autosave();
         }
     }
 
     /// Offers the newest run that an earlier window left behind, of one dataset or of any.
-    pub(super) fn look_for_abandoned(&mut self, dataset: Option<&Path>) {
-        let found = self.autosave_folder().and_then(|folder| abandoned::find(&folder, dataset));
+    pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
+        let found =
+            self.autosave_folder().and_then(|folder| abandoned::find_newest(&folder, dataset));
         if let Some(run) = found {
             self.snapshot.abandoned = Some(Arc::new(run));
         }
     }
 
     /// Resumes the offered run.
-    pub(super) fn go_on(&mut self) {
+    pub(super) fn resume_abandoned_run(&mut self) {
         let Some(run) = self.snapshot.abandoned.take() else { return };
         let before = self.snapshot.state;
-        let slot = match AutosaveSlot::take(&run.slot) {
+        let slot = match AutosaveSlot::lock_existing(&run.slot) {
             Ok(Some(slot)) => slot,
             Ok(None) => return self.keep_offer(&run, "another window has resumed it"),
             Err(error) => return self.keep_offer(&run, &error.to_string()),
@@ -163,14 +164,14 @@ impl WorkerThread {
         self.publish(true);
         let (file, serial) = (run.file.clone(), self.next_serial);
         // The drive of the dataset may have been disconnected.
-        let read = self.read(Some(&run.dataset), move || {
+        let read = self.read_cancellable(Some(&run.dataset), move || {
             opening::open_run(&file, serial).map_err(|error| error.to_string())
         });
         match read.and_then(|opened| Ok(opened?)) {
             Ok(opened) => {
                 self.next_serial += 1;
                 self.subject = Some(Subject::Path(run.dataset.clone()));
-                self.begin(opened);
+                self.install_subject(opened);
                 self.take_over(slot);
             }
             Err(refusal) => {
@@ -186,7 +187,7 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &self.content else { return };
         let method = &session.config().method;
         let is_given = !method.assumes_calibration(session.dataset());
-        let calibration = method.any().calibration().filter(|_| is_given).cloned();
+        let calibration = method.as_any().calibration().filter(|_| is_given).cloned();
         self.calibration =
             calibration.map(|calibration| Arc::new(GivenCalibration { calibration, file: None }));
         self.snapshot.calibration = self.calibration.clone();
@@ -204,10 +205,10 @@ impl WorkerThread {
     }
 
     /// Discards the offered run.
-    pub(super) fn give_up(&mut self) {
+    pub(super) fn discard_abandoned_run(&mut self) {
         let Some(run) = self.snapshot.abandoned.take() else { return };
-        if let Ok(Some(slot)) = AutosaveSlot::take(&run.slot) {
-            slot.discard();
+        if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
+            slot.delete_files();
         }
     }
 

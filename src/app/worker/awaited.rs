@@ -3,7 +3,7 @@
 //! A session reads some of its frames before it starts. A drive that does not respond would block the
 //! training thread, so a separate thread starts the session and is polled.
 
-use super::opening_work::{opened, start_opening};
+use super::opening_work::{join_opening, start_opening};
 use crate::app::opening::{self, Content, OpenError, OpenedSubject};
 use crate::app::training::TrainSettings;
 use crate::pipeline::drive_work::DriveWork;
@@ -30,8 +30,8 @@ impl AwaitedRecording {
     }
 
     /// Time until the next poll.
-    pub fn rest(&self) -> Duration {
-        if self.beginning.is_some() { Duration::ZERO } else { self.follow.rest() }
+    pub fn time_to_next_poll(&self) -> Duration {
+        if self.beginning.is_some() { Duration::ZERO } else { self.follow.time_to_next_scan() }
     }
 
     /// Reason why no frames arrive, other than a lack of new files.
@@ -46,14 +46,14 @@ impl AwaitedRecording {
     ///
     /// # Errors
     /// If no session can ever start.
-    pub fn look(
+    pub fn poll(
         &mut self,
         training: &TrainSettings,
         serial: u64,
     ) -> Result<Option<OpenedSubject>, String> {
         let work = match self.beginning.take() {
             Some(work) => work,
-            None => match self.begin(training, serial)? {
+            None => match self.start_session(training, serial)? {
                 Some(work) => work,
                 None => return Ok(None),
             },
@@ -62,20 +62,20 @@ impl AwaitedRecording {
             self.beginning = Some(work);
             return Ok(None);
         };
-        match opened(&self.follow.path().display().to_string(), ended)? {
+        match join_opening(&self.follow.path().display().to_string(), ended)? {
             Ok(begun) => Ok(Some(begun)),
-            Err(OpenError::Session(error)) if self.follow.forgives(&error) => Ok(None),
+            Err(OpenError::Session(error)) if self.follow.may_succeed_later(&error) => Ok(None),
             Err(error) => Err(error.to_string()),
         }
     }
 
     /// Starts a session, if there are more frames than at the last attempt.
-    fn begin(
+    fn start_session(
         &mut self,
         training: &TrainSettings,
         serial: u64,
     ) -> Result<Option<DriveWork<Result<OpenedSubject, OpenError>>>, String> {
-        let Some(dataset) = self.follow.more().map_err(|error| error.to_string())? else {
+        let Some(dataset) = self.follow.poll_dataset().map_err(|error| error.to_string())? else {
             return Ok(None);
         };
         let request = training.request().map_err(|refused| refused.to_string())?;

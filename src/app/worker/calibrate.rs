@@ -12,7 +12,7 @@ impl WorkerThread {
         let read = match self.calibratable() {
             Ok(subject) => {
                 let file = path.to_owned();
-                let read = self.read(Some(path), move || Calibration::read(&file));
+                let read = self.read_cancellable(Some(path), move || Calibration::read(&file));
                 read.and_then(|read| read.map_err(|error| error.to_string().into()))
                     .map(|calibration| (subject, calibration))
             }

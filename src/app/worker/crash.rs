@@ -9,7 +9,7 @@ use crate::app::rescue::{self, Crash, CrashedThread, Rescue};
 impl WorkerThread {
     /// After a panic of this thread: rescues the scene and reports the crash to the window, which stays
     /// open.
-    pub(super) fn crashed(&mut self, panic: PanicReport) {
+    pub(super) fn handle_panic(&mut self, panic: PanicReport) {
         // The panic may have occurred while a file was written.
         self.shared.file.end();
         let crash = Crash { thread: CrashedThread::Training, panic, rescue: self.rescue() };

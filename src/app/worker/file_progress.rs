@@ -30,7 +30,7 @@ impl FileProgress {
     }
 
     /// Sets the written share, from 0 to 1; true if it changed enough to redraw.
-    pub fn tell(&self, share: f64) -> bool {
+    pub fn set_share(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
         self.done.swap(done, Ordering::Relaxed) / 10 != done / 10
     }
@@ -67,11 +67,11 @@ mod tests {
         assert_eq!(progress.share(), None);
         progress.cancel();
         progress.begin();
-        assert!(progress.tell(0.25) && progress.is_wanted());
-        assert!(!progress.tell(0.252), "not drawn again for less than a hundredth");
+        assert!(progress.set_share(0.25) && progress.is_wanted());
+        assert!(!progress.set_share(0.252), "not drawn again for less than a hundredth");
         assert_eq!(progress.share(), Some(0.252));
         progress.cancel();
-        assert!(progress.tell(0.5) && !progress.is_wanted());
+        assert!(progress.set_share(0.5) && !progress.is_wanted());
         progress.end();
         assert_eq!(progress.share(), None);
     }

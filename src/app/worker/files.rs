@@ -25,7 +25,7 @@ impl WorkerThread {
                 // Not after an export: training cannot be resumed from one, so a crash still rescues
                 // these frames.
                 self.frames_since_checkpoint = 0;
-                self.forget_autosave();
+                self.discard_autosave();
                 let text = format!(
                     "Saved {} frames ({:.1} MB) to {}",
                     self.snapshot.frames_done,
@@ -96,7 +96,7 @@ impl WorkerThread {
         left_out: &LeftOut,
     ) -> Result<WriteSummary, ExportError> {
         let told = |share: f64| {
-            if self.shared.file.tell(share) {
+            if self.shared.file.set_share(share) {
                 (self.waker)();
             }
             self.shared.file.is_wanted()
@@ -109,11 +109,11 @@ impl WorkerThread {
                 _ => Vec::new(),
             };
             // Edits refer to indices of splats in the window, not in files.
-            let (splats, flags) = match left_out.is_nothing() {
+            let (splats, flags) = match left_out.is_empty() {
                 true => (self.stored_splats(), None),
                 false => {
                     let splats = self.splats();
-                    let flags = left_out.flags(&splats);
+                    let flags = left_out.deleted_flags(&splats);
                     (splats, Some(flags))
                 }
             };

@@ -1,7 +1,7 @@
 //! Sampling of frames after opening: agreement of poses with depth, pixel width and noise. On a
 //! separate thread, because it decodes about twenty frames while the first ones are trained.
 
-use super::thread::{FirstLook, WorkerThread};
+use super::thread::{FrameSampling, WorkerThread};
 use crate::app::opening::Content;
 use crate::app::panic_report::PanicReport;
 use crate::app::state::NoticeKind;
@@ -14,13 +14,13 @@ use std::thread::{self, JoinHandle};
 
 impl WorkerThread {
     /// Starts sampling the opened dataset; drops a sampling of the previous one.
-    pub(super) fn look_at_frames(&mut self) {
+    pub(super) fn start_frame_sampling(&mut self) {
         self.first_look = None;
         let Some(Content::Session(session)) = &self.content else { return };
         let (dataset, split) = (session.dataset().clone(), session.plan().split);
         let surface = session.config().method.scene().map(|run| run.surface.clone());
         let frames = session.plan().first_pass();
-        let look = move || FirstLook {
+        let look = move || FrameSampling {
             sample: surface
                 .and_then(|surface| FrameSample::of(&dataset, split, &frames, &surface).ok()),
             // The poses of the built-in scene are exact.
@@ -33,10 +33,10 @@ impl WorkerThread {
     }
 
     /// Publishes the result, once.
-    pub(super) fn take_first_look(&mut self) {
+    pub(super) fn take_frame_sampling(&mut self) {
         let Some(thread) = self.first_look.take_if(|thread| thread.is_finished()) else { return };
         self.changed = true;
-        let look = match looked(thread) {
+        let look = match join_sampling(thread) {
             Ok(look) => look,
             Err(text) => return self.notify(NoticeKind::Warning, text),
         };
@@ -50,9 +50,9 @@ impl WorkerThread {
 }
 
 /// Result of the thread, or the notice about its panic.
-fn looked(thread: JoinHandle<FirstLook>) -> Result<FirstLook, String> {
+fn join_sampling(thread: JoinHandle<FrameSampling>) -> Result<FrameSampling, String> {
     let told = |panic: Box<dyn Any + Send>| {
-        PanicReport::of(&*panic).ended("checking the frames for doubtful poses")
+        PanicReport::of(&*panic).failure_notice("checking the frames for doubtful poses")
     };
     thread.join().map_err(told)
 }
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn a_look_that_panics_is_told() {
-        let told = looked(thread::spawn(|| panic!("injected into sampling"))).err().unwrap();
+        let told = join_sampling(thread::spawn(|| panic!("injected into sampling"))).err().unwrap();
         for part in ["injected into sampling", "doubtful poses", "report it"] {
             assert!(told.contains(part), "{part:?} is missing in: {told}");
         }

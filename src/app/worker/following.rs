@@ -25,11 +25,11 @@ const CAMERAS: Duration = Duration::from_secs(2);
 
 impl WorkerThread {
     /// Time until the next poll for frames, if there is none to train.
-    pub(super) fn rest_between_looks(&self) -> Option<Duration> {
+    pub(super) fn time_to_next_poll(&self) -> Option<Duration> {
         let rest = match (self.snapshot.state, &self.content) {
-            (RunState::Waiting, _) => self.awaited.as_ref()?.rest(),
+            (RunState::Waiting, _) => self.awaited.as_ref()?.time_to_next_poll(),
             (RunState::Training, Some(Content::Session(session))) if session.is_caught_up() => {
-                session.followed()?.rest()
+                session.followed()?.time_to_next_scan()
             }
             _ => return None,
         };
@@ -54,7 +54,7 @@ impl WorkerThread {
                 if session.follow(None) && self.snapshot.state == RunState::Finished {
                     self.snapshot.state = RunState::Training;
                 }
-                self.tell_of_recording();
+                self.update_recording_state();
             }
             _ => {}
         }
@@ -81,7 +81,7 @@ impl WorkerThread {
         self.awaited = Some(AwaitedRecording::new(follow));
         (self.subject, self.calibration) = (Some(subject), calibration);
         (self.content, self.dirty) = (None, Dirty::default());
-        self.forget_autosave();
+        self.discard_autosave();
         self.first_look = None;
         self.shared.updates.push(SplatChange::All(Arc::default()).into());
         self.snapshot = Snapshot {
@@ -92,20 +92,20 @@ impl WorkerThread {
             follows: true,
             ..Snapshot::default()
         };
-        self.tell_of_recording();
+        self.update_recording_state();
     }
 
     /// Starts a session on the first frames of the awaited recording, if they exist.
-    pub(super) fn look_for_the_first(&mut self) {
+    pub(super) fn poll_awaited_recording(&mut self) {
         let Some(mut awaited) = self.awaited.take() else { return };
         let mut training = self.training.clone();
         training.scene.calibration = self.calibration.as_ref().map(|c| c.calibration.clone());
-        match awaited.look(&training, self.next_serial) {
+        match awaited.poll(&training, self.next_serial) {
             Ok(None) => self.awaited = Some(awaited),
             Ok(Some(mut begun)) => {
                 awaited.hand_over(&mut begun);
                 self.next_serial += 1;
-                self.begin(begun);
+                self.install_subject(begun);
                 // Training starts without an order, because the recording continues.
                 self.snapshot.state = RunState::Training;
                 self.changed = true;
@@ -116,11 +116,11 @@ impl WorkerThread {
                 self.changed = true;
             }
         }
-        self.tell_of_recording();
+        self.update_recording_state();
     }
 
     /// Updates the state of the recording in the snapshot.
-    pub(super) fn tell_of_recording(&mut self) {
+    pub(super) fn update_recording_state(&mut self) {
         let session = match &self.content {
             Some(Content::Session(session)) => Some(&**session),
             _ => None,
@@ -148,14 +148,14 @@ impl WorkerThread {
                 format!("The recording has ended; it has {n} frames to train"),
             );
         }
-        if has_ended || self.cameras_told.elapsed() > CAMERAS {
-            self.tell_of_cameras();
+        if has_ended || self.cameras_updated.elapsed() > CAMERAS {
+            self.update_cameras();
         }
-        self.come_to_rest(is_waiting && self.snapshot.followed.is_some());
+        self.publish_at_rest(is_waiting && self.snapshot.followed.is_some());
     }
 
     /// Publishes the grown list of frames and cameras.
-    fn tell_of_cameras(&mut self) {
+    fn update_cameras(&mut self) {
         let (Some(Content::Session(session)), Some(opened)) =
             (&self.content, &self.snapshot.opened)
         else {
@@ -170,16 +170,16 @@ impl WorkerThread {
             self.snapshot.opened = Some(Arc::new(opened));
             self.changed = true;
         }
-        self.cameras_told = Instant::now();
+        self.cameras_updated = Instant::now();
     }
 
     /// Publishes changes deferred until training rests (see `mark_visibility`), once per rest.
-    fn come_to_rest(&mut self, is_waiting: bool) {
+    fn publish_at_rest(&mut self, is_waiting: bool) {
         match self.waiting_since {
             _ if !is_waiting => self.waiting_since = Some(Instant::now()),
             Some(since) if since.elapsed() > AT_REST => {
                 self.waiting_since = None;
-                self.rest();
+                self.reset_frame_rate();
                 self.mark_visibility();
                 self.changed = true;
             }
@@ -190,7 +190,7 @@ impl WorkerThread {
 
 /// Returns the follower of a folder, which selects all its frames.
 pub(super) fn follow_of(path: &Path) -> Result<Follow, String> {
-    let selection = Selection { follow: true, ..Selection::everything() };
+    let selection = Selection { follow: true, ..Selection::all_frames() };
     Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
 }
 

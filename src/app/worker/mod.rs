@@ -47,7 +47,7 @@ const INTERVAL: Duration = Duration::from_millis(33);
 const SLOW_FRAME: Duration = Duration::from_secs(5);
 const STUCK_FRAME: Duration = Duration::from_secs(30);
 /// Interval of polls for the end of the thread.
-const LOOK: Duration = Duration::from_millis(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Maximum number of queued orders, more than a user gives while a dataset is opened. Beyond it the
 /// window waits for the trainer, so that memory stays bounded.
@@ -69,7 +69,7 @@ impl Worker {
     /// Starts the thread. After a panic, a scene that cannot be saved beside its dataset goes to the
     /// first usable rescue folder.
     pub fn start_with(waker: Waker, rescue_folders: Vec<PathBuf>) -> std::io::Result<Self> {
-        PanicReport::listen();
+        PanicReport::install_hook();
         let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
         shared.set_interval(INTERVAL);
@@ -140,16 +140,16 @@ impl Worker {
 
     /// Rescues training that no checkpoint holds, after the orders before; blocks until done.
     pub fn rescue(&self) -> Rescue {
-        self.saved_by(WorkerOrder::Rescue)
+        self.rescue_by_order(WorkerOrder::Rescue)
     }
 
     /// Stops training and stores what no checkpoint holds for the next window to resume, after the
     /// orders before; blocks until done. The snapshot then makes windows close.
-    pub fn leave_behind(&self) -> Rescue {
-        self.saved_by(WorkerOrder::LeaveBehind)
+    pub fn store_for_next_window(&self) -> Rescue {
+        self.rescue_by_order(WorkerOrder::StoreForNextWindow)
     }
 
-    fn saved_by(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
+    fn rescue_by_order(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
         self.shared.opening.end();
         let (sender, receiver) = sync_channel(1);
@@ -162,7 +162,7 @@ impl Worker {
             problems: vec![problem.to_owned()],
         };
         loop {
-            match (receiver.recv_timeout(LOOK), self.crash()) {
+            match (receiver.recv_timeout(POLL_INTERVAL), self.crash()) {
                 (Ok(rescue), _) => return rescue,
                 (Err(RecvTimeoutError::Disconnected), Some(crash)) => return crash.rescue,
                 (Err(RecvTimeoutError::Disconnected), None) => {
@@ -179,13 +179,13 @@ impl Worker {
     /// Time spent at the current frame, if it is long: its drive may not respond.
     pub fn slow_frame(&self) -> Option<Duration> {
         let clocks = [&self.shared.step, &self.shared.unread];
-        let longest = clocks.into_iter().filter_map(|clock| clock.at_frame()).max();
+        let longest = clocks.into_iter().filter_map(|clock| clock.elapsed()).max();
         longest.filter(|time| *time >= SLOW_FRAME)
     }
 
     /// True if the thread is in a step too long to wait for.
     fn is_stuck(&self) -> bool {
-        self.shared.step.at_frame().is_some_and(|time| time >= STUCK_FRAME)
+        self.shared.step.elapsed().is_some_and(|time| time >= STUCK_FRAME)
     }
 }
 
@@ -200,7 +200,7 @@ impl Drop for Worker {
                     // Detached: the program ends without it.
                     return;
                 }
-                std::thread::sleep(LOOK);
+                std::thread::sleep(POLL_INTERVAL);
             }
             // A panic of the thread was reported when it occurred.
             let _ = thread.join();

@@ -4,13 +4,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Cancellation of openings, shared by window and training thread.
 #[derive(Default)]
-pub struct OpeningWish {
+pub struct OpeningCancellation {
     is_cancelled: AtomicBool,
     is_over: AtomicBool,
 }
 
 // Relaxed throughout: no other memory depends on the flags.
-impl OpeningWish {
+impl OpeningCancellation {
     pub fn cancel(&self) {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }
@@ -26,7 +26,7 @@ impl OpeningWish {
     }
 
     /// True if the opening was cancelled.
-    pub fn is_given_up(&self) -> bool {
+    pub fn is_cancelled(&self) -> bool {
         self.is_cancelled.load(Ordering::Relaxed) || self.is_over.load(Ordering::Relaxed)
     }
 }
@@ -37,13 +37,13 @@ mod tests {
 
     #[test]
     fn a_wish_is_given_up_once_and_an_end_is_for_good() {
-        let wish = OpeningWish::default();
+        let wish = OpeningCancellation::default();
         wish.cancel();
-        assert!(wish.is_given_up());
+        assert!(wish.is_cancelled());
         wish.begin();
-        assert!(!wish.is_given_up(), "what was cancelled was another");
+        assert!(!wish.is_cancelled(), "what was cancelled was another");
         wish.end();
         wish.begin();
-        assert!(wish.is_given_up());
+        assert!(wish.is_cancelled());
     }
 }

@@ -26,6 +26,8 @@ pub(super) fn start_opening<T: Send + 'static>(
 }
 
 /// Result of the work, or the notice about its panic.
-pub(super) fn opened<T>(name: &str, ended: thread::Result<T>) -> Result<T, String> {
-    ended.map_err(|panic| format!("{name}: {}", PanicReport::of(&*panic).ended("opening it")))
+pub(super) fn join_opening<T>(name: &str, ended: thread::Result<T>) -> Result<T, String> {
+    ended.map_err(|panic| {
+        format!("{name}: {}", PanicReport::of(&*panic).failure_notice("opening it"))
+    })
 }

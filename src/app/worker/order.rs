@@ -43,11 +43,11 @@ pub enum WorkerOrder {
     Rescue(SyncSender<Rescue>),
     /// Stop, and store training that no checkpoint holds for the next window, because the program is
     /// terminated.
-    LeaveBehind(SyncSender<Rescue>),
+    StoreForNextWindow(SyncSender<Rescue>),
     /// Resume the run that the snapshot offers.
-    GoOn,
+    ResumeAbandoned,
     /// Discard the offered run.
-    GiveUp,
+    DiscardAbandoned,
     /// Publish a notice of the window.
     Report(NoticeKind, String),
     /// Remove the notices of the window, because another adapter draws.

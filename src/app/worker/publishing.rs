@@ -41,7 +41,7 @@ impl WorkerThread {
         // Before the snapshot, so that a window that reads it finds its splats too.
         self.deliver_splats();
         self.snapshot.inspected = self.inspect();
-        self.snapshot.settled = self.is_settled();
+        self.snapshot.includes_pending_photographs = self.is_settled();
         self.snapshot.recent = Arc::new(self.recent_frames().to_vec());
         self.shared.publish(self.snapshot.clone());
         self.published = Instant::now();
@@ -62,7 +62,7 @@ impl WorkerThread {
 
     /// Adds reports older than [`Self::recent_frames`] whose photographs were just compared. Pending
     /// photographs are drawn at random, so that some wait for longer than any number of frames.
-    pub(super) fn note_late_photographs(&mut self) {
+    pub(super) fn add_late_reports(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
         // Only half of them: the others are still among the latest frames when these are published.
         let Some(newer) = self.recent_frames().iter().nth_back(HISTORY / 2) else { return };
@@ -176,15 +176,15 @@ mod tests {
         let (started, mut outcomes) = (Instant::now(), FrameOutcomes::default());
         while worker.snapshot().state != RunState::Finished {
             assert!(started.elapsed() < PATIENCE, "{:?}", worker.snapshot().notices);
-            outcomes.take(&worker.snapshot());
+            outcomes.update(&worker.snapshot());
             std::thread::sleep(Duration::from_millis(5));
         }
         let snapshot = worker.snapshot();
-        outcomes.take(&snapshot);
+        outcomes.update(&snapshot);
         let plan = snapshot.opened.as_ref().unwrap().plan.clone().unwrap();
         assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
         let untold = plan.frames.iter().filter(|&&frame| {
-            let state = outcomes.of((plan.split, frame), "");
+            let state = outcomes.state_of((plan.split, frame), "");
             !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
         });
         assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);

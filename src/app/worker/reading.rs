@@ -3,7 +3,7 @@
 //! A disconnected network drive blocks a read for minutes or forever, and nothing can end that. A
 //! separate thread reads, and the training thread waits for it only until the user cancels.
 
-use super::opening_work::{opened, start_opening};
+use super::opening_work::{join_opening, start_opening};
 use super::thread::WorkerThread;
 use crate::app::state::{NoticeKind, NoticeTopic};
 use std::path::Path;
@@ -30,7 +30,7 @@ impl From<String> for Refusal {
 
 impl WorkerThread {
     /// Returns the result of `work` on a path, or a [`Refusal`] if the user cancels.
-    pub(super) fn read<T: Send + 'static>(
+    pub(super) fn read_cancellable<T: Send + 'static>(
         &mut self,
         path: Option<&Path>,
         work: impl FnOnce() -> T + Send + 'static,
@@ -41,20 +41,20 @@ impl WorkerThread {
         let mut is_told = false;
         loop {
             if let Some(ended) = work.wait(LOOK) {
-                return Ok(opened(&name, ended)?);
+                return Ok(join_opening(&name, ended)?);
             }
-            if self.shared.opening.is_given_up() {
+            if self.shared.opening.is_cancelled() {
                 let text = format!("{name}: opening was cancelled");
                 return Err(Refusal { kind: NoticeKind::Info, text });
             }
             if !is_told && work.elapsed() > SLOW {
                 is_told = true;
-                self.tell_of_silence(&name, work.elapsed());
+                self.warn_of_slow_drive(&name, work.elapsed());
             }
         }
     }
 
-    fn tell_of_silence(&mut self, name: &str, elapsed: Duration) {
+    fn warn_of_slow_drive(&mut self, name: &str, elapsed: Duration) {
         let text = format!(
             "{name}: expected it to be open, found it still being read after {} s; a drive may be slow or disconnected: wait, or press Cancel opening below and check the drive",
             elapsed.as_secs()

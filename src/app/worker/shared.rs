@@ -1,7 +1,7 @@
 //! State shared by the training thread and the window.
 
 use super::file_progress::FileProgress;
-use super::opening_wish::OpeningWish;
+use super::opening_wish::OpeningCancellation;
 use super::step_clock::StepClock;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
@@ -23,7 +23,7 @@ pub struct Shared {
     interval_us: AtomicU64,
     crash: Mutex<Option<Crash>>,
     pub file: FileProgress,
-    pub opening: OpeningWish,
+    pub opening: OpeningCancellation,
     /// Time of the current step.
     pub step: StepClock,
     /// Time for which the trainer waits for a frame that has not been read.

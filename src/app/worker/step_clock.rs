@@ -44,7 +44,7 @@ impl StepClock {
     }
 
     /// Elapsed time; `None` while the clock is stopped.
-    pub fn at_frame(&self) -> Option<Duration> {
+    pub fn elapsed(&self) -> Option<Duration> {
         let begun = self.begun_ms.load(Ordering::Relaxed);
         let begun = (begun != NONE).then(|| Duration::from_millis(begun))?;
         Some(self.origin.elapsed().saturating_sub(begun))
@@ -64,12 +64,12 @@ mod tests {
     #[test]
     fn it_runs_while_a_frame_is_trained() {
         let clock = StepClock::default();
-        assert_eq!(clock.at_frame(), None);
+        assert_eq!(clock.elapsed(), None);
         let at_frame = clock.begin();
         std::thread::sleep(Duration::from_millis(20));
-        assert!(clock.at_frame().is_some_and(|time| time >= Duration::from_millis(15)));
+        assert!(clock.elapsed().is_some_and(|time| time >= Duration::from_millis(15)));
         drop(at_frame);
-        assert_eq!(clock.at_frame(), None);
+        assert_eq!(clock.elapsed(), None);
     }
 
     #[test]
@@ -78,8 +78,8 @@ mod tests {
         clock.wait();
         std::thread::sleep(Duration::from_millis(20));
         clock.wait();
-        assert!(clock.at_frame().is_some_and(|time| time >= Duration::from_millis(15)));
+        assert!(clock.elapsed().is_some_and(|time| time >= Duration::from_millis(15)));
         clock.end();
-        assert_eq!(clock.at_frame(), None);
+        assert_eq!(clock.elapsed(), None);
     }
 }

@@ -51,7 +51,7 @@ impl WorkerThread {
                     let text = format!(
                         "{} is open; only one subject can be open, left out: {}{reason}",
                         path.display(),
-                        named(&others)
+                        list_paths(&others)
                     );
                     return self.notify(NoticeKind::Warning, text);
                 }
@@ -83,10 +83,10 @@ impl WorkerThread {
             Ok(Found::Whole(opened)) => {
                 self.next_serial += 1;
                 (self.subject, self.calibration) = (Some(subject), calibration);
-                self.begin(*opened);
+                self.install_subject(*opened);
                 let dataset = self.snapshot.opened.as_ref().and_then(|o| o.dataset.clone());
                 if let Some(path) = dataset.as_ref().and_then(|dataset| dataset.path.as_deref()) {
-                    self.look_for_abandoned(Some(path));
+                    self.offer_abandoned_run(Some(path));
                 }
                 if self.snapshot.follows {
                     self.set_follows(true);
@@ -114,7 +114,7 @@ impl WorkerThread {
             Subject::Path(path) => Some(path.as_path()),
             Subject::Demo => None,
         };
-        let found = self.read(path, move || match &read {
+        let found = self.read_cancellable(path, move || match &read {
             Subject::Path(path) if follows && is_folder(&read) => {
                 follow_of(path).map(|follow| Found::Recording(Box::new(follow)))
             }
@@ -134,7 +134,7 @@ impl WorkerThread {
         };
     }
 
-    pub(super) fn begin(&mut self, opened: opening::OpenedSubject) {
+    pub(super) fn install_subject(&mut self, opened: opening::OpenedSubject) {
         self.ends.clear();
         self.dirty = Dirty::default();
         self.forget_notices(NoticeTopic::Subject);
@@ -151,7 +151,7 @@ impl WorkerThread {
         };
         (self.frames_since_checkpoint, self.rescued) = (0, None);
         (self.awaited, self.waiting_since) = (None, None);
-        self.forget_autosave();
+        self.discard_autosave();
         // The index would refer to another component.
         self.inspecting = None;
         // Also drops pending updates of the previous scene.
@@ -169,8 +169,8 @@ impl WorkerThread {
                 };
                 let trained = session.frames().iter().map(|frame| frame.ms.stages.train);
                 self.snapshot.trained_s = 1e-3 * trained.sum::<f64>();
-                let doubted = session.frames().iter().filter_map(FrameReport::doubt);
-                self.snapshot.doubts = Arc::new(doubted.collect());
+                let doubted = session.frames().iter().filter_map(FrameReport::outlier_warning);
+                self.snapshot.outlier_reports = Arc::new(doubted.collect());
             }
             Content::Model(splats) => {
                 self.snapshot.source = Source::Model;
@@ -179,9 +179,9 @@ impl WorkerThread {
                 self.snapshot.used = splats.len();
             }
         }
-        self.owes_step = false;
+        self.has_pending_step = false;
         self.content = Some(opened.content);
-        self.look_at_frames();
+        self.start_frame_sampling();
         // The splats above were sent without attributes; these follow if the viewport needs them.
         self.watch(self.watched);
         for (kind, text) in opened.notices {
@@ -192,7 +192,7 @@ impl WorkerThread {
 }
 
 /// Lists the first few paths, and the number of the others.
-fn named(paths: &[&PathBuf]) -> String {
+fn list_paths(paths: &[&PathBuf]) -> String {
     const NAMED: usize = 3;
     let names: Vec<String> =
         paths.iter().take(NAMED).map(|path| path.display().to_string()).collect();

@@ -26,7 +26,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Result of sampling the frames of the opened dataset.
-pub struct FirstLook {
+pub struct FrameSampling {
     /// Agreement of poses with depth.
     pub(super) poses: Option<PoseCheck>,
     /// Pixel width and depth noise.
@@ -61,16 +61,16 @@ pub struct WorkerThread {
     /// Outcome of the rescue of the newest state after a panic.
     pub(super) rescued: Option<Rescue>,
     /// Thread that samples the frames of the open dataset, until it is done.
-    pub(super) first_look: Option<JoinHandle<FirstLook>>,
+    pub(super) first_look: Option<JoinHandle<FrameSampling>>,
     pub(super) saver: RunAutosave,
     /// Recording on which no session has started.
     pub(super) awaited: Option<AwaitedRecording>,
     /// Time at which the frames of a recording ran out; `None` once training is at rest.
     pub(super) waiting_since: Option<Instant>,
     /// True if a single step waits for a frame that has not been read.
-    pub(super) owes_step: bool,
+    pub(super) has_pending_step: bool,
     /// Time of the last update of the cameras of a growing recording.
-    pub(super) cameras_told: Instant,
+    pub(super) cameras_updated: Instant,
 }
 
 /// Interval at which autosaves are polled while no frames are trained.
@@ -111,22 +111,22 @@ impl WorkerThread {
             saver: RunAutosave::Off,
             awaited: None,
             waiting_since: None,
-            owes_step: false,
-            cameras_told: Instant::now(),
+            has_pending_step: false,
+            cameras_updated: Instant::now(),
         }
     }
 
     /// Executes orders and trains until the handle is dropped.
     pub fn run(mut self) {
-        self.look_for_abandoned(None);
+        self.offer_abandoned_run(None);
         while let Ok(order) = self.next_order() {
             // Catches panics of each turn, not of the loop, so that a panic costs one order or one
             // frame.
-            let work = catch_unwind(AssertUnwindSafe(|| self.turn(order)));
+            let work = catch_unwind(AssertUnwindSafe(|| self.run_turn(order)));
             let Err(payload) = work else { continue };
             let panic = PanicReport::of(&*payload);
             // A second panic during the handling would only recur.
-            if catch_unwind(AssertUnwindSafe(|| self.crashed(panic))).is_err() {
+            if catch_unwind(AssertUnwindSafe(|| self.handle_panic(panic))).is_err() {
                 return;
             }
         }
@@ -135,15 +135,15 @@ impl WorkerThread {
 
     /// Returns the next order; blocks for it unless there is a frame to train.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
-        let rest = self.rest_between_looks();
-        if self.owes_step || self.snapshot.state == RunState::Training && rest.is_none() {
+        let rest = self.time_to_next_poll();
+        if self.has_pending_step || self.snapshot.state == RunState::Training && rest.is_none() {
             return match self.inbox.try_recv() {
                 Ok(order) => Ok(Some(order)),
                 Err(TryRecvError::Empty) => Ok(None),
                 Err(TryRecvError::Disconnected) => Err(Dismissed),
             };
         }
-        let Some(rest) = rest.or(self.rest_at_idle()) else {
+        let Some(rest) = rest.or(self.idle_timeout()) else {
             // Nothing can be due without an order: an idle window takes no CPU time.
             return self.inbox.recv().map(Some).map_err(|_| Dismissed);
         };
@@ -155,30 +155,30 @@ impl WorkerThread {
     }
 
     /// Time until something may be due without an order; `None` if nothing can be.
-    fn rest_at_idle(&self) -> Option<Duration> {
+    fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
         if self.changed || !self.dirty.is_empty() || self.first_look.is_some() {
             return Some(self.shared.interval());
         }
-        self.saves_by_itself().then_some(SAVES)
+        self.has_pending_autosave().then_some(SAVES)
     }
 
     /// Executes an order, or trains a frame if there is none, and publishes the result.
-    fn turn(&mut self, order: Option<WorkerOrder>) {
+    fn run_turn(&mut self, order: Option<WorkerOrder>) {
         let acted = order.is_some();
         self.changed |= acted;
         match order {
             Some(order) => self.apply(order),
-            None if self.owes_step => self.step_once(),
+            None if self.has_pending_step => self.step_once(),
             None if self.snapshot.state == RunState::Training => drop(self.step()),
-            None if self.snapshot.state == RunState::Waiting => self.look_for_the_first(),
+            None if self.snapshot.state == RunState::Waiting => self.poll_awaited_recording(),
             None => {}
         }
-        if !(self.owes_step || self.snapshot.state == RunState::Training) {
+        if !(self.has_pending_step || self.snapshot.state == RunState::Training) {
             self.shared.unread.end();
         }
         self.autosave();
-        self.take_first_look();
+        self.take_frame_sampling();
         // The first frame is shown at once.
         let is_first = self.snapshot.frames_done == 1 && self.changed;
         self.publish(acted || is_first);
@@ -218,14 +218,14 @@ impl WorkerThread {
                 // Fails if the window no longer waits for it.
                 let _ = answer.send(self.rescue());
             }
-            WorkerOrder::LeaveBehind(answer) => {
-                let kept = self.leave_behind();
+            WorkerOrder::StoreForNextWindow(answer) => {
+                let kept = self.store_for_next_window();
                 // Before the answer, because its receiver relies on the snapshot.
                 self.publish(true);
                 let _ = answer.send(kept);
             }
-            WorkerOrder::GoOn => self.go_on(),
-            WorkerOrder::GiveUp => self.give_up(),
+            WorkerOrder::ResumeAbandoned => self.resume_abandoned_run(),
+            WorkerOrder::DiscardAbandoned => self.discard_abandoned_run(),
             // Notices of the window are stored here, so that they outlive it.
             WorkerOrder::Report(kind, message) => {
                 self.notify_of(NoticeTopic::Window, kind, message);
@@ -239,8 +239,8 @@ impl WorkerThread {
 
     /// Trains one frame, once it has been read.
     fn step_once(&mut self) {
-        self.owes_step = !self.step();
-        if !self.owes_step {
+        self.has_pending_step = !self.step();
+        if !self.has_pending_step {
             self.mark_visibility();
         }
     }
@@ -253,11 +253,11 @@ impl WorkerThread {
     }
 
     pub(super) fn set_state(&mut self, state: RunState) {
-        self.owes_step = false;
+        self.has_pending_step = false;
         // An order that arrives after the end of training must not restart it.
         if self.may_train() {
             self.snapshot.state = state;
-            self.rest();
+            self.reset_frame_rate();
         }
     }
 
@@ -266,14 +266,14 @@ impl WorkerThread {
     }
 
     /// Restarts the measurement of the frame rate.
-    pub(super) fn rest(&mut self) {
+    pub(super) fn reset_frame_rate(&mut self) {
         self.ends.clear();
         self.snapshot.frames_per_s = 0.0;
     }
 
     pub(super) fn fail(&mut self, message: String) {
         self.snapshot.state = RunState::Failed;
-        self.rest();
+        self.reset_frame_rate();
         self.notify(NoticeKind::Error, message);
     }
 

@@ -43,8 +43,8 @@ impl WorkerThread {
                     Changed::All => self.dirty.mark_all(learner.components()),
                 }
                 self.snapshot.trained_s += started.elapsed().as_secs_f64();
-                self.note_late_photographs();
-                self.learned();
+                self.add_late_reports();
+                self.record_trained_frame();
             }
             Ok(Step::Skipped(skipped)) => {
                 if was_settled && !session.is_settled() {
@@ -63,25 +63,26 @@ impl WorkerThread {
             Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
             Err(error) => self.fail(format!("{error}; the scene trained so far can be exported")),
         }
-        self.tell_of_doubts();
-        self.tell_of_recording();
+        self.add_outlier_reports();
+        self.update_recording_state();
         true
     }
 
     /// Adds new reports of outlier frames to the snapshot.
-    fn tell_of_doubts(&mut self) {
+    fn add_outlier_reports(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
-        let doubts = session.take_doubts();
+        let doubts = session.take_outlier_warnings();
         if !doubts.is_empty() {
             // A new list, because published snapshots share the old one.
-            self.snapshot.doubts = Arc::new([&self.snapshot.doubts[..], &doubts].concat());
+            self.snapshot.outlier_reports =
+                Arc::new([&self.snapshot.outlier_reports[..], &doubts].concat());
         }
     }
 
-    fn learned(&mut self) {
+    fn record_trained_frame(&mut self) {
         self.snapshot.frames_done += 1;
         if self.snapshot.followed.is_some() && self.snapshot.frames_done == ENOUGH_FRAMES {
-            self.look_at_frames();
+            self.start_frame_sampling();
         }
         self.snapshot.unsaved_frames += 1;
         self.frames_since_checkpoint += 1;
@@ -103,7 +104,7 @@ impl WorkerThread {
         self.snapshot.state = RunState::Finished;
         self.snapshot.frames_per_s = 0.0;
         self.mark_visibility();
-        self.note_late_photographs();
+        self.add_late_reports();
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
             // The performance tests parse this line (`tests/app/window.rs`).
@@ -122,8 +123,8 @@ impl WorkerThread {
             && session.settle()
         {
             self.dirty.mark_all(session.learner().components());
-            self.note_late_photographs();
-            self.tell_of_doubts();
+            self.add_late_reports();
+            self.add_outlier_reports();
         }
     }
 
@@ -131,7 +132,7 @@ impl WorkerThread {
     /// points. Done when training rests: delivering all of them after every frame would slow it down.
     pub(super) fn mark_visibility(&mut self) {
         if let Some(Content::Session(session)) = &self.content
-            && session.learner().changes_unseen()
+            && session.learner().changes_unlisted_components()
         {
             self.dirty.mark_all(session.learner().components());
         }

@@ -39,7 +39,7 @@ impl TrainingSample {
         // nothing.
         let small = PaperOverrides { components: Some(1), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&small)?;
-        let session = Session::new(dataset.clone(), config.clone(), Selection::everything())?;
+        let session = Session::new(dataset.clone(), config.clone(), Selection::all_frames())?;
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n_frames));
         let normalization = *session.normalization();
         let preparation = config.preparation(session.config(), normalization);

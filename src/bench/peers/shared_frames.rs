@@ -36,7 +36,7 @@ impl SharedFrames {
         config: &PaperConfig,
         told: Value,
     ) -> Result<Self, BenchError> {
-        let session = Session::new(dataset.clone(), config.clone(), Selection::everything())?;
+        let session = Session::new(dataset.clone(), config.clone(), Selection::all_frames())?;
         let normalization = *session.normalization();
         let preparation = config.preparation(session.config(), normalization);
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n));
@@ -84,7 +84,7 @@ fn write_frame(
     };
     let rows: Vec<[f32; 6]> = (0..points.len()).map(row).collect();
     array("points", "<f4", &[rows.len(), 6], cast_slice(&rows))?;
-    let registered = frame.registered();
+    let registered = frame.with_registered_color();
     let color = &registered.color;
     let rgb: Vec<[u8; 3]> = color.data.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
     array("color", "|u1", &[color.height, color.width, 3], cast_slice(&rgb))?;

@@ -7,7 +7,7 @@ use crate::render::gpu::DrawPath;
 use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
 use crate::render::gpu::renderer::SplatRenderer;
-use crate::render::gpu::scene::{GpuScene, OrderOf};
+use crate::render::gpu::scene::{ComparedImage, GpuScene};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
 use crate::render::{RenderOptions, Renderer};
 use std::rc::Rc;
@@ -43,7 +43,7 @@ impl TimedGpu {
     fn new(gpu: Rc<HeadlessGpu>, path: DrawPath) -> Result<Self, HeadlessError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let method = || -> Result<TimedMethod, HeadlessError> {
-            let mut renderer = SplatRenderer::new(device, queue, OrderOf::First)?;
+            let mut renderer = SplatRenderer::new(device, queue, ComparedImage::First)?;
             renderer.set_path(path);
             Ok(TimedMethod { renderer, is_warm: false })
         };
@@ -119,7 +119,7 @@ impl TimedPainter for TimedGpu {
             let started = Instant::now();
             let order = back_to_front(splats, camera, options, &mut self.scratch);
             order_ms = Some(ms_since(started));
-            self.scene.set_order(&self.gpu.queue, OrderOf::First, order)?;
+            self.scene.set_order(&self.gpu.queue, ComparedImage::First, order)?;
         }
         let total = self.draw(camera, options)?;
         let times = match options.method.renderer() {

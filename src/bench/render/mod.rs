@@ -24,7 +24,7 @@ use crate::bench::findings::{Bench, BenchError, Findings, Progress};
 use crate::eval::spread::Spread;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
-use crate::model::splat::framing::{Framing, bulk};
+use crate::model::splat::framing::{Framing, core_sphere};
 use crate::model::splat::splats::Splat;
 use crate::render::{RenderOptions, Renderer};
 use glam::DVec3;
@@ -87,7 +87,8 @@ impl<'a> Turns<'a> {
     /// The first round warms up and does not count.
     fn time(&mut self, frames: usize, size: [u32; 2], up: DVec3) -> Vec<RenderRow> {
         let mut found: Vec<TimedTarget> = self.targets();
-        let framing = bulk(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+        let framing =
+            core_sphere(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
         for round in 0..=frames {
             // The round that warms up stands where the last one does, a whole turn away: those that
             // count see every side once.

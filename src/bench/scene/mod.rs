@@ -141,7 +141,7 @@ pub fn run(
 
 impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
-        let everything = Selection::everything();
+        let everything = Selection::all_frames();
         let all =
             Plan::new(&dataset, &everything, plan.options.seed).map_err(SessionError::from)?;
         let held_out = dataset.evaluation(all.split).new_views;
@@ -172,7 +172,8 @@ impl AccuracyRuns {
         let crack_views = self.crack_views.as_ref().filter(|_| with_cracks);
         let crack_views = crack_views.map(|(split, frames)| (*split, frames.as_slice()));
         let options = &self.options;
-        let measured = measure::quality(splats, dataset, views, crack_views, options, |_| ())?;
+        let measured =
+            measure::measure_quality(splats, dataset, views, crack_views, options, |_| ())?;
         Ok(measured.0)
     }
 

@@ -32,7 +32,7 @@ impl Perturbed {
     /// a direction of its own.
     pub fn new(dataset: &Dataset, plan: &Plan, seed: u64) -> Self {
         let (mut dataset, mut changed) = (dataset.clone(), Vec::new());
-        let shift = SHIFT * dataset.metre();
+        let shift = SHIFT * dataset.units_per_metre();
         let mut rng = Rng::new(seed, Purpose::Synthetic, plan.frames.len() as u64);
         let mut direction = || loop {
             let within = DVec3::from_array([0; 3].map(|_| rng.range(-1.0, 1.0)));
@@ -44,7 +44,7 @@ impl Perturbed {
         for &frame in plan.frames.iter().skip(WHICH).step_by(ONE_OF) {
             let [to, axis] = [direction(), direction()];
             let pose = &mut frames[frame].camera.pose;
-            let wrong = pose.attached(shift * to, DQuat::from_axis_angle(axis, TURN));
+            let wrong = pose.attached_camera(shift * to, DQuat::from_axis_angle(axis, TURN));
             changed.push([std::mem::replace(pose, wrong), wrong]);
         }
         Self { dataset: Arc::new(dataset), changed }
@@ -53,7 +53,7 @@ impl Perturbed {
     /// Shares of shift and turn that are left: how far perturbed frames stand, in the mean, from where those of a
     /// run without perturbations do. `None` where no such frame was learnt in both.
     pub fn left(&self, without: &[FramePose], with: &[FramePose]) -> Option<[f64; 2]> {
-        let shift = SHIFT * self.dataset.metre();
+        let shift = SHIFT * self.dataset.units_per_metre();
         let real = |log: &[FramePose], recorded: &Pose| {
             let is_it = |frame: &&FramePose| {
                 recorded.centre().distance(DVec3::from_array(frame.recorded.centre)) < SAME * shift

@@ -187,7 +187,7 @@ impl<'a> RecordingRun<'a> {
     fn new(dataset: &'a Arc<Dataset>, plan: &RecordingsPlan) -> Result<Self, BenchError> {
         let RecordingsPlan { options, hold_out, .. } = *plan;
         let seed = options.seed;
-        let selection = Selection { hold_out, ..Selection::everything() };
+        let selection = Selection { hold_out, ..Selection::all_frames() };
         let all = Plan::new(dataset, &selection, seed).map_err(SessionError::from)?;
         let evaluation = dataset.evaluation_by(hold_out, all.split).map_err(SessionError::from)?;
         let [frames, views] = if options.quick { [12, 4] } else { [usize::MAX; 2] };

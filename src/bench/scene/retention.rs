@@ -86,7 +86,7 @@ pub fn run(
     progress: Progress,
 ) -> Result<Bench, BenchError> {
     let (most, looked_at) = if options.quick { (12, 6) } else { (usize::MAX, FRAMES) };
-    let all = Plan::new(&dataset, &Selection::everything(), options.seed);
+    let all = Plan::new(&dataset, &Selection::all_frames(), options.seed);
     let all = all.map_err(SessionError::from)?;
     let held_out = dataset.evaluation(all.split).new_views;
     let frames = spaced(&all.frames, options.max_frames.unwrap_or(most));

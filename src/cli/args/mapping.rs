@@ -38,7 +38,7 @@ pub struct MappingArgs {
 
 impl MappingArgs {
     /// Returns the first of these options that was given.
-    pub fn said(&self) -> Option<&'static str> {
+    pub fn first_given_option(&self) -> Option<&'static str> {
         let mapping = self.export_mapping.map(|_| "--export-mapping");
         mapping.or(self.export_split.map(|_| "--export-split"))
     }
@@ -51,7 +51,7 @@ impl MappingArgs {
         };
         let opacity = match self.export_mapping {
             // The best choice depends on the split: equal areas for one or two, clipping for four.
-            None => Mapping::of(split).opacity,
+            None => Mapping::for_split(split).opacity,
             Some(MappingName::EqualArea) => OpacityMapping::EqualArea,
             Some(MappingName::Clip) => OpacityMapping::Clip,
         };

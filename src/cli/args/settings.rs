@@ -81,7 +81,7 @@ fn id(about: &'static About) -> &'static str {
 fn option(about: &'static About, stands_for: &'static str) -> Arg {
     let help = format!("{} [default: {}]", about.help(), about.default);
     let arg = Arg::new(id(about)).long(id(about)).value_name(stands_for).help(help);
-    let arg = arg.aliases(about.old).action(ArgAction::Set);
+    let arg = arg.aliases(about.former_name).action(ArgAction::Set);
     let choices = (about.choices)();
     if !choices.is_empty() {
         let values = choices.iter().map(|choice| match choice.help {
@@ -105,7 +105,7 @@ fn parts(name: &'static str, help: &'static str) -> Arg {
         let about = &setting.about;
         let Spelling::Part(part) = about.spelling else { return None };
         let value = PossibleValue::new(part).help(about.help());
-        Some(match about.old {
+        Some(match about.former_name {
             Some(old) => value.alias(old),
             None => value,
         })
@@ -119,7 +119,7 @@ fn parts(name: &'static str, help: &'static str) -> Arg {
 /// Returns the current name of a part given by its old name.
 fn current_name(given: &str) -> &str {
     let parts = SceneOverrides::TABLE.iter().map(|setting| &setting.about);
-    let named_so = |about: &&About| about.old == Some(given);
+    let named_so = |about: &&About| about.former_name == Some(given);
     match parts.filter(named_so).map(|about| about.spelling).next() {
         Some(Spelling::Part(part)) => part,
         _ => given,

@@ -14,7 +14,7 @@ use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::matrix::describe;
+use crate::dataset::matrix::describe_json;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::source::ByteSource;
@@ -27,7 +27,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "ARKit package: a `*.jsonl` file of frames with `camera_to_world` and `intrinsics`",
+    identified_by: "ARKit package: a `*.jsonl` file of frames with `camera_to_world` and `intrinsics`",
     poses: PoseConvention::Opengl,
     recognise,
     parse,
@@ -85,11 +85,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         };
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
-        if folder.has_taken(&name) {
+        if folder.was_taken(&name) {
             continue;
         }
         if !seen.insert(name.clone()) {
-            let problem = FrameProblem::Doubled(format!("another line of `{name}`"));
+            let problem = FrameProblem::Duplicate(format!("another line of `{name}`"));
             recording.skip(&name, file.clone(), problem);
             continue;
         }
@@ -141,14 +141,14 @@ impl<'a> FrameLine<'a> {
         }
         let Some(k) = self.intrinsics(size) else {
             let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
-            return Ok(Err(FrameProblem::Entry { expected, found: describe(self.json) }));
+            return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
         };
         let depth_size = match depth.as_ref().map(|file| self.depth_size(file, size)) {
             None => size,
             Some(Ok(size)) => size,
             Some(Err(problem)) => return Ok(Err(problem)),
         };
-        let cameras = recording.one_lens(&k, size, depth_size, self.file)?;
+        let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
         // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(0.001));
@@ -174,7 +174,7 @@ impl<'a> FrameLine<'a> {
     {
         let pose = matrix(first_of(self.json, &POSE_KEYS))?;
         let pose = Pose::from_opengl(pose)?;
-        let named = |keys: &[&str]| self.text(keys).map(|text| (text, folder.named(text)));
+        let named = |keys: &[&str]| self.text(keys).map(|text| (text, folder.resolve_named(text)));
         let missing = |text: &str, problem, as_missing: fn(String) -> FrameProblem| match problem {
             FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => {
                 as_missing(text.to_owned())
@@ -241,7 +241,7 @@ impl<'a> FrameLine<'a> {
 fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let shape = |found: String| FrameProblem::PoseShape(found);
     let value = value.ok_or_else(|| shape("no `camera_to_world`".to_owned()))?;
-    let numbers = flat_numbers(value).ok_or_else(|| shape(describe(value)))?;
+    let numbers = flat_numbers(value).ok_or_else(|| shape(describe_json(value)))?;
     let n = numbers.len();
     let m: [f64; 16] = numbers.try_into().map_err(|_| shape(format!("{n} numbers")))?;
     let is_by_columns = [m[3], m[7], m[11]] == [0.0; 3] && m[15] == 1.0;

@@ -20,8 +20,8 @@ use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_text, relative_path};
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, given, is_sane_field_of_view};
-use crate::dataset::matrix::{describe, from_json};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, from_user, is_plausible_field_of_view};
+use crate::dataset::matrix::{describe_json, from_json};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::position_range::PositionRange;
@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
+    identified_by: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
     poses: PoseConvention::Opengl,
     recognise,
     parse,
@@ -123,7 +123,7 @@ impl FrameList {
         let expected = "an object with a list `frames` of `file_path` and `transform_matrix`";
         let hint = "export the frame list again";
         match self.json.get("frames").and_then(Value::as_array) {
-            None => Err(self.wrong(expected, describe(&self.json), hint)),
+            None => Err(self.wrong(expected, describe_json(&self.json), hint)),
             Some(frames) if frames.is_empty() => {
                 Err(self.wrong("at least one entry in `frames`", "none".to_owned(), hint))
             }
@@ -136,7 +136,7 @@ impl FrameList {
             None => Ok(None),
             Some(value) => value.as_f64().map(Some).ok_or_else(|| {
                 let expected = format!("a number as `{key}`");
-                self.wrong(&expected, describe(value), "correct the value")
+                self.wrong(&expected, describe_json(value), "correct the value")
             }),
         }
     }
@@ -156,7 +156,8 @@ impl FrameList {
         };
         self.check_camera(size)?;
         let stated = self.intrinsics(size.0, size.1)?;
-        let intrinsics = options.intrinsics.map_or(Ok(stated), |numbers| given(numbers, size))?;
+        let intrinsics =
+            options.intrinsics.map_or(Ok(stated), |numbers| from_user(numbers, size))?;
         let Some(bits) = listed.depth_bits() else {
             listed.skip_unreadable(parsed);
             return Ok(None);
@@ -175,7 +176,7 @@ impl FrameList {
         for (i, frame) in self.frames()?.iter().enumerate() {
             let named = frame.get("file_path").and_then(Value::as_str);
             let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
-            if folder.has_taken(&name) {
+            if folder.was_taken(&name) {
                 continue;
             }
             match listed_frame(frame, &name, &mut images) {
@@ -199,7 +200,7 @@ impl FrameList {
                 Intrinsics::from_horizontal_fov(width, height, angle)
             }
             (None, None) => {
-                let keys = describe(&self.json);
+                let keys = describe_json(&self.json);
                 let hint = "add the horizontal field of view in radians";
                 return Err(self.wrong("a number `camera_angle_x` (or `fl_x`)", keys, hint));
             }
@@ -228,7 +229,7 @@ impl FrameList {
 
     fn check_angle(&self, radians: f64) -> Result<(), DatasetError> {
         let degrees = radians.to_degrees();
-        if is_sane_field_of_view(degrees) {
+        if is_plausible_field_of_view(degrees) {
             return Ok(());
         }
         // Up to 180, the value is probably an angle in degrees.
@@ -267,7 +268,13 @@ impl FrameList {
         };
         // Rendered depth is exact at any length; only sensors have a trusted range.
         let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
-        Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, metre: 1.0, sensor })
+        Ok(DepthEncoding {
+            codes,
+            kind: DepthKind::RayDistance,
+            trusted,
+            units_per_metre: 1.0,
+            sensor,
+        })
     }
 
     fn range(&self) -> Result<Option<PositionRange>, DatasetError> {
@@ -278,7 +285,7 @@ impl FrameList {
         });
         range.map(Some).ok_or_else(|| {
             let expected = "`position_range` as [[x,y,z],[x,y,z]], low and high corner";
-            self.wrong(expected, describe(value), "correct the corners or remove the key")
+            self.wrong(expected, describe_json(value), "correct the corners or remove the key")
         })
     }
 }
@@ -290,7 +297,7 @@ fn listed_frame(
 ) -> Result<ListedFrame, FrameProblem> {
     let Some(file_path) = frame.get("file_path").and_then(Value::as_str) else {
         let expected = "a `file_path` in each entry of `frames`";
-        return Err(FrameProblem::Entry { expected, found: describe(frame) });
+        return Err(FrameProblem::Entry { expected, found: describe_json(frame) });
     };
     let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
     let (color, depth) = images.find(file_path)?;

@@ -3,7 +3,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::paired;
-use super::recording::{RecordedFrame, Recording, wrong};
+use super::recording::{RecordedFrame, Recording, metadata_error};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -13,7 +13,7 @@ use crate::dataset::pose_convention::PoseConvention;
 use crate::math::pose::Pose;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "photographs and depth without poses: `color/` and `depth/`",
+    identified_by: "photographs and depth without poses: `color/` and `depth/`",
     poses: PoseConvention::Opencv,
     recognise: |folder| paired::recognise(folder).map(|images| format!("{images}, without poses")),
     parse,
@@ -24,7 +24,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     if !options.track {
         let found = "images only".to_owned();
         let hint = "estimate the poses with --poses track, or add the poses";
-        return Err(wrong(&folder.path, "poses of the frames", found, hint));
+        return Err(metadata_error(&folder.path, "poses of the frames", found, hint));
     }
     let mut recording = Recording::new(folder, options);
     let Some((pairs, cameras)) = paired::read(&mut recording)? else {
@@ -32,7 +32,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     let encoding = paired::encoding(&recording);
     for (number, pair) in &pairs {
-        if folder.has_taken(&pair.name) {
+        if folder.was_taken(&pair.name) {
             continue;
         }
         let missing = || FrameProblem::MissingColor(format!("number {number}"));

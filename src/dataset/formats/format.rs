@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// Recognition and parsing of one layout, and known properties of its cameras.
 pub(in crate::dataset) struct DatasetFormat {
     /// Identifying content, for messages.
-    pub looks_for: &'static str,
+    pub identified_by: &'static str,
     /// Convention of its pose matrices.
     pub poses: PoseConvention,
     /// Describes the identifying content found, if this is the layout. Must not fail on unknown content.

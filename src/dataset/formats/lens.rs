@@ -1,6 +1,6 @@
 //! Refuses lens models in frame lists other than a pinhole with Brown–Conrady distortion.
 
-use super::recording::wrong;
+use super::recording::metadata_error;
 use crate::dataset::error::DatasetError;
 use serde_json::Value;
 use std::path::Path;
@@ -37,5 +37,5 @@ pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<()
         (None, None) => return Ok(()),
     };
     let expected = "a perspective camera with k1, k2, k3, p1, p2";
-    Err(wrong(file, expected, found, "undistort the images to a pinhole first"))
+    Err(metadata_error(file, expected, found, "undistort the images to a pinhole first"))
 }

@@ -5,7 +5,7 @@
 //! then the split is created.
 
 use super::format::ParsedFolder;
-use super::majority::of_most;
+use super::majority::majority;
 use crate::dataset::decode;
 use crate::dataset::decode::{DepthEncoding, ImageHeader};
 use crate::dataset::distortion::Distortion;
@@ -25,7 +25,7 @@ fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
 
 /// Size (columns, rows) of most photographs, which is the camera's size; `None` if none can be read.
 pub(super) fn photograph_size(photographs: &[&Path]) -> Option<(u32, u32)> {
-    of_most(photographs, |path| header(path).map(|header| (header.width, header.height))).ok()?
+    majority(photographs, |path| header(path).map(|header| (header.width, header.height))).ok()?
 }
 
 /// A frame with an existing colour image and a valid pose.
@@ -56,7 +56,7 @@ impl ListedSplit {
     pub fn depth_bits(&self) -> Option<u16> {
         let depths: Vec<&PathBuf> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
-        let bits = of_most(&depths, |path| header(path).map(|header| header.bits_per_channel));
+        let bits = majority(&depths, |path| header(path).map(|header| header.bits_per_channel));
         bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 

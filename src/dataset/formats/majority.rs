@@ -4,18 +4,18 @@
 //! a vote. Only a sample of files is read, which is fast for thousands of frames and enough for a majority.
 
 /// Number of evenly spaced files that are read.
-const ASKED: usize = 9;
+const SAMPLED_FILES: usize = 9;
 
 /// Most frequent value among the sampled files; of equally frequent values the first file's. `None` without
 /// files.
 ///
 /// # Errors
 /// The first error if no file can be read.
-pub(super) fn of_most<S, T: Copy + PartialEq, E>(
+pub(super) fn majority<S, T: Copy + PartialEq, E>(
     files: &[S],
     ask: impl Fn(&S) -> Result<T, E>,
 ) -> Result<Option<T>, E> {
-    let n = files.len().min(ASKED);
+    let n = files.len().min(SAMPLED_FILES);
     let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
     let (mut answers, mut error) = (Vec::new(), None);
     // Retried once: a passing disk error would change the result for all frames silently.
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     fn most(files: &[Option<u32>]) -> Result<Option<u32>, &'static str> {
-        of_most(files, |file| file.ok_or("damaged"))
+        majority(files, |file| file.ok_or("damaged"))
     }
 
     #[test]

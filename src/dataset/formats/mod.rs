@@ -93,7 +93,7 @@ pub(super) fn parse(
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
-    if let Some(error) = folder.unread() {
+    if let Some(error) = folder.take_unread() {
         return Err(error);
     }
     if found.len() > 1 {
@@ -110,9 +110,9 @@ pub(super) fn parse(
     if let Some((layout, format, why)) = found.pop() {
         let parsed = (format.parse)(folder, options)?;
         // Parsing peeks at the files again and may meet a new disk error.
-        return folder.unread().map_or(Ok((layout, why, parsed)), Err);
+        return folder.take_unread().map_or(Ok((layout, why, parsed)), Err);
     }
-    let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.looks_for).collect();
+    let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.identified_by).collect();
     Err(DatasetError::NotRecognised {
         path: folder.path.clone(),
         expected: expected.join("; "),

@@ -7,15 +7,15 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::lens;
-use super::majority::of_most;
-use super::recording::{RecordedFrame, Recording, same_size, wrong};
+use super::majority::majority;
+use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
 use crate::dataset::decode::{self, CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::files::is_file;
 use crate::dataset::folder::Folder;
-use crate::dataset::matrix::{describe, from_json};
+use crate::dataset::matrix::{describe_json, from_json};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::source::ByteSource;
@@ -27,7 +27,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "nerfstudio: a JSON file whose `frames` have a `depth_file_path`, or cameras of their own",
+    identified_by: "nerfstudio: a JSON file whose `frames` have a `depth_file_path`, or cameras of their own",
     poses: PoseConvention::Opengl,
     recognise,
     parse,
@@ -78,11 +78,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for (i, frame) in frames.iter().enumerate() {
         let name = frame.get("file_path").and_then(Value::as_str);
         let name = name.map_or_else(|| i.to_string(), |n| n.trim_start_matches("./").to_owned());
-        if folder.has_taken(&name) {
+        if folder.was_taken(&name) {
             continue;
         }
         if !seen.insert(name.clone()) {
-            let problem = FrameProblem::Doubled(format!("another entry `{name}`"));
+            let problem = FrameProblem::Duplicate(format!("another entry `{name}`"));
             recording.skip(&name, file.clone(), problem);
             continue;
         }
@@ -123,7 +123,7 @@ impl FrameList<'_> {
         let number = value.as_f64().filter(|number| number.is_finite());
         number.map(Some).ok_or_else(|| {
             let expected = format!("a number as `{key}`");
-            wrong(self.file, &expected, describe(value), "correct the value")
+            metadata_error(self.file, &expected, describe_json(value), "correct the value")
         })
     }
 
@@ -135,11 +135,11 @@ impl FrameList<'_> {
         let named = |keys: &[&str]| -> Vec<&str> {
             frames.iter().filter_map(|frame| first_of(frame, keys)?.as_str()).collect()
         };
-        let color = of_most(&named(&["file_path"]), |name| {
+        let color = majority(&named(&["file_path"]), |name| {
             decode::header(&photograph(folder, name)?).map(|header| (header.width, header.height))
         });
         let depth =
-            of_most(&named(&DEPTH_KEYS), |name| decode::depth_size(&depth_file(folder, name)?));
+            majority(&named(&DEPTH_KEYS), |name| decode::depth_size(&depth_file(folder, name)?));
         // Unreadable files are reported with their frames.
         let (color, depth) = (color.ok().flatten(), depth.ok().flatten());
         if let Some(size) = color.filter(|_| !frames.iter().any(has_own_camera)) {
@@ -161,7 +161,7 @@ impl FrameList<'_> {
                 if stated <= 0.0 {
                     let expected = format!("a positive `{key}`, world units per unit");
                     let hint = "correct the value";
-                    return Err(wrong(self.file, &expected, stated.to_string(), hint));
+                    return Err(metadata_error(self.file, &expected, stated.to_string(), hint));
                 }
                 unit = stated;
                 break;
@@ -200,7 +200,8 @@ impl FrameList<'_> {
         }
         lens::check_model(frame, self.json, self.file)?;
         let k = self.intrinsics(frame, size)?;
-        let cameras = recording.one_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;
+        let cameras =
+            recording.cameras_of_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;
         let depth = depth.map(|file| DepthSource { file, encoding, confidence: None });
         let (lens, time) = (self.lens(frame)?, self.time(frame)?);
         let name = name.to_owned();
@@ -213,9 +214,9 @@ impl FrameList<'_> {
             (Some(fx), _) => fx,
             (None, Some(angle)) => Intrinsics::from_horizontal_fov(width, height, angle).fx,
             (None, None) => {
-                let found = describe(frame);
+                let found = describe_json(frame);
                 let hint = "add the focal length in pixels";
-                return Err(wrong(self.file, "a number `fl_x`", found, hint));
+                return Err(metadata_error(self.file, "a number `fl_x`", found, hint));
             }
         };
         let angle = self.number(frame, "camera_angle_y")?;
@@ -265,7 +266,7 @@ fn file_of(
     names: impl Iterator<Item = String>,
 ) -> Result<Option<ByteSource>, FrameProblem> {
     for name in names {
-        match folder.named(&name) {
+        match folder.resolve_named(&name) {
             Ok(path) if is_file(&path)? => return Ok(Some(path.into())),
             Ok(_) => {}
             Err(FrameProblem::Read(e)) if e.kind() == std::io::ErrorKind::NotFound => {}

@@ -16,7 +16,7 @@ pub(super) struct NumberedFiles {
     listing: Rc<FolderListing>,
     by_number: BTreeMap<u64, String>,
     /// Numbers with more than one file, and the names of the further files.
-    pub doubled: Vec<(u64, String)>,
+    pub duplicates: Vec<(u64, String)>,
 }
 
 impl NumberedFiles {
@@ -37,7 +37,7 @@ impl NumberedFiles {
                 false => drop(by_number.insert(number, name.to_owned())),
             }
         }
-        Ok(Self { relative, listing, by_number, doubled })
+        Ok(Self { relative, listing, by_number, duplicates: doubled })
     }
 
     /// True if a folder contains such a file.
@@ -68,7 +68,7 @@ impl NumberedFiles {
     }
 
     /// True if the file of a number has the extension.
-    pub fn is(&self, number: u64, extension: &str) -> bool {
+    pub fn has_extension(&self, number: u64, extension: &str) -> bool {
         let own = self.by_number.get(&number).and_then(|name| name.rsplit_once('.'));
         own.is_some_and(|(_, own)| own.eq_ignore_ascii_case(extension))
     }

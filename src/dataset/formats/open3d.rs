@@ -21,7 +21,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "Open3D: `color/`, `depth/` and a trajectory `*.log`",
+    identified_by: "Open3D: `color/`, `depth/` and a trajectory `*.log`",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -39,7 +39,7 @@ fn trajectory_log(folder: &Folder) -> Option<&str> {
         let text = folder.peek(name);
         let mut lines = text.lines();
         let head = lines.next().and_then(head);
-        let row = lines.next().map(matrix::numbers::<4>);
+        let row = lines.next().map(matrix::parse_numbers::<4>);
         matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
     };
     let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));
@@ -73,7 +73,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             false if is_complete => in_place,
             false => counted,
         };
-        if number.and_then(|n| pairs.get(&n)).is_some_and(|pair| folder.has_taken(&pair.name)) {
+        if number.and_then(|n| pairs.get(&n)).is_some_and(|pair| folder.was_taken(&pair.name)) {
             continue;
         }
         let pair = number.and_then(|number| pairs.get(&number));
@@ -125,7 +125,7 @@ fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetErr
         match seen.insert(index) {
             true => found.push((index, pose)),
             false => {
-                let problem = FrameProblem::Doubled(format!("another block {index}"));
+                let problem = FrameProblem::Duplicate(format!("another block {index}"));
                 recording.skip(&index.to_string(), file.clone(), problem);
             }
         }

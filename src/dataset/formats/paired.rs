@@ -2,7 +2,7 @@
 //! layout and by recordings without poses. Depth is in millimetres.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, Recording, wrong};
+use super::recording::{Cameras, Recording, metadata_error};
 use super::stated::{self, PRIMESENSE};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -41,7 +41,12 @@ pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, Da
             recording.skip_doubled(files, name);
         }
         files.map_err(|problem| {
-            wrong(&folder.path.join(name), "a folder of images", problem.to_string(), "restore it")
+            metadata_error(
+                &folder.path.join(name),
+                "a folder of images",
+                problem.to_string(),
+                "restore it",
+            )
         })
     };
     let colors = list(color_name, &PHOTOGRAPHS)?;
@@ -123,7 +128,12 @@ fn cameras(
             if !is_known && recording.options.intrinsics.is_none() {
                 let expected = format!("a camera for images of {}x{}", size.0, size.1);
                 let found = "no JSON file with an `intrinsic_matrix`".to_owned();
-                return Err(wrong(&file, &expected, found, "export it, or set the intrinsics"));
+                return Err(metadata_error(
+                    &file,
+                    &expected,
+                    found,
+                    "export it, or set the intrinsics",
+                ));
             }
             recording.note("no camera file: a PrimeSense's 525, 525, 319.5, 239.5 are used");
             (file, PRIMESENSE)
@@ -132,5 +142,5 @@ fn cameras(
     if (k.width, k.height) != depth_size {
         super::recording::same_size((k.width, k.height), size, &file)?;
     }
-    recording.one_lens(&k, size, depth_size, &file).map(Some)
+    recording.cameras_of_lens(&k, size, depth_size, &file).map(Some)
 }

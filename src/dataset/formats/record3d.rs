@@ -7,14 +7,14 @@
 //! folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
 //! intrinsics of each frame, which autofocus changes.
 
-use super::recording::{self, Cameras, RecordedFrame, Recording, same_size, wrong};
+use super::recording::{self, Cameras, RecordedFrame, Recording, metadata_error, same_size};
 use super::stated;
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::matrix::describe;
+use crate::dataset::matrix::describe_json;
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -117,8 +117,8 @@ impl Metadata {
         let k = self.json.get("K").and_then(|k| stated::from_json(k, size));
         k.ok_or_else(|| {
             let expected = "`K`, nine numbers of a camera matrix by columns";
-            let found = self.json.get("K").map_or("no `K`".to_owned(), describe);
-            wrong(&self.file, expected, found, "export the recording again")
+            let found = self.json.get("K").map_or("no `K`".to_owned(), describe_json);
+            metadata_error(&self.file, expected, found, "export the recording again")
         })
     }
 
@@ -136,7 +136,7 @@ impl Metadata {
         let own = own.map(|[fx, fy, cx, cy]: [f64; 4]| Intrinsics { fx, fy, cx, cy, ..*all });
         // Some versions of the app fill the list with zeros.
         let k = own.filter(|k| k.fx > 0.0 && k.fy > 0.0).unwrap_or(*all);
-        recording.one_lens(&k, size, depth_size, &self.file)
+        recording.cameras_of_lens(&k, size, depth_size, &self.file)
     }
 
     /// Size of depth: from the files if they state it, else `dw` and `dh`.
@@ -167,7 +167,7 @@ impl Metadata {
 fn pose(value: Option<&Value>, index: usize) -> Result<Pose, FrameProblem> {
     let value = value.ok_or_else(|| FrameProblem::MissingPose(format!("{index} of `poses`")))?;
     let expected = "a pose qx qy qz qw tx ty tz of finite numbers, a unit quaternion first";
-    let wrong = || FrameProblem::Entry { expected, found: describe(value) };
+    let wrong = || FrameProblem::Entry { expected, found: describe_json(value) };
     let numbers = stated::flat_numbers(value).ok_or_else(wrong)?;
     let Ok([qx, qy, qz, qw, x, y, z]) = <[f64; 7]>::try_from(numbers) else { return Err(wrong()) };
     let timed = TimedPose::new([0.0, x, y, z, qx, qy, qz, qw]).ok_or_else(wrong)?;

@@ -5,7 +5,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::record3d::{FrameSources, Metadata};
-use super::recording::{Recording, wrong};
+use super::recording::{Recording, metadata_error};
 use crate::dataset::archive::Archive;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -18,7 +18,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "Record3D's archive: one zip archive with `metadata` and `rgbd/`",
+    identified_by: "Record3D's archive: one zip archive with `metadata` and `rgbd/`",
     poses: PoseConvention::Opengl,
     recognise,
     parse,
@@ -35,12 +35,12 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 /// Name of the archive that was opened, even if damaged, or of the only recording in the root.
 fn archive_name(folder: &Folder) -> Option<&str> {
-    if let Some(name) = folder.only_file() {
+    if let Some(name) = folder.opened_archive() {
         return Some(name);
     }
     let is_ours = |name: &&str| {
         is_recording(folder, name).unwrap_or_else(|problem| {
-            folder.not_read(name, problem);
+            folder.record_unread(name, problem);
             false
         })
     };
@@ -53,7 +53,7 @@ fn archive_name(folder: &Folder) -> Option<&str> {
 /// True if a file in the root is an archive with this app's metadata.
 fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
     let path = folder.file(Path::new(""), &folder.listing, name)?;
-    if !Archive::is_one(&path)? {
+    if !Archive::is_zip_archive(&path)? {
         return Ok(false);
     }
     let archive = Archive::open(&path)?;
@@ -73,18 +73,23 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         FrameProblem::Read(source) => DatasetError::Read { path: path.clone(), source },
         other => {
             let expected = "a recording shared by Record3D";
-            wrong(&path, expected, other.to_string(), "share the recording again")
+            metadata_error(&path, expected, other.to_string(), "share the recording again")
         }
     };
     let archive = Archive::open(&path).map_err(damaged)?;
     let archive = Arc::new(archive);
     let names: BTreeSet<String> = archive.names().into_iter().collect();
     for name in names.iter().filter(|name| relative_path(name).is_err()) {
-        recording.skip(name, path.clone(), FrameProblem::Escapes(name.clone()));
+        recording.skip(name, path.clone(), FrameProblem::OutsideFolder(name.clone()));
     }
     let Some(name) = METADATA.into_iter().find(|name| names.contains(*name)) else {
         let found = format!("{} members, none of that name", names.len());
-        return Err(wrong(&path, "a member `metadata`", found, "share the recording again"));
+        return Err(metadata_error(
+            &path,
+            "a member `metadata`",
+            found,
+            "share the recording again",
+        ));
     };
     let text = archive.read(name).map_err(damaged)?;
     let metadata = Metadata::new(path.join(name), &text)?;
@@ -107,7 +112,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         };
         match frames.contains_key(&number) {
             true => {
-                let problem = FrameProblem::Doubled(format!("`{name}`"));
+                let problem = FrameProblem::Duplicate(format!("`{name}`"));
                 recording.skip(stem, path.clone(), problem);
             }
             false => drop(frames.insert(number, sources)),

@@ -4,7 +4,7 @@
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::record3d::{FrameSources, Metadata};
-use super::recording::{Recording, wrong};
+use super::recording::{Recording, metadata_error};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "Record3D's export: `metadata.json` with `K` and `poses`, `rgb/` and `depth/`",
+    identified_by: "Record3D's export: `metadata.json` with `K` and `poses`, `rgb/` and `depth/`",
     poses: PoseConvention::Opengl,
     recognise,
     parse,
@@ -48,7 +48,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let list = |name: &str, extensions: &[&str]| {
         NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
             let expected = "a folder of numbered images";
-            wrong(&folder.path.join(name), expected, problem.to_string(), "export it again")
+            metadata_error(
+                &folder.path.join(name),
+                expected,
+                problem.to_string(),
+                "export it again",
+            )
         })
     };
     let colors = list(COLORS, &PHOTOGRAPHS)?;
@@ -65,7 +70,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut frames = BTreeMap::new();
     let lists: Vec<&NumberedFiles> =
         [Some(&colors), depths.as_ref()].into_iter().flatten().collect();
-    let taken = |number: &u64| folder.has_taken(&number.to_string());
+    let taken = |number: &u64| folder.was_taken(&number.to_string());
     for number in NumberedFiles::union(&lists).into_iter().filter(|number| !taken(number)) {
         match sources(folder, [Some(&colors), depths.as_ref(), confidences.as_ref()], number) {
             Ok(sources) => drop(frames.insert(number, sources)),
@@ -75,8 +80,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
     }
     // By name: the unit must not depend on whether a file can be read.
-    let is_codes =
-        depths.as_ref().is_some_and(|d| d.numbers().next().is_some_and(|n| d.is(n, "png")));
+    let is_codes = depths
+        .as_ref()
+        .is_some_and(|d| d.numbers().next().is_some_and(|n| d.has_extension(n, "png")));
     let unit = CodeKind::ByContent(if is_codes { CODE_UNIT } else { FLOAT_UNIT });
     metadata.record(&mut recording, &frames, unit)?;
     Ok(recording.finish())

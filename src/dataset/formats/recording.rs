@@ -6,7 +6,7 @@
 //! lens.
 
 use super::format::ParsedFolder;
-use super::majority::of_most;
+use super::majority::majority;
 use super::numbered::NumberedFiles;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{self, CodeKind, DepthEncoding};
@@ -17,7 +17,7 @@ use crate::dataset::entry::{
 };
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, given};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, from_user};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
@@ -67,9 +67,9 @@ impl<'a> Recording<'a> {
 
     /// Adds warnings about frames with more than one file.
     pub fn skip_doubled(&mut self, files: &NumberedFiles, folder: &str) {
-        for (number, name) in &files.doubled {
+        for (number, name) in &files.duplicates {
             let file = self.folder.path.join(folder).join(name);
-            self.skip(&number.to_string(), file, FrameProblem::Doubled(format!("`{name}`")));
+            self.skip(&number.to_string(), file, FrameProblem::Duplicate(format!("`{name}`")));
         }
     }
 
@@ -114,7 +114,7 @@ impl<'a> Recording<'a> {
         }
         // The frames that training holds out, under a name that users can choose.
         let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
-        let is_enough = self.frames.len() > 1 || self.folder.has_taken_any();
+        let is_enough = self.frames.len() > 1 || self.folder.was_any_taken();
         let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
         self.parsed.splits.push(split(SPLIT, self.frames));
         if is_enough {
@@ -127,8 +127,10 @@ impl<'a> Recording<'a> {
     pub fn encoding(&self, codes: CodeKind, sensor: Sensor, trusted: [f64; 2]) -> DepthEncoding {
         let scaled = |unit: f64| self.options.depth_scale.unwrap_or(unit);
         let metre = match codes {
-            CodeKind::Linear16(unit) | CodeKind::ByContent(unit) => self.options.metre(unit),
-            CodeKind::Inverse8 | CodeKind::BareFloats => self.options.metre(1.0),
+            CodeKind::Linear16(unit) | CodeKind::ByContent(unit) => {
+                self.options.units_per_metre(unit)
+            }
+            CodeKind::Inverse8 | CodeKind::BareFloats => self.options.units_per_metre(1.0),
         };
         let codes = match codes {
             CodeKind::Linear16(unit) => CodeKind::Linear16(scaled(unit)),
@@ -136,7 +138,7 @@ impl<'a> Recording<'a> {
             other => other,
         };
         let trusted = self.options.depth_range.unwrap_or(trusted);
-        DepthEncoding { codes, kind: DepthKind::Z, trusted, metre, sensor }
+        DepthEncoding { codes, kind: DepthKind::Z, trusted, units_per_metre: metre, sensor }
     }
 
     pub fn least_confidence(&self) -> u8 {
@@ -144,7 +146,7 @@ impl<'a> Recording<'a> {
     }
 
     /// Cameras with one lens, from the intrinsics `stated` by `file` for images of any size.
-    pub fn one_lens(
+    pub fn cameras_of_lens(
         &self,
         stated: &Intrinsics,
         color: (u32, u32),
@@ -155,7 +157,7 @@ impl<'a> Recording<'a> {
         let sx = f64::from(width) / f64::from(stated.width);
         let sy = f64::from(height) / f64::from(stated.height);
         let of_depth = match self.options.intrinsics {
-            Some(numbers) => given(numbers, depth)?,
+            Some(numbers) => from_user(numbers, depth)?,
             None => Intrinsics {
                 width,
                 height,
@@ -165,20 +167,26 @@ impl<'a> Recording<'a> {
                 cy: stated.cy * sy,
             },
         };
-        sane(&of_depth, file)?;
-        let resampled = || ColorCamera::resampled(&of_depth, [color.0, color.1]);
+        check_intrinsics(&of_depth, file)?;
+        let resampled = || ColorCamera::from_depth_intrinsics(&of_depth, [color.0, color.1]);
         Ok(Cameras { depth: of_depth, color: (color != depth).then(resampled) })
     }
 }
 
 /// Refuses intrinsics that no camera has; `file` states them.
-pub(super) fn sane(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
-    check(k)
-        .map_err(|IntrinsicsDefect { expected, found, hint }| wrong(file, &expected, found, hint))
+pub(super) fn check_intrinsics(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
+    check(k).map_err(|IntrinsicsDefect { expected, found, hint }| {
+        metadata_error(file, &expected, found, hint)
+    })
 }
 
 /// Error of a metadata file with malformed content.
-pub(super) fn wrong(file: &Path, expected: &str, found: String, hint: &str) -> DatasetError {
+pub(super) fn metadata_error(
+    file: &Path,
+    expected: &str,
+    found: String,
+    hint: &str,
+) -> DatasetError {
     DatasetError::Metadata {
         file: file.to_owned(),
         expected: expected.to_owned(),
@@ -195,7 +203,7 @@ pub(super) fn same_size(
 ) -> Result<(), DatasetError> {
     match stated == found {
         true => Ok(()),
-        false => Err(wrong(
+        false => Err(metadata_error(
             file,
             &format!("images of the stated size {}x{}", stated.0, stated.1),
             format!("{}x{}", found.0, found.1),
@@ -223,7 +231,7 @@ fn most(
     size: impl Fn(&ByteSource) -> Result<(u32, u32), FrameProblem>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     let sources: Vec<_> = sources.into_iter().collect();
-    of_most(&sources, |source| {
+    majority(&sources, |source| {
         let source = source.borrow();
         size(source).map_err(|problem| (source.path().to_owned(), problem))
     })

@@ -6,14 +6,14 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{RecordedFrame, Recording, same_size, wrong};
+use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::files::is_file;
 use crate::dataset::folder::{Folder, read_text};
-use crate::dataset::matrix::{self, describe};
+use crate::dataset::matrix::{self, describe_json};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::source::ByteSource;
@@ -24,7 +24,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "Replica: `traj.txt` and `results/` with frames and depth",
+    identified_by: "Replica: `traj.txt` and `results/` with frames and depth",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -42,7 +42,8 @@ const PUBLISHED: Intrinsics =
 
 fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
-    let is_matrix = text.lines().next().is_some_and(|line| matrix::numbers::<16>(line).is_ok());
+    let is_matrix =
+        text.lines().next().is_some_and(|line| matrix::parse_numbers::<16>(line).is_ok());
     let is_ours = is_matrix && NumberedFiles::any(folder, IMAGES, "frame", &PHOTOGRAPHS);
     is_ours.then(|| format!("{POSES} with one matrix per line, and frames in {IMAGES}/"))
 }
@@ -51,7 +52,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut recording = Recording::new(folder, options);
     let list = |prefix: &str, extensions: &[&str]| {
         NumberedFiles::list(folder, IMAGES, prefix, extensions).map_err(|problem| {
-            wrong(
+            metadata_error(
                 &folder.path.join(IMAGES),
                 "a folder of images",
                 problem.to_string(),
@@ -66,14 +67,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((size, depth_size)) = sizes else { return Ok(recording.finish()) };
     let (file, k, per_metre) = camera(&mut recording, size)?;
-    let cameras = recording.one_lens(&k, size, depth_size, &file)?;
+    let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::Linear16(1.0 / per_metre);
     let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, [0.0, f64::INFINITY]);
     let (traj, text) = folder.lines(POSES)?;
     let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     for number in NumberedFiles::union(&[&colors, &depths]) {
         let name = format!("frame{number:06}");
-        if folder.has_taken(&name) {
+        if folder.was_taken(&name) {
             continue;
         }
         let line = usize::try_from(number).ok().and_then(|i| lines.get(i));
@@ -131,7 +132,7 @@ fn camera(
             let found =
                 "no such file in the folder or its parent (the published camera has 1200x680)";
             let hint = "copy it there, or set the intrinsics";
-            return Err(wrong(&beside, &expected, found.to_owned(), hint));
+            return Err(metadata_error(&beside, &expected, found.to_owned(), hint));
         }
         recording.note(format!("no {CAMERA}: the published 600, 600, 599.5, 339.5 are used"));
         return Ok((beside, PUBLISHED, CODES_PER_METRE));
@@ -148,13 +149,18 @@ fn camera(
         (all, side("w"), side("h"))
     else {
         let expected = "`camera` with numbers w, h, fx, fy, cx, cy and scale";
-        return Err(wrong(&file, expected, describe(camera), "copy the renderings' own file"));
+        return Err(metadata_error(
+            &file,
+            expected,
+            describe_json(camera),
+            "copy the renderings' own file",
+        ));
     };
     same_size((width, height), size, &file)?;
     let scale = number("scale").unwrap_or(CODES_PER_METRE);
     if !(scale.is_finite() && scale > 0.0) {
         let expected = "a positive `scale`, codes per metre";
-        return Err(wrong(&file, expected, scale.to_string(), "correct it"));
+        return Err(metadata_error(&file, expected, scale.to_string(), "correct it"));
     }
     Ok((file, Intrinsics { width, height, fx, fy, cx, cy }, scale))
 }

@@ -9,7 +9,7 @@
 //! `…_camera_poses.txt`).
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::recording::{RecordedFrame, Recording, sane, wrong};
+use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error};
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
@@ -29,7 +29,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "RTAB-Map: `rgb/`, `depth/`, a calibration `*.yaml` and poses `*.txt`",
+    identified_by: "RTAB-Map: `rgb/`, `depth/`, a calibration `*.yaml` and poses `*.txt`",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -103,16 +103,16 @@ fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
         let wrong = || FrameProblem::PoseShape("numbers without a unit quaternion".to_owned());
         Ok::<_, FrameProblem>((Some(numbers[0]), pose.ok_or_else(wrong)?.matrix()))
     };
-    if let Ok(numbers) = matrix::numbers::<8>(line) {
+    if let Ok(numbers) = matrix::parse_numbers::<8>(line) {
         let (time, matrix) = timed(numbers)?;
         return Ok(PoseLine { time, number: None, matrix });
     }
-    if let Ok([t, x, y, z, qx, qy, qz, qw, number]) = matrix::numbers::<9>(line) {
+    if let Ok([t, x, y, z, qx, qy, qz, qw, number]) = matrix::parse_numbers::<9>(line) {
         let (time, matrix) = timed([t, x, y, z, qx, qy, qz, qw])?;
         let is_whole = number >= 0.0 && number.fract() == 0.0;
         return Ok(PoseLine { time, number: is_whole.then_some(number as u64), matrix });
     }
-    let rows = matrix::numbers::<12>(line).map_err(FrameProblem::PoseShape)?;
+    let rows = matrix::parse_numbers::<12>(line).map_err(FrameProblem::PoseShape)?;
     Ok(PoseLine { time: None, number: None, matrix: from_rows(rows) })
 }
 
@@ -126,7 +126,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let (calibration_file, calibration) = folder.text(&calibration_name(folder))?;
     let stated = read_camera(&calibration_file, &calibration)?;
     super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
-    let cameras = recording.one_lens(&stated, size, depth_size, &calibration_file)?;
+    let cameras = recording.cameras_of_lens(&stated, size, depth_size, &calibration_file)?;
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
@@ -148,7 +148,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for (i, (line, content)) in lines(&text).enumerate() {
         let found = pose(content).and_then(|p| {
             let stem = images.stem(&p, i, total)?;
-            if folder.has_taken(&stem) {
+            if folder.was_taken(&stem) {
                 return Ok(None);
             }
             Ok(Some((Pose::from_opencv(p.matrix * on_robot)?, p.time, images.pair(&stem)?, stem)))
@@ -156,7 +156,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         match found {
             Ok(None) => {}
             Ok(Some((_, _, _, stem))) if seen.contains(&stem) => {
-                let problem = FrameProblem::Doubled(format!("another pose in line {line}"));
+                let problem = FrameProblem::Duplicate(format!("another pose in line {line}"));
                 recording.skip(&stem, file.clone(), problem);
             }
             Ok(Some((pose, time, [color, depth], stem))) => {
@@ -192,7 +192,7 @@ impl<'a> Images<'a> {
         let list = |name: &String| {
             folder.list(Path::new(name)).map_err(|problem| {
                 let path = folder.path.join(name);
-                wrong(&path, "a folder of images", problem.to_string(), "restore it")
+                metadata_error(&path, "a folder of images", problem.to_string(), "restore it")
             })
         };
         let listings = [list(&names[0])?, list(&names[1])?];
@@ -279,14 +279,20 @@ fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
         let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
         line.strip_prefix(':')?.trim().parse::<u32>().ok()
     };
-    let matrix = data(text, "camera_matrix:").and_then(|data| matrix::numbers::<9>(data).ok());
+    let matrix =
+        data(text, "camera_matrix:").and_then(|data| matrix::parse_numbers::<9>(data).ok());
     let size = number("image_width").zip(number("image_height"));
     let k = matrix.zip(size).and_then(|(m, size)| super::stated::from_matrix(m, size));
     let Some(k) = k else {
         let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
-        return Err(wrong(file, expected, beginning(text), "export the calibration again"));
+        return Err(metadata_error(
+            file,
+            expected,
+            beginning(text),
+            "export the calibration again",
+        ));
     };
-    sane(&k, file)?;
+    check_intrinsics(&k, file)?;
     Ok(k)
 }
 
@@ -297,11 +303,11 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
         return Ok(DMat4::IDENTITY);
     }
     let said = data(text, KEY).unwrap_or_default();
-    let motion = matrix::numbers::<12>(said).ok().map(from_rows);
+    let motion = matrix::parse_numbers::<12>(said).ok().map(from_rows);
     let rigid = motion.filter(|motion| Pose::from_opencv(*motion).is_ok());
     rigid.ok_or_else(|| {
         let expected = "a rigid `local_transform` of 3x4 numbers";
-        wrong(file, expected, beginning(said), "export the calibration again")
+        metadata_error(file, expected, beginning(said), "export the calibration again")
     })
 }
 

@@ -6,7 +6,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, sane, wrong};
+use super::recording::{Cameras, RecordedFrame, Recording, check_intrinsics, metadata_error};
 use super::stated;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::CodeKind;
@@ -25,7 +25,7 @@ use crate::math::pose::Pose;
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "ScanNet: `color/`, `depth/`, `pose/N.txt` and `intrinsic/`",
+    identified_by: "ScanNet: `color/`, `depth/`, `pose/N.txt` and `intrinsic/`",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -51,7 +51,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut recording = Recording::new(folder, options);
     let mut list = |name: &str, extensions: &[&str]| {
         let files = NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
-            wrong(&folder.path.join(name), "a folder of frames", problem.to_string(), "restore it")
+            metadata_error(
+                &folder.path.join(name),
+                "a folder of frames",
+                problem.to_string(),
+                "restore it",
+            )
         })?;
         recording.skip_doubled(&files, name);
         Ok::<_, DatasetError>(files)
@@ -65,7 +70,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
     for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
-        if folder.has_taken(&number.to_string()) {
+        if folder.was_taken(&number.to_string()) {
             continue;
         }
         let file = folder.path.join(POSES).join(format!("{number}.txt"));
@@ -129,21 +134,26 @@ fn cameras(
                 rotation: [0.0; 3],
                 size: Some([color.0, color.1]),
             };
-            sane(&of_color, &color_file)?;
+            check_intrinsics(&of_color, &color_file)?;
             let is_one = of_color == of_depth;
             Ok(Cameras { depth: of_depth, color: (!is_one).then_some(camera) })
         }
         (_, Some((file, stated))) | (Some((file, stated)), None) => {
-            recording.one_lens(&stated, color, depth, &file)
+            recording.cameras_of_lens(&stated, color, depth, &file)
         }
         (None, None) => {
             let file = recording.folder.path.join(INTRINSICS).join("intrinsic_depth.txt");
             let Some([fx, fy, cx, cy]) = recording.options.intrinsics else {
                 let hint = "export the intrinsics, or set them";
-                return Err(wrong(&file, "a camera matrix", "no such file".to_owned(), hint));
+                return Err(metadata_error(
+                    &file,
+                    "a camera matrix",
+                    "no such file".to_owned(),
+                    hint,
+                ));
             };
             let stated = Intrinsics { width: depth.0, height: depth.1, fx, fy, cx, cy };
-            recording.one_lens(&stated, color, depth, &file)
+            recording.cameras_of_lens(&stated, color, depth, &file)
         }
     }
 }
@@ -160,6 +170,6 @@ fn intrinsics(
     }
     let (file, text) = folder.text(&relative)?;
     let k = stated::from_text(&text, size, &file)?;
-    sane(&k, &file)?;
+    check_intrinsics(&k, &file)?;
     Ok(Some((file, k)))
 }

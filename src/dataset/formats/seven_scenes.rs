@@ -16,7 +16,7 @@ use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_small_text};
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, given};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, from_user};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -26,7 +26,7 @@ use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "7-Scenes: `*.color.*`, `*.depth.png` and `*.pose.txt` files in the folder or one below",
+    identified_by: "7-Scenes: `*.color.*`, `*.depth.png` and `*.pose.txt` files in the folder or one below",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -100,14 +100,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Ok(parsed);
     };
     let intrinsics = match options.intrinsics {
-        Some(numbers) => given(numbers, size)?,
+        Some(numbers) => from_user(numbers, size)?,
         None => intrinsics(folder, size, &mut parsed.notes)?,
     };
     let encoding = DepthEncoding {
         codes: CodeKind::Linear16(options.depth_scale.unwrap_or(DEPTH_UNIT)),
         kind: DepthKind::Z,
         trusted: options.depth_range.unwrap_or(TRUSTED_DEPTH),
-        metre: options.metre(DEPTH_UNIT),
+        units_per_metre: options.units_per_metre(DEPTH_UNIT),
         sensor: Sensor::Kinect,
     };
     for listed in splits {
@@ -196,7 +196,7 @@ fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &
     };
     for color in listing.files() {
         let Some(stem) = color_stem(color) else { continue };
-        if folder.has_taken(&frame_name(relative, stem)) {
+        if folder.was_taken(&frame_name(relative, stem)) {
             continue;
         }
         match listed_frame(folder, relative, &listing, color, stem) {
@@ -280,7 +280,7 @@ fn intrinsics(
         }
     };
     let expected = || "9 numbers: fx 0 cx, 0 fy cy, 0 0 1".to_owned();
-    let m = matrix::numbers::<9>(&text)
+    let m = matrix::parse_numbers::<9>(&text)
         .map_err(|found| wrong(expected(), found, "export the intrinsics again"))?;
     let [fx, skew, cx, a, fy, cy, b, c, one] = m;
     let zero = |v: f64| v.abs() < 1e-9;

@@ -1,9 +1,9 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
-use super::recording::wrong;
+use super::recording::metadata_error;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::Folder;
-use crate::dataset::matrix::{self, describe};
+use crate::dataset::matrix::{self, describe_json};
 use crate::math::camera::Intrinsics;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -24,20 +24,20 @@ pub(super) fn from_text(
 ) -> Result<Intrinsics, DatasetError> {
     let (width, height) = size;
     let of = |fx, fy, cx, cy| Intrinsics { width, height, fx, fy, cx, cy };
-    if let Ok([fx, fy, cx, cy]) = matrix::numbers::<4>(text) {
+    if let Ok([fx, fy, cx, cy]) = matrix::parse_numbers::<4>(text) {
         return Ok(of(fx, fy, cx, cy));
     }
-    let rows = match (matrix::numbers::<16>(text), matrix::numbers::<9>(text)) {
+    let rows = match (matrix::parse_numbers::<16>(text), matrix::parse_numbers::<9>(text)) {
         (Ok(m), _) => [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]],
         (_, Ok(m)) => m,
         (_, Err(found)) => {
             let expected = "4 numbers fx fy cx cy, or a camera matrix of 3x3 or 4x4";
-            return Err(wrong(file, expected, found, "export the intrinsics again"));
+            return Err(metadata_error(file, expected, found, "export the intrinsics again"));
         }
     };
     from_matrix(rows, size).ok_or_else(|| {
         let expected = "a camera matrix fx 0 cx, 0 fy cy, 0 0 1";
-        wrong(file, expected, format!("{rows:?}"), "undistort to a pinhole without skew")
+        metadata_error(file, expected, format!("{rows:?}"), "undistort to a pinhole without skew")
     })
 }
 
@@ -83,9 +83,14 @@ pub(super) fn in_text_file(
     };
     let (file, text) = folder.text(name)?;
     // The last of four numbers may lack digits; a matrix ends with a 1.
-    if folder.is_growing() && !text.ends_with('\n') && matrix::numbers::<4>(&text).is_ok() {
+    if folder.is_growing() && !text.ends_with('\n') && matrix::parse_numbers::<4>(&text).is_ok() {
         let found = "a line that may still grow".to_owned();
-        return Err(wrong(&file, "fx fy cx cy and the end of the line", found, "end the line"));
+        return Err(metadata_error(
+            &file,
+            "fx fy cx cy and the end of the line",
+            found,
+            "end the line",
+        ));
     }
     let k = from_text(&text, size, &file)?;
     Ok(Some((file, k)))
@@ -101,7 +106,7 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
         let k = side("width").zip(side("height")).and_then(|size| from_json(matrix, size));
         let expected = "`width`, `height` and an `intrinsic_matrix` of nine numbers";
         let hint = "export the camera again";
-        let k = k.ok_or_else(|| wrong(&file, expected, describe(&json), hint))?;
+        let k = k.ok_or_else(|| metadata_error(&file, expected, describe_json(&json), hint))?;
         return Ok(Some((file, k)));
     }
     Ok(None)

@@ -8,7 +8,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{RecordedFrame, Recording, depth_size, photograph_size, wrong};
+use super::recording::{RecordedFrame, Recording, depth_size, metadata_error, photograph_size};
 use super::stated;
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
@@ -27,7 +27,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "Stray Scanner: `odometry.csv`, `camera_matrix.csv` and `depth/`",
+    identified_by: "Stray Scanner: `odometry.csv`, `camera_matrix.csv` and `depth/`",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -106,13 +106,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     let k = camera(&mut recording, size)?;
     let file = folder.path.join(CAMERA);
-    let cameras = recording.one_lens(&k, size, depth_size, &file)?;
+    let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::ByContent(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Lidar, TRUSTED_DEPTH);
     let least = recording.least_confidence();
     for line in odometry(&mut recording)? {
         let name = format!("{:06}", line.frame);
-        if folder.has_taken(&name) {
+        if folder.was_taken(&name) {
             continue;
         }
         let depth = FrameSet { files: &files, frame: line.frame };
@@ -173,7 +173,12 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
     let folder = recording.folder;
     let mut list = |name: &str, extensions: &[&str]| {
         let files = NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
-            wrong(&folder.path.join(name), "a folder of images", problem.to_string(), "restore it")
+            metadata_error(
+                &folder.path.join(name),
+                "a folder of images",
+                problem.to_string(),
+                "restore it",
+            )
         })?;
         recording.skip_doubled(&files, name);
         Ok::<_, DatasetError>(files)
@@ -189,14 +194,14 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
         if !has_video {
             let found = "neither it nor a folder rgb/".to_owned();
             let hint = "copy the video from the phone, or open the recording with geometry only";
-            return Err(wrong(&path, "the recording's video", found, hint));
+            return Err(metadata_error(&path, "the recording's video", found, hint));
         }
-        if !Video::can_be_read() {
+        if !Video::is_ffmpeg_available() {
             let expected = "an installed `ffmpeg` to decode this video, or images in rgb/";
             let hint = format!(
                 "install ffmpeg, or run here: {VIDEO_BY_HAND}; or open the recording with geometry only"
             );
-            return Err(wrong(&path, expected, "neither".to_owned(), &hint));
+            return Err(metadata_error(&path, expected, "neither".to_owned(), &hint));
         }
         video = Some(Arc::new(Video::new(path)));
     }
@@ -285,7 +290,7 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
         match seen.insert(frame) {
             true => found.push(OdometryLine { frame, pose }),
             false => {
-                let problem = FrameProblem::Doubled(format!("another line of frame {frame}"));
+                let problem = FrameProblem::Duplicate(format!("another line of frame {frame}"));
                 recording.skip(&frame.to_string(), file.clone(), problem);
             }
         }

@@ -14,8 +14,8 @@
 //! the calibration published for each colour camera.
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::recording::{Cameras, RecordedFrame, Recording, wrong};
-use super::rig::{self, Clock, Mount, Rig, Shot};
+use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
+use super::rig::{self, Clock, ImagePair, Mount, Rig};
 use super::stated::{self, PRIMESENSE};
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
 use crate::dataset::calibration::ColorCamera;
@@ -35,7 +35,7 @@ use glam::{DMat4, DVec3};
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    looks_for: "TUM RGB-D: `rgb.txt`, `depth.txt` and `groundtruth.txt`",
+    identified_by: "TUM RGB-D: `rgb.txt`, `depth.txt` and `groundtruth.txt`",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -98,15 +98,15 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     });
     let taken: Vec<&TimedImage> = depths
         .iter()
-        .filter(|depth| !folder.has_taken(frame_name(&depth.name)))
-        .filter(|depth| !is_growing || is_passed(depth, poses, &colors))
+        .filter(|depth| !folder.was_taken(frame_name(&depth.name)))
+        .filter(|depth| !is_growing || has_all_data(depth, poses, &colors))
         .collect();
     let poses = match poses {
         // In a growing recording, later frames would change the estimate for the first ones.
         Some(poses) if is_kinect && !is_growing && cameras.color.is_none() => {
             let shots = taken.iter().filter_map(|depth| shot(depth, &colors, encoding));
-            let shots: Vec<Shot> = shots.collect();
-            Some(poses.rigged(&mut recording, &shots, cameras.depth))
+            let shots: Vec<ImagePair> = shots.collect();
+            Some(poses.with_estimated_rig(&mut recording, &shots, cameras.depth))
         }
         poses => poses,
     };
@@ -124,7 +124,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 
 /// True if everything that a frame of this depth image needs is written. Poses and photographs are ordered
 /// by time, and the next one may be the nearer.
-fn is_passed(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
+fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
     let end = |poses: Poses<'_>| {
@@ -153,7 +153,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
             recording.skip(content, file.clone(), problem);
             continue;
         };
-        match folder.named(name) {
+        match folder.resolve_named(name) {
             Ok(path) => found.push(TimedImage { time, name: name.to_owned(), path }),
             Err(problem) => {
                 recording.skip(name, file.clone(), missing(problem, name, list == DEPTH_LIST));
@@ -169,7 +169,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     for image in found {
         match unique.last().is_some_and(|last| last.time == image.time) {
             true => {
-                let problem = FrameProblem::Doubled(format!("`{}` at that time", image.name));
+                let problem = FrameProblem::Duplicate(format!("`{}` at that time", image.name));
                 recording.skip(&image.name, file.clone(), problem);
             }
             false => unique.push(image),
@@ -193,12 +193,12 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
         let expected = "poses, lines of t tx ty tz qx qy qz qw";
         let file = recording.folder.path.join(POSES);
         let hint = "add the recording's trajectory with times on the images' clock, or estimate the poses with --poses track";
-        return Err(wrong(&file, expected, "no such file".to_owned(), hint));
+        return Err(metadata_error(&file, expected, "no such file".to_owned(), hint));
     }
     let (file, text) = recording.folder.lines(POSES)?;
     let mut poses = Vec::new();
     for (line, content) in lines(&text) {
-        match crate::dataset::matrix::numbers::<8>(content).map(TimedPose::new) {
+        match crate::dataset::matrix::parse_numbers::<8>(content).map(TimedPose::new) {
             Ok(Some(pose)) => poses.push(pose),
             Ok(None) | Err(_) => {
                 let expected = "finite t tx ty tz and a unit quaternion qx qy qz qw";
@@ -242,10 +242,15 @@ fn cameras(
         None => {
             let expected = format!("fx fy cx cy for images of {}x{}", size.0, size.1);
             let found = "no such file (known cameras have 640x480)".to_owned();
-            return Err(wrong(&file, &expected, found, "create it, or set the intrinsics"));
+            return Err(metadata_error(
+                &file,
+                &expected,
+                found,
+                "create it, or set the intrinsics",
+            ));
         }
     };
-    let cameras = recording.one_lens(&k, size, depth_size, &file)?;
+    let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     Ok(Some((cameras, is_kinect(&cameras.depth))))
 }
 
@@ -290,11 +295,16 @@ impl Poses<'_> {
     /// Pose of the camera, from a matrix of the trajectory and the camera's mount.
     fn mounted(&self, matrix: DMat4) -> Result<Pose, PoseError> {
         let convention = self.convention.unwrap_or(FORMAT.poses);
-        Ok(self.rig.mount.of(&convention.pose(matrix)?))
+        Ok(self.rig.mount.camera_pose(&convention.pose(matrix)?))
     }
 
     /// Estimates the rig from the images and adds notices about it.
-    fn rigged(self, recording: &mut Recording<'_>, shots: &[Shot], intrinsics: Intrinsics) -> Self {
+    fn with_estimated_rig(
+        self,
+        recording: &mut Recording<'_>,
+        shots: &[ImagePair],
+        intrinsics: Intrinsics,
+    ) -> Self {
         let at = |time| self.at(time);
         let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
         let rig = rig::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
@@ -325,7 +335,7 @@ impl Poses<'_> {
             (Some(first), Some(last)) => first.offset_to(&last).1.to_scaled_axis(),
             _ => DVec3::ZERO,
         };
-        RollingShutter { turn }
+        RollingShutter { rotation: turn }
     }
 
     /// Rolling shutter of the images taken at these times.
@@ -342,15 +352,17 @@ impl Poses<'_> {
 
     /// Cameras with the photograph taken at another time than depth; unchanged if the trajectory has no
     /// pose there.
-    fn apart(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
+    fn cameras_at_times(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
             return cameras;
         }
         let (Some(depth), Some(color)) = (self.at(times[0]), self.at(times[1])) else {
             return cameras;
         };
-        let lens = cameras.color.unwrap_or_else(|| ColorCamera::resampled(&cameras.depth, size));
-        Cameras { color: Some(lens.standing(&depth, &color)), ..cameras }
+        let lens = cameras
+            .color
+            .unwrap_or_else(|| ColorCamera::from_depth_intrinsics(&cameras.depth, size));
+        Cameras { color: Some(lens.with_extrinsics_between(&depth, &color)), ..cameras }
     }
 }
 
@@ -371,7 +383,7 @@ fn frame(
     let size = [cameras.depth.width, cameras.depth.height];
     let times = [measured, color.time + rig.color_delay];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
-    let cameras = poses.map_or(cameras, |poses| poses.apart(cameras, size, times));
+    let cameras = poses.map_or(cameras, |poses| poses.cameras_at_times(cameras, size, times));
     let file = ByteSource::File(depth.path.clone());
     Ok(RecordedFrame {
         name: frame_name(&depth.name).into(),
@@ -385,10 +397,10 @@ fn frame(
 }
 
 /// A depth image and its photograph, before their cameras are known.
-fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<Shot> {
+fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
     let color = nearest(colors, depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
-    Some(Shot {
+    Some(ImagePair {
         name: frame_name(&depth.name).into(),
         depth: (depth.time, DepthSource { file, encoding, confidence: None }),
         color: (color.time, ByteSource::File(color.path.clone())),

@@ -1,7 +1,7 @@
 //! Colours of points: from the same pixel, or from a separate colour camera.
 
 use super::projection::Projection;
-use super::seen::SeenDepths;
+use super::seen::ReprojectedDepths;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
@@ -20,7 +20,7 @@ pub(super) struct ColorLookup<'a> {
 /// A separate colour camera and its view of the frame.
 pub(super) struct Beside<'a> {
     pub camera: &'a Projection,
-    pub depths: &'a SeenDepths,
+    pub depths: &'a ReprojectedDepths,
     /// Largest depth difference of one surface: constant and linear coefficient of depth.
     pub margin: [f32; 2],
 }
@@ -66,7 +66,7 @@ impl<'a> ColorLookup<'a> {
             None => self.texel(pixel),
             Some(Beside { depths, .. }) => {
                 let (at, depth) = ([seen.at[0][lane], seen.at[1][lane]], seen.depth[lane]);
-                if depth <= 0.0 || depths.hide(at, depth, seen.margin[lane]) {
+                if depth <= 0.0 || depths.occludes(at, depth, seen.margin[lane]) {
                     return None;
                 }
                 self.bilinear(Vec2::from_array(at))?

@@ -15,7 +15,7 @@ use super::status::PixelStatus;
 use crate::dataset::frame::Frame;
 use crate::dataset::unproject::MAX_COORDINATE;
 use crate::math::image::Image;
-use crate::math::simd::{EVERY_BIT, Kernel, LANES, Vector, dot, scaled, turned};
+use crate::math::simd::{Kernel, LANES, SET_LANE, Vector, dot, scaled, turned};
 use crate::observation::surface::SurfacePoint;
 use std::ops::Range;
 
@@ -76,7 +76,7 @@ impl Kernel for EmitRows<'_> {
         let step = sampling.column_step();
         let blocks = emitter.planes.blocks(step);
         if !sampling.is_every() {
-            leave_out(sampling, rows.clone(), statuses);
+            mark_skipped(sampling, rows.clone(), statuses);
         }
         for block in 0..blocks {
             for row in rows.clone().step_by(sampling.row_step()) {
@@ -168,7 +168,7 @@ impl Emitter<'_> {
         }
         let mut accepted = [0.0; LANES];
         for (lane, accepted_lane) in accepted.iter_mut().enumerate() {
-            *accepted_lane = if fitted.accepted[at] >> lane & 1 == 1 { EVERY_BIT } else { 0.0 };
+            *accepted_lane = if fitted.accepted[at] >> lane & 1 == 1 { SET_LANE } else { 0.0 };
         }
         let accepted = V::load(&accepted);
         Surface {
@@ -259,7 +259,7 @@ fn of_lane([x, y, z]: &[[f32; LANES]; 3], lane: usize) -> [f32; 3] {
 
 /// Marks the usable pixels of some rows that the sampling skips; the first row is even.
 #[inline(always)]
-fn leave_out(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
+fn mark_skipped(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
     let (width, step) = (statuses.width, sampling.column_step());
     for row in rows {
         let is_used = row.is_multiple_of(sampling.row_step());

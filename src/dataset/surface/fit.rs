@@ -15,7 +15,7 @@ use super::planes::{NOTHING, Planes, load};
 use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
 use super::sampling::PixelSampling;
 use super::sensor::Profile;
-use crate::math::simd::{EVERY_BIT, Kernel, LANES, Vector};
+use crate::math::simd::{Kernel, LANES, SET_LANE, Vector};
 use std::ops::Range;
 
 /// Pixels on a side of the window.
@@ -232,7 +232,7 @@ fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE
 /// Lanes whose whole window lies within `limit` of `plane`.
 #[inline(always)]
 fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
-    let mut inside = V::splat(EVERY_BIT);
+    let mut inside = V::splat(SET_LANE);
     for row in 0..SIDE {
         let expected = expected(plane, V::splat(row as f32 - RADIUS as f32));
         for column in 0..SIDE {
@@ -240,7 +240,7 @@ fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
             inside = inside.and(abs(residual - expected[column]).mask_at_most(limit));
         }
     }
-    inside.signs()
+    inside.sign_bits()
 }
 
 /// Sums over the neighbours whose distance to `plane` is at most `limit`.

@@ -1,7 +1,7 @@
 //! Photographs for photometric training, with the depth measured at their pixels.
 
 use super::planes::{NOTHING, Planes};
-use super::seen::SeenDepths;
+use super::seen::ReprojectedDepths;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
@@ -20,18 +20,18 @@ pub(super) fn registered(
     Photograph {
         intrinsics: frame.camera.intrinsics,
         offset: DVec3::ZERO,
-        turn: DQuat::IDENTITY,
+        rotation: DQuat::IDENTITY,
         colors: frame.color.clone(),
         gain: gain.map(|gain| gain as f32),
         depths: depths(frame, rows, earlier),
-        shows_coverage: true,
+        has_coverage: true,
     }
 }
 
 /// Photograph of a separate colour camera; reuses the memory of an earlier one.
 pub(super) fn seen_beside(
     frame: &Frame,
-    seen: &SeenDepths,
+    seen: &ReprojectedDepths,
     camera: &ColorCamera,
     gain: [f64; 3],
     earlier: Option<Photograph>,
@@ -39,12 +39,12 @@ pub(super) fn seen_beside(
     Photograph {
         intrinsics: camera.intrinsics(frame.camera.intrinsics),
         offset: DVec3::from_array(camera.offset),
-        turn: camera.turn(),
+        rotation: camera.rotation_quat(),
         colors: frame.color.clone(),
         gain: gain.map(|gain| gain as f32),
         depths: depths(frame, [&seen.nearest.data[..]], earlier),
         // Depth of another camera does not show what covers a pixel of this one.
-        shows_coverage: false,
+        has_coverage: false,
     }
 }
 

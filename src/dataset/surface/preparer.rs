@@ -7,7 +7,7 @@ use super::photographed::{registered, seen_beside};
 use super::planes::{FillPlanes, Planes};
 use super::projection::Projection;
 use super::recipe::TILE;
-use super::seen::{SeeFrame, SeenDepths};
+use super::seen::{ReprojectedDepths, SeeFrame};
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
 use crate::dataset::error::FrameError;
@@ -36,7 +36,7 @@ pub struct Preparer {
     isa: Isa,
     planes: Planes,
     fitted: Fitted,
-    seen: SeenDepths,
+    seen: ReprojectedDepths,
     statuses: Image<PixelStatus>,
 }
 
@@ -53,7 +53,7 @@ impl Preparer {
             isa,
             planes: Planes::default(),
             fitted: Fitted::default(),
-            seen: SeenDepths::default(),
+            seen: ReprojectedDepths::default(),
             statuses,
         }
     }
@@ -69,7 +69,7 @@ impl Preparer {
         settings: &SurfaceSettings,
         out: &mut Observation,
     ) -> Result<SurfaceCounts, FrameError> {
-        let depth = frame.depth_to_use()?;
+        let depth = frame.require_depth()?;
         let profile = &settings.profile(depth, &frame.camera.intrinsics);
         let Self { isa, planes, fitted, seen, statuses } = self;
         let (width, height) = depth.size();

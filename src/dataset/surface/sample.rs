@@ -42,7 +42,7 @@ impl FrameSample {
             if n == SAMPLED_FRAMES {
                 break;
             }
-            let frame = match dataset.load_sampled(split, index) {
+            let frame = match dataset.load_with_retry(split, index) {
                 Ok(frame) => frame,
                 Err(error) => {
                     unreadable.get_or_insert_with(|| error.to_string());

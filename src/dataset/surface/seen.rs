@@ -15,22 +15,22 @@ const CELL: usize = 2;
 /// Depth of the nearest surface: optionally per pixel of the colour image, and per cell by the centres of
 /// the depth pixels. Calibration uses cells, because occluders must not be wider than measured.
 #[derive(Clone, Debug)]
-pub(super) struct SeenDepths {
+pub(super) struct ReprojectedDepths {
     /// Depth along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.
     pub nearest: Image<f32>,
     cells: Image<f32>,
 }
 
-impl Default for SeenDepths {
+impl Default for ReprojectedDepths {
     fn default() -> Self {
         Self { nearest: Image::filled(0, 0, NOTHING), cells: Image::filled(0, 0, NOTHING) }
     }
 }
 
-impl SeenDepths {
+impl ReprojectedDepths {
     /// True if a point lies more than `margin` behind another surface at its pixel coordinates.
     #[inline(always)]
-    pub fn hide(&self, [u, v]: [f32; 2], depth: f32, margin: f32) -> bool {
+    pub fn occludes(&self, [u, v]: [f32; 2], depth: f32, margin: f32) -> bool {
         // Without this test, .7 % of the Kinect's points took the colour of an occluder, and their colours
         // varied
         // 2.5 times as much as those of the rest.
@@ -52,7 +52,7 @@ pub(super) struct SeeFrame<'a> {
     pub size: [usize; 2],
     /// True to fill every pixel, not only cells.
     pub is_whole: bool,
-    pub out: &'a mut SeenDepths,
+    pub out: &'a mut ReprojectedDepths,
 }
 
 impl Kernel for SeeFrame<'_> {
@@ -66,7 +66,7 @@ impl Kernel for SeeFrame<'_> {
         let [width, height] = if is_whole { size } else { [0; 2] };
         begin(&mut out.nearest, [width, height]);
         begin(&mut out.cells, [columns, rows]);
-        let SeenDepths { nearest, cells } = out;
+        let ReprojectedDepths { nearest, cells } = out;
         let (zero, half, one) = (V::splat(0.0), V::splat(0.5), V::splat(1.0));
         let last = [V::splat(width as f32), V::splat(height as f32)];
         for (row, &y) in planes.slope_y.iter().enumerate() {

@@ -121,7 +121,7 @@ const PHONE_PLACE: f32 = 0.002;
 impl Sensor {
     /// Profile for a depth image of a camera. Values known in metres are converted to world units.
     pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
-        let metric = |profile: Profile| profile.with_metre(depth.metre);
+        let metric = |profile: Profile| profile.with_metre(depth.units_per_metre);
         match self {
             Self::Inverse8Ray => Profile {
                 noise: NoiseLaw { ray: INVERSE8_LEVEL, ..NoiseLaw::ZERO },
@@ -161,14 +161,15 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
     };
     let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
     // Generated noise is given in units of the half-width at 1 m.
-    let noisy = DEVIATIONS * noise * SENSOR_NOISE * depth.metre;
-    let margin = [2.0 * unit + 10.0 * noisy, STEEPEST / camera.fx + 6.0 * noisy / depth.metre];
+    let noisy = DEVIATIONS * noise * SENSOR_NOISE * depth.units_per_metre;
+    let margin =
+        [2.0 * unit + 10.0 * noisy, STEEPEST / camera.fx + 6.0 * noisy / depth.units_per_metre];
     Profile {
         noise: NoiseLaw {
             ray: along(DepthKind::RayDistance),
             floor: along(DepthKind::Z).max(noisy),
             linear: CURVATURE / camera.fx,
-            quadratic: noisy / depth.metre.powi(2),
+            quadratic: noisy / depth.units_per_metre.powi(2),
         },
         offset: 0.0,
         steepness: STEEPEST / camera.fx,

@@ -17,7 +17,7 @@ impl Capsule {
     }
 
     /// Returns the ray parameter `t > start` of the first entry into the capsule.
-    pub fn enter(&self, origin: DVec3, direction: DVec3, start: f64) -> Option<f64> {
+    pub fn first_entry(&self, origin: DVec3, direction: DVec3, start: f64) -> Option<f64> {
         let middle = 0.5 * (self.from + self.to);
         let around = 0.5 * (self.to - self.from).length() + self.radius;
         // Early out: most rays miss the bounding sphere, which is cheaper to test.
@@ -46,16 +46,16 @@ impl Capsule {
 
     /// Signed distance of a point from the surface, metres; negative inside.
     pub fn distance(&self, point: DVec3) -> f64 {
-        (point - self.nearest(point)).length() - self.radius
+        (point - self.nearest_axis_point(point)).length() - self.radius
     }
 
     pub fn normal(&self, point: DVec3) -> DVec3 {
-        (point - self.nearest(point)).normalize_or(DVec3::Z)
+        (point - self.nearest_axis_point(point)).normalize_or(DVec3::Z)
     }
 
     /// Surface coordinates in `[0, 1]²`: angle about the axis, and position along it including the caps.
     pub fn chart(&self, point: DVec3) -> DVec2 {
-        let ((axis, length), (u, v)) = (self.axis(), self.sides());
+        let ((axis, length), (u, v)) = (self.axis(), self.perpendicular_axes());
         let p = point - self.from;
         let angle = p.dot(v).atan2(p.dot(u)) / TAU + 0.5;
         DVec2::new(angle, (p.dot(axis) + self.radius) / (length + 2.0 * self.radius))
@@ -63,7 +63,7 @@ impl Capsule {
 
     /// Returns the surface point at chart coordinates.
     pub fn point(&self, uv: DVec2) -> DVec3 {
-        let ((axis, length), (u, v)) = (self.axis(), self.sides());
+        let ((axis, length), (u, v)) = (self.axis(), self.perpendicular_axes());
         let along = uv.y * (length + 2.0 * self.radius) - self.radius;
         let beyond = along - along.clamp(0.0, length);
         let ring = (self.radius * self.radius - beyond * beyond).max(0.0).sqrt();
@@ -80,11 +80,11 @@ impl Capsule {
         (way.normalize_or(DVec3::Z), way.length())
     }
 
-    fn sides(&self) -> (DVec3, DVec3) {
+    fn perpendicular_axes(&self) -> (DVec3, DVec3) {
         self.axis().0.any_orthonormal_pair()
     }
 
-    fn nearest(&self, point: DVec3) -> DVec3 {
+    fn nearest_axis_point(&self, point: DVec3) -> DVec3 {
         let (axis, length) = self.axis();
         self.from + axis * (point - self.from).dot(axis).clamp(0.0, length)
     }

@@ -2,7 +2,7 @@
 //!
 //! Each octave fades out where it is finer than a pixel, as in [`super::texture`].
 
-use super::pattern::{Place, hash, line, noise2, step};
+use super::pattern::{SurfaceSample, antialiased_line, hash, noise2, step};
 use glam::{Vec2, Vec3, vec3};
 
 /// Surface with fine detail; colours are linear RGB.
@@ -25,7 +25,7 @@ pub(super) enum FineTexture {
 }
 
 impl FineTexture {
-    pub fn albedo(self, m: Vec2, at: &Place) -> Vec3 {
+    pub fn albedo(self, m: Vec2, at: &SurfaceSample) -> Vec3 {
         match self {
             Self::Grain(color) => grain(m, color, at),
             Self::Printed(height) => paper(m, height, at),
@@ -53,8 +53,8 @@ impl FineTexture {
 }
 
 /// Value noise with `per_metre` cells; fades to its mean, 0.5, where a pixel is wider than a cell.
-fn octave(p: Vec2, per_metre: f32, salt: u32, at: &Place) -> f32 {
-    let fade = (1.5 - 1.5 * at.blur * per_metre).clamp(0.0, 1.0);
+fn octave(p: Vec2, per_metre: f32, salt: u32, at: &SurfaceSample) -> f32 {
+    let fade = (1.5 - 1.5 * at.pixel_footprint * per_metre).clamp(0.0, 1.0);
     match fade > 0.0 {
         true => 0.5 + (noise2(p, at.seed ^ salt) - 0.5) * fade,
         false => 0.5,
@@ -68,13 +68,13 @@ fn softened(p: Vec2, blur: f32, value: impl Fn(Vec2) -> f32) -> f32 {
     (0..9).map(sample).sum::<f32>() / 9.0
 }
 
-fn grain(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
+fn grain(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
     // x runs across the grain, y along it.
     let p = if at.size.y >= at.size.x { m } else { Vec2::new(m.y, m.x) };
     let bend = noise2(p * Vec2::new(3.0, 0.9), at.seed) + 0.3 * noise2(p * 7.0, at.seed ^ 0x11);
     let (knot, near) = knot(p, at);
     let across = p.x + 0.06 * bend + 0.05 * near;
-    let fade = (1.0 - at.blur / 0.006).clamp(0.0, 1.0);
+    let fade = (1.0 - at.pixel_footprint / 0.006).clamp(0.0, 1.0);
     let rings = (across * 330.0).sin() * (0.6 + 0.4 * (across * 71.0).sin()) * fade;
     let fibres = octave(Vec2::new(across * 420.0, p.y * 9.0), 420.0, 0x21, at) - 0.5;
     let streaks = octave(Vec2::new(across * 70.0, p.y * 1.7), 70.0, 0x22, at) - 0.5;
@@ -85,7 +85,7 @@ fn grain(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
 }
 
 /// Coverage of a point by a knot, and the strength with which the knot bends the grain around it.
-fn knot(p: Vec2, at: &Place) -> (f32, f32) {
+fn knot(p: Vec2, at: &SurfaceSample) -> (f32, f32) {
     const CELL: Vec2 = Vec2::new(0.31, 0.47);
     let cell = (p / CELL).floor();
     let (x, y) = (cell.x as i32, cell.y as i32);
@@ -100,7 +100,7 @@ fn knot(p: Vec2, at: &Place) -> (f32, f32) {
     ((1.0 - step(radius, 0.9, 0.25)) * ripple, (-0.12 * radius * radius).exp())
 }
 
-fn paper(m: Vec2, height: f32, at: &Place) -> Vec3 {
+fn paper(m: Vec2, height: f32, at: &SurfaceSample) -> Vec3 {
     let rim = Vec2::splat((1.2 * height).min(0.12 * at.size.min_element() as f32));
     let (low, high) = (rim, at.size.as_vec2() - rim);
     // Text rows run from the top down, the chart's v from the bottom up.
@@ -112,13 +112,13 @@ fn paper(m: Vec2, height: f32, at: &Place) -> Vec3 {
 }
 
 /// Ink coverage of rows of random letters, each a 3 × 5 dot matrix.
-fn text(p: Vec2, height: f32, at: &Place) -> f32 {
+fn text(p: Vec2, height: f32, at: &SurfaceSample) -> f32 {
     const MEAN_INK: f32 = 0.26;
     let dot = height / 7.0;
-    if at.blur > 1.5 * dot {
+    if at.pixel_footprint > 1.5 * dot {
         return MEAN_INK;
     }
-    softened(p, at.blur, |p| {
+    softened(p, at.pixel_footprint, |p| {
         let cell = (p / dot).floor();
         let (column, row) = (cell.x as i32, cell.y as i32);
         let (letter, line) = (column.div_euclid(4), row.div_euclid(7));
@@ -132,7 +132,7 @@ fn text(p: Vec2, height: f32, at: &Place) -> f32 {
     })
 }
 
-fn poster(m: Vec2, at: &Place) -> Vec3 {
+fn poster(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let size = at.size.as_vec2();
     let p = Vec2::new(m.x, size.y - m.y);
     let (rim, head) = (0.05 * size.x, 0.24 * size.y);
@@ -157,12 +157,12 @@ fn poster(m: Vec2, at: &Place) -> Vec3 {
         [vec3(0.30, 0.34, 0.46), vec3(0.14, 0.34, 0.20), vec3(0.36, 0.26, 0.07)].iter().enumerate()
     {
         let edge = hill(i as f32);
-        color = color.lerp(*tone * (1.0 + 0.8 * detail), step(edge, v, at.blur / 0.4));
+        color = color.lerp(*tone * (1.0 + 0.8 * detail), step(edge, v, at.pixel_footprint / 0.4));
     }
     color
 }
 
-fn tiles(m: Vec2, at: &Place) -> Vec3 {
+fn tiles(m: Vec2, at: &SurfaceSample) -> Vec3 {
     const SIDE: f32 = 0.1;
     let cell = (m / SIDE).floor();
     let (x, y) = (cell.x as i32, cell.y as i32);
@@ -171,17 +171,18 @@ fn tiles(m: Vec2, at: &Place) -> Vec3 {
     // Quarter circles about two opposite corners; the hash picks the diagonal for each tile.
     let p = if hash(x, y, at.seed ^ 0x55) < 0.5 { p } else { Vec2::new(1.0 - p.x, p.y) };
     let near = p.length().min((Vec2::ONE - p).length());
-    let soft = at.blur / SIDE;
+    let soft = at.pixel_footprint / SIDE;
     let ring = step(near, 0.36, soft) - step(near, 0.46, soft);
     let speckle = octave(m * 700.0, 700.0, 0x56, at) - 0.5;
     let glaze = vec3(0.66, 0.66, 0.60).lerp(vec3(0.58, 0.64, 0.66), tint);
     let color = glaze.lerp(vec3(0.10, 0.22, 0.36), ring.abs()) * (1.0 + 0.3 * speckle);
     let gap = 0.003 / SIDE;
-    let grout = line(m.x / SIDE, gap, soft).max(line(m.y / SIDE, gap, soft));
+    let grout =
+        antialiased_line(m.x / SIDE, gap, soft).max(antialiased_line(m.y / SIDE, gap, soft));
     color.lerp(vec3(0.26, 0.25, 0.23), grout)
 }
 
-fn plaster(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
+fn plaster(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
     let coarse = octave(m * 38.0, 38.0, 0x57, at) - 0.5;
     let grit = octave(m * 190.0, 190.0, 0x58, at) - 0.5;
     let fine = octave(m * 620.0, 620.0, 0x59, at) - 0.5;
@@ -189,7 +190,7 @@ fn plaster(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
     color * (1.0 + 0.10 * coarse + 0.26 * grit + 0.24 * fine + 0.12 * stains)
 }
 
-fn steel(m: Vec2, at: &Place) -> Vec3 {
+fn steel(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let p = if at.size.y >= at.size.x { m } else { Vec2::new(m.y, m.x) };
     let brush = octave(Vec2::new(p.x * 1500.0, p.y * 30.0), 1500.0, 0x5b, at) - 0.5;
     let bands = octave(Vec2::new(p.x * 160.0, p.y * 4.0), 160.0, 0x5c, at) - 0.5;

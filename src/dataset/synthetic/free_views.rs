@@ -15,7 +15,7 @@ const CLEARANCE: f64 = 0.25;
 /// Rays per image axis that estimate the covered share of a picture.
 const GRID: usize = 9;
 /// Share of a picture covered by training frames at which the search stops.
-const SEEN: f64 = 0.97;
+const ENOUGH_COVERED: f64 = 0.97;
 /// A viewpoint with a smaller covered share is never used.
 const LEAST_SEEN: f64 = 0.5;
 /// Candidates drawn per viewpoint, and valid candidates after which the best one is taken.
@@ -32,18 +32,18 @@ pub(super) struct FreeRules {
     /// Range of the distance to the surface at the image centre, metres.
     distance: [f64; 2],
     /// Range of the angle at that surface to the nearest training view, degrees.
-    aside: [f64; 2],
+    view_angle_degrees: [f64; 2],
 }
 
 impl FreeRules {
     /// Allows all free space.
     pub fn anywhere(seed: u64) -> Self {
-        Self { seed, distance: [0.4, 4.5], aside: [0.0, 180.0] }
+        Self { seed, distance: [0.4, 4.5], view_angle_degrees: [0.0, 180.0] }
     }
 
     /// Requires 20° to 60° between the view and the nearest training view.
-    pub fn beside(seed: u64) -> Self {
-        Self { seed, distance: [0.45, 1.6], aside: [20.0, 60.0] }
+    pub fn oblique(seed: u64) -> Self {
+        Self { seed, distance: [0.45, 1.6], view_angle_degrees: [20.0, 60.0] }
     }
 }
 
@@ -90,12 +90,12 @@ impl TrainingViews<'_> {
         let mut most = LEAST_SEEN;
         for _ in 0..TRIES {
             let Some(pose) = self.candidate(rules, rng) else { continue };
-            let share = self.seen_share(&pose);
+            let share = self.covered_share(&pose);
             if share > most {
                 (best, most) = (Some(pose), share);
             }
             n_found += 1;
-            if most >= SEEN || (n_found >= BETTER && best.is_some()) {
+            if most >= ENOUGH_COVERED || (n_found >= BETTER && best.is_some()) {
                 break;
             }
         }
@@ -104,7 +104,7 @@ impl TrainingViews<'_> {
 
     /// Draws a viewpoint in free space with an unobstructed view of a surface seen in training.
     fn candidate(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
-        let (target, normal) = self.surface(rng)?;
+        let (target, normal) = self.random_seen_surface(rng)?;
         let (lo, hi) = self.room.bounds();
         let eye = lo + (hi - lo) * DVec3::from_array([(); 3].map(|()| rng.uniform()));
         let way = target - eye;
@@ -116,23 +116,23 @@ impl TrainingViews<'_> {
         if self.room.is_blocked(&Ray::new(eye, way)) {
             return None;
         }
-        let aside = self.degrees_aside(target, normal, eye)?;
-        let [least, most] = rules.aside;
+        let aside = self.degrees_to_nearest_view(target, normal, eye)?;
+        let [least, most] = rules.view_angle_degrees;
         let pose = Pose::look_at(eye, target, DVec3::Z)?;
         (least..=most).contains(&aside).then_some(pose)
     }
 
     /// Draws a surface point that a training frame sees; returns it and its normal.
-    fn surface(&self, rng: &mut Rng) -> Option<(DVec3, DVec3)> {
+    fn random_seen_surface(&self, rng: &mut Rng) -> Option<(DVec3, DVec3)> {
         let pose = self.poses.get(rng.below(self.poses.len().max(1)))?;
         let (x, y) = (rng.uniform(), rng.uniform());
         let k = &self.k;
         let pixel = DVec2::new(x * f64::from(k.width), y * f64::from(k.height));
-        self.hit(pose, pixel)
+        self.cast_pixel(pose, pixel)
     }
 
     /// Casts the ray through continuous pixel coordinates; returns the surface point and its normal.
-    fn hit(&self, pose: &Pose, pixel: DVec2) -> Option<(DVec3, DVec3)> {
+    fn cast_pixel(&self, pose: &Pose, pixel: DVec2) -> Option<(DVec3, DVec3)> {
         let k = &self.k;
         let way = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
         let ray = Ray::new(pose.centre(), pose.rotation() * way);
@@ -151,7 +151,7 @@ impl TrainingViews<'_> {
     }
 
     /// True if a training frame at `pose` sees the surface point.
-    fn sees(&self, pose: &Pose, point: DVec3, normal: DVec3) -> bool {
+    fn is_visible_from(&self, pose: &Pose, point: DVec3, normal: DVec3) -> bool {
         let way = point - pose.centre();
         let distance = way.length();
         if distance > NEAR_ENOUGH || -normal.dot(way) < FACING * distance {
@@ -166,19 +166,19 @@ impl TrainingViews<'_> {
 
     /// Smallest angle at a surface point between a viewpoint and a training frame that sees the point,
     /// degrees.
-    fn degrees_aside(&self, point: DVec3, normal: DVec3, eye: DVec3) -> Option<f64> {
-        let seeing = self.poses.iter().filter(|pose| self.sees(pose, point, normal));
+    fn degrees_to_nearest_view(&self, point: DVec3, normal: DVec3, eye: DVec3) -> Option<f64> {
+        let seeing = self.poses.iter().filter(|pose| self.is_visible_from(pose, point, normal));
         let degrees = |pose: &Pose| (eye - point).angle_between(pose.centre() - point).to_degrees();
         seeing.map(degrees).min_by(f64::total_cmp)
     }
 
     /// Share of a picture's rays that hit surfaces seen by a training frame.
-    fn seen_share(&self, pose: &Pose) -> f64 {
+    fn covered_share(&self, pose: &Pose) -> f64 {
         let size = DVec2::new(f64::from(self.k.width), f64::from(self.k.height));
         let is_seen = |i: &usize| {
             let cell = DVec2::new((i % GRID) as f64 + 0.5, (i / GRID) as f64 + 0.5);
-            self.hit(pose, cell / GRID as f64 * size).is_some_and(|(point, normal)| {
-                self.poses.iter().any(|pose| self.sees(pose, point, normal))
+            self.cast_pixel(pose, cell / GRID as f64 * size).is_some_and(|(point, normal)| {
+                self.poses.iter().any(|pose| self.is_visible_from(pose, point, normal))
             })
         };
         let n_seen = (0..GRID * GRID).filter(is_seen).count();
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn views_are_free_and_show_what_was_seen() {
         let scenes =
-            [(PhoneScene::Room, FreeRules::anywhere(2)), (PhoneScene::Door, FreeRules::beside(2))];
+            [(PhoneScene::Room, FreeRules::anywhere(2)), (PhoneScene::Door, FreeRules::oblique(2))];
         for (scene, rules) in scenes {
             let (room, walk) = (furnish(scene, 2), Walk::new(scene, 2));
             let poses: Vec<Pose> = (0..30).map(|i| walk.steady(f64::from(i) / 30.0)).collect();
@@ -208,10 +208,10 @@ mod tests {
             let middle = DVec2::new(36.0, 48.0);
             for view in views {
                 assert!(training.is_free(view.centre()), "{scene:?}: {}", view.centre());
-                assert!(training.seen_share(&view) > LEAST_SEEN);
-                let (point, normal) = training.hit(&view, middle).unwrap();
-                let aside = training.degrees_aside(point, normal, view.centre()).unwrap();
-                let [least, most] = rules.aside;
+                assert!(training.covered_share(&view) > LEAST_SEEN);
+                let (point, normal) = training.cast_pixel(&view, middle).unwrap();
+                let aside = training.degrees_to_nearest_view(point, normal, view.centre()).unwrap();
+                let [least, most] = rules.view_angle_degrees;
                 assert!((least - 0.1..most + 0.1).contains(&aside), "{scene:?}: {aside} degrees");
             }
             assert!(choose(1, &room, trained, &[], &rules).is_err(), "no training frames");

@@ -89,11 +89,11 @@ impl LightMap {
 fn gather(room: &FurnishedRoom, point: DVec3, normal: DVec3) -> Vec3 {
     // Offset from the surface, which would otherwise shadow itself.
     let start = point + normal * 1e-4;
-    let direct = room.lamps.iter().map(|lamp| from_lamp(room, start, normal, lamp));
+    let direct = room.lamps.iter().map(|lamp| lamp_irradiance(room, start, normal, lamp));
     direct.sum::<Vec3>() + ambient(room, start, normal)
 }
 
-fn from_lamp(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
+fn lamp_irradiance(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
     let area = lamp.edges[0].length() * lamp.edges[1].length();
     let per_sample = area / (std::f64::consts::PI * (LAMP_GRID * LAMP_GRID) as f64);
     let mut sum = 0.0;

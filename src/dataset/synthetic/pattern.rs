@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// Surface point with the data that textures need.
-pub(super) struct Place {
+pub(super) struct SurfaceSample {
     pub world: DVec3,
     /// Chart coordinates in `[0, 1]²`.
     pub uv: DVec2,
@@ -11,7 +11,7 @@ pub(super) struct Place {
     pub size: DVec2,
     pub face: usize,
     /// Footprint of a pixel, metres.
-    pub blur: f32,
+    pub pixel_footprint: f32,
     pub seed: u32,
 }
 
@@ -21,7 +21,7 @@ pub(super) fn step(value: f32, edge: f32, blur: f32) -> f32 {
 }
 
 /// Lines at the integers: 1 within `width`, antialiased over `blur` with constant total ink.
-pub(super) fn line(value: f32, width: f32, blur: f32) -> f32 {
+pub(super) fn antialiased_line(value: f32, width: f32, blur: f32) -> f32 {
     let distance = (value - value.round()).abs();
     let spread = width.max(blur);
     (1.0 - step(distance, 0.5 * spread, blur)) * width / spread

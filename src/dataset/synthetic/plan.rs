@@ -4,7 +4,7 @@
 use super::free_views::{self, FreeRules};
 use super::params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
 use super::phone::camera::{Capture, PhoneCamera, depth_camera};
-use super::phone::drift::drifted;
+use super::phone::drift::with_drift;
 use super::phone::walk::Walk;
 use super::scene::SyntheticScene;
 use super::trajectory;
@@ -32,7 +32,7 @@ pub(super) struct PlannedSplit {
     /// True poses, from which frames are rendered.
     pub poses: Vec<Pose>,
     /// Poses written to the recording; they differ from the true poses by drift.
-    pub stated: Vec<Pose>,
+    pub recorded_poses: Vec<Pose>,
     /// True if layouts without splits also contain these frames.
     pub is_recorded: bool,
     is_noisy: bool,
@@ -43,7 +43,14 @@ impl PlannedSplit {
     /// Returns a split with exact depth and true poses.
     fn exact(name: &'static str, poses: Vec<Pose>) -> Self {
         let stated = poses.clone();
-        Self { name, poses, stated, is_recorded: false, is_noisy: false, is_of_phone: false }
+        Self {
+            name,
+            poses,
+            recorded_poses: stated,
+            is_recorded: false,
+            is_noisy: false,
+            is_of_phone: false,
+        }
     }
 
     /// Random stream of a frame's depth noise; `None` for exact depth.
@@ -75,7 +82,7 @@ impl ViewPlan {
                 let phone = PhoneCamera::new(walk, params.n_train, params.seed);
                 let poses: Vec<Pose> = (0..params.n_train).map(|i| phone.pose(i)).collect();
                 let train = PlannedSplit {
-                    stated: drifted(&poses, params.seed),
+                    recorded_poses: with_drift(&poses, params.seed),
                     is_recorded: true,
                     is_of_phone: true,
                     ..PlannedSplit::exact("train", poses)
@@ -98,7 +105,7 @@ impl ViewPlan {
     }
 
     /// Renders colour and depth of a frame, with depth noise if the split is noisy.
-    pub fn view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
+    pub fn render_view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
         self.view_by(split, frame, self.scene.intrinsics())
     }
 
@@ -110,18 +117,18 @@ impl ViewPlan {
         intrinsics: Intrinsics,
     ) -> SyntheticView {
         let camera = Camera { intrinsics, pose: split.poses[frame] };
-        self.scene.sensed(&camera, split.noise_stream(frame))
+        self.scene.render_sensed(&camera, split.noise_stream(frame))
     }
 
     /// Renders a frame as a phone stores it; the depth has the intrinsics [`Self::depth_camera`].
-    pub fn capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
+    pub fn render_capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
         let of_depth = self.depth_camera();
         if let Some(phone) = self.phone.as_ref().filter(|_| split.is_of_phone) {
             return phone.capture(&self.scene, frame, of_depth);
         }
         let depth_z = self.view_by(split, frame, of_depth).depth_z;
         let confidence = Image::filled(depth_z.width, depth_z.height, SURE);
-        Capture { color: self.view(split, frame).color, depth_z, confidence }
+        Capture { color: self.render_view(split, frame).color, depth_z, confidence }
     }
 
     /// Intrinsics of a phone's depth image: the lens of the photograph at a lower resolution.
@@ -138,14 +145,14 @@ impl ViewPlan {
     }
 
     /// True if a phone records.
-    pub fn is_of_phone(&self) -> bool {
+    pub fn has_phone_camera(&self) -> bool {
         self.phone.is_some()
     }
 }
 
 fn rules(params: &SyntheticParams) -> FreeRules {
     match params.camera {
-        SyntheticCamera::Phone(PhoneScene::Door) => FreeRules::beside(params.seed),
+        SyntheticCamera::Phone(PhoneScene::Door) => FreeRules::oblique(params.seed),
         SyntheticCamera::Phone(PhoneScene::Room) | SyntheticCamera::Room => {
             FreeRules::anywhere(params.seed)
         }

@@ -75,7 +75,7 @@ impl SyntheticScene {
     }
 
     /// Renders colour and exact depth for any pinhole camera.
-    pub fn view(&self, camera: &Camera) -> SyntheticView {
+    pub fn render_view(&self, camera: &Camera) -> SyntheticView {
         view::render(&self.room, &self.light, camera)
     }
 
@@ -86,20 +86,24 @@ impl SyntheticScene {
         camera: Camera,
         noise_stream: Option<u64>,
     ) -> Frame {
-        let SyntheticView { color, depth_z } = self.sensed(&camera, noise_stream);
+        let SyntheticView { color, depth_z } = self.render_sensed(&camera, noise_stream);
         let (color, codes) = (color.into(), quantise(&depth_z, DEPTH_UNIT));
         let depth = Depth {
             codes: DepthCodes::Linear16 { codes, unit: DEPTH_UNIT },
             kind: DepthKind::Z,
             trusted: [0.0, f64::INFINITY],
-            metre: 1.0,
+            units_per_metre: 1.0,
         };
         Frame { name: name.to_owned(), camera, color_camera: None, color, depth: Some(depth) }
     }
 
     /// Renders a view as a depth camera measures it, with normally distributed depth noise.
-    pub(super) fn sensed(&self, camera: &Camera, noise_stream: Option<u64>) -> SyntheticView {
-        let mut view = self.view(camera);
+    pub(super) fn render_sensed(
+        &self,
+        camera: &Camera,
+        noise_stream: Option<u64>,
+    ) -> SyntheticView {
+        let mut view = self.render_view(camera);
         if let Some(index) = noise_stream {
             // One stream per frame: the noise does not depend on the order or number of loads.
             let mut rng = Rng::new(self.params.seed, Purpose::Synthetic, index);

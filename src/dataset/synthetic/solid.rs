@@ -97,7 +97,7 @@ impl Shape {
             Self::Cylinder { base, radius, height } => cylinder(ray, base, radius, height),
             Self::Torus { centre, major, minor } => torus(ray, centre, major, minor),
             Self::Cable(capsule) => {
-                let enter = capsule.enter(ray.origin, ray.direction, START);
+                let enter = capsule.first_entry(ray.origin, ray.direction, START);
                 enter.map(|t| Hit { t, face: 0 })
             }
         }

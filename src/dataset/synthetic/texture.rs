@@ -4,7 +4,7 @@
 //! views.
 
 use super::fine_texture::FineTexture;
-use super::pattern::{Place, band, hash, line, noise2, noise3, step, wave};
+use super::pattern::{SurfaceSample, antialiased_line, band, hash, noise2, noise3, step, wave};
 use glam::{Vec2, Vec3, vec3};
 
 /// Material of a surface; colours are linear RGB.
@@ -41,7 +41,7 @@ impl Texture {
     }
 
     /// Albedo at a surface point, linear RGB; emitted radiance for emissive textures.
-    pub fn albedo(&self, at: &Place) -> Vec3 {
+    pub fn albedo(&self, at: &SurfaceSample) -> Vec3 {
         let metres = (at.uv * at.size).as_vec2();
         match *self {
             Self::Walls => match at.face {
@@ -55,17 +55,18 @@ impl Texture {
             Self::Marble(color) => marble(color, at),
             Self::Candy(color) => {
                 let twist = (at.uv.x * 12.0 + at.uv.y * 2.0) as f32;
-                Vec3::splat(0.82).lerp(color, band(twist, at.blur * 12.0))
+                Vec3::splat(0.82).lerp(color, band(twist, at.pixel_footprint * 12.0))
             }
             Self::Checker(color) => {
                 let cell = metres / 0.055;
-                let odd = wave(cell.x, at.blur / 0.055) * wave(cell.y, at.blur / 0.055);
+                let odd = wave(cell.x, at.pixel_footprint / 0.055)
+                    * wave(cell.y, at.pixel_footprint / 0.055);
                 Vec3::new(0.80, 0.74, 0.58).lerp(color, 0.5 + 0.5 * odd)
             }
             Self::Glaze(color) => glaze(color, at),
             Self::Ball(color) => {
-                let wedge = band((at.uv.x * 6.0) as f32, at.blur * 3.0);
-                let cap = step((at.uv.y as f32 - 0.5).abs(), 0.46, at.blur);
+                let wedge = band((at.uv.x * 6.0) as f32, at.pixel_footprint * 3.0);
+                let cap = step((at.uv.y as f32 - 0.5).abs(), 0.46, at.pixel_footprint);
                 Vec3::new(0.85, 0.83, 0.78).lerp(color, wedge * (1.0 - cap))
             }
             Self::Cover(color) => {
@@ -97,7 +98,7 @@ impl Texture {
     }
 }
 
-fn planks(m: Vec2, at: &Place) -> Vec3 {
+fn planks(m: Vec2, at: &SurfaceSample) -> Vec3 {
     const WIDTH: f32 = 0.16;
     const LENGTH: f32 = 1.3;
     let row = (m.y / WIDTH).floor();
@@ -106,19 +107,18 @@ fn planks(m: Vec2, at: &Place) -> Vec3 {
     let grain = noise2(Vec2::new(m.x * 4.0 + tint * 40.0, m.y * 60.0), at.seed);
     let knots = noise2(m * 5.0, at.seed ^ 0x77);
     let color = vec3(0.42, 0.25, 0.12).lerp(vec3(0.56, 0.36, 0.19), tint);
-    let gap = line(m.y / WIDTH, 0.004 / WIDTH, at.blur / WIDTH).max(line(
-        along,
-        0.004 / LENGTH,
-        at.blur / LENGTH,
-    ));
+    let gap = antialiased_line(m.y / WIDTH, 0.004 / WIDTH, at.pixel_footprint / WIDTH)
+        .max(antialiased_line(along, 0.004 / LENGTH, at.pixel_footprint / LENGTH));
     color * (0.72 + 0.3 * grain + 0.16 * knots) * (1.0 - 0.7 * gap)
 }
 
-fn wall(m: Vec2, face: usize, at: &Place) -> Vec3 {
+fn wall(m: Vec2, face: usize, at: &SurfaceSample) -> Vec3 {
     const RAIL: f32 = 0.95;
     let speckle = 0.95 + 0.1 * noise2(m * 30.0, at.seed ^ face as u32);
-    let rail = step(m.y, RAIL - 0.04, at.blur) * (1.0 - step(m.y, RAIL + 0.02, at.blur));
-    let board = line(m.x / 0.2, 0.04, at.blur / 0.2) * 0.35 + step(0.12, m.y, at.blur) * 0.1;
+    let rail = step(m.y, RAIL - 0.04, at.pixel_footprint)
+        * (1.0 - step(m.y, RAIL + 0.02, at.pixel_footprint));
+    let board = antialiased_line(m.x / 0.2, 0.04, at.pixel_footprint / 0.2) * 0.35
+        + step(0.12, m.y, at.pixel_footprint) * 0.1;
     let panel = vec3(0.70, 0.68, 0.62) * (1.0 - board);
     let paper = match face {
         0 => vec3(0.46, 0.55, 0.47),
@@ -126,9 +126,9 @@ fn wall(m: Vec2, face: usize, at: &Place) -> Vec3 {
         2 => vec3(0.60, 0.52, 0.40),
         _ => vec3(0.52, 0.24, 0.16),
     };
-    let motif = damask(m / 0.3, at.blur / 0.3);
+    let motif = damask(m / 0.3, at.pixel_footprint / 0.3);
     let upper = paper * (1.0 - 0.28 * motif) * speckle;
-    let above = step(m.y, RAIL, at.blur);
+    let above = step(m.y, RAIL, at.pixel_footprint);
     panel.lerp(upper, above).lerp(Vec3::splat(0.80), rail)
 }
 
@@ -142,49 +142,49 @@ fn damask(m: Vec2, blur: f32) -> f32 {
     ring.max(dot)
 }
 
-fn wood(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
+fn wood(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
     let long = if at.size.x >= at.size.y { m } else { Vec2::new(m.y, m.x) };
     let bend = noise2(long * Vec2::new(1.5, 5.0), at.seed) * 0.06;
     // Rings finer than a pixel would alias differently in each view.
-    let fade = (1.0 - at.blur / 0.02).clamp(0.0, 1.0);
+    let fade = (1.0 - at.pixel_footprint / 0.02).clamp(0.0, 1.0);
     let rings = ((long.y + bend) * 240.0).sin() * 0.12 * fade;
     let grain = noise2(long * Vec2::new(6.0, 90.0), at.seed ^ 0x3) - 0.5;
     color * (1.0 + rings + 0.45 * grain)
 }
 
-fn fabric(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
+fn fabric(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
     let weave = noise2(m * 70.0, at.seed) - 0.5;
     let folds = noise2(m * 5.0, at.seed ^ 0x9) - 0.5;
-    let seam = line(m.x / 0.62, 0.02, at.blur / 0.62);
+    let seam = antialiased_line(m.x / 0.62, 0.02, at.pixel_footprint / 0.62);
     color * (1.0 + 0.35 * weave + 0.5 * folds) * (1.0 - 0.5 * seam)
 }
 
-fn marble(color: Vec3, at: &Place) -> Vec3 {
+fn marble(color: Vec3, at: &SurfaceSample) -> Vec3 {
     let p = at.world.as_vec3() * 9.0;
     let turbulence = noise3(p, at.seed) + 0.5 * noise3(p * 2.1, at.seed ^ 0x5);
     let vein = ((p.x + p.y + p.z) * 1.2 + turbulence * 7.0).sin().abs();
     Vec3::splat(0.88).lerp(color, (1.0 - vein).powi(2))
 }
 
-fn glaze(color: Vec3, at: &Place) -> Vec3 {
+fn glaze(color: Vec3, at: &SurfaceSample) -> Vec3 {
     let v = at.uv.y as f32;
     let zigzag = 0.5 + 0.05 * (((at.uv.x as f32 * 16.0).fract() - 0.5).abs() * 4.0 - 1.0);
-    let blur = at.blur / at.size.y as f32;
+    let blur = at.pixel_footprint / at.size.y as f32;
     let band = step(v, zigzag - 0.09, blur) * (1.0 - step(v, zigzag + 0.09, blur));
     let rim = step(v, 0.93, blur).max(1.0 - step(v, 0.06, blur));
     Vec3::new(0.84, 0.82, 0.76).lerp(color, band.max(rim))
 }
 
-fn leaves(at: &Place) -> Vec3 {
+fn leaves(at: &SurfaceSample) -> Vec3 {
     let p = at.world.as_vec3() * 22.0;
     let cluster = noise3(p, at.seed) * 0.65 + noise3(p * 2.3, at.seed ^ 0x21) * 0.35;
     vec3(0.02, 0.07, 0.02).lerp(vec3(0.26, 0.48, 0.12), cluster * cluster * 1.6)
 }
 
-fn rug(at: &Place) -> Vec3 {
+fn rug(at: &SurfaceSample) -> Vec3 {
     let p = (at.uv - 0.5).as_vec2() * 2.0;
     let (radius, angle) = (p.length(), p.y.atan2(p.x));
-    let blur = at.blur / 1.45;
+    let blur = at.pixel_footprint / 1.45;
     let petals = 0.5 + 0.5 * (angle * 16.0).cos();
     let edge = 0.60 + 0.10 * petals;
     let cream = vec3(0.74, 0.64, 0.48);
@@ -197,7 +197,7 @@ fn rug(at: &Place) -> Vec3 {
     flower.lerp(centre, inner).lerp(vec3(0.10, 0.14, 0.28), border) * knots
 }
 
-fn books(m: Vec2, at: &Place) -> Vec3 {
+fn books(m: Vec2, at: &SurfaceSample) -> Vec3 {
     const SHELF: f32 = 0.325;
     const BOOK: f32 = 0.045;
     const SPINES: [Vec3; 8] = [
@@ -215,18 +215,20 @@ fn books(m: Vec2, at: &Place) -> Vec3 {
     let slot = m.x / BOOK + hash(shelf as i32, 3, at.seed);
     let id = slot.floor() as i32;
     let random = |k: u32| hash(id, shelf as i32, at.seed ^ k);
-    let frame = 1.0 - step(height, 0.025, at.blur);
+    let frame = 1.0 - step(height, 0.025, at.pixel_footprint);
     let top = 0.17 + 0.11 * random(1);
-    let gap = line(slot, 0.08, at.blur / BOOK);
+    let gap = antialiased_line(slot, 0.08, at.pixel_footprint / BOOK);
     let cover = SPINES[((random(2) * SPINES.len() as f32) as usize).min(7)];
     let cover = cover * (0.6 + 0.7 * random(5));
-    let stripe = step(height, top * 0.72, at.blur) * (1.0 - step(height, top * 0.8, at.blur));
+    let stripe = step(height, top * 0.72, at.pixel_footprint)
+        * (1.0 - step(height, top * 0.8, at.pixel_footprint));
     let spine = cover.lerp(vec3(0.75, 0.65, 0.35), stripe * random(6)) * (1.0 - 0.75 * gap);
-    let shown = spine.lerp(vec3(0.035, 0.022, 0.014), step(height, top + 0.025, at.blur));
+    let shown =
+        spine.lerp(vec3(0.035, 0.022, 0.014), step(height, top + 0.025, at.pixel_footprint));
     shown.lerp(vec3(0.26, 0.15, 0.08), frame)
 }
 
-fn drawers(m: Vec2, at: &Place) -> Vec3 {
+fn drawers(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let base = wood(m, vec3(0.36, 0.20, 0.10), at);
     if at.face != 2 {
         return base;
@@ -234,14 +236,14 @@ fn drawers(m: Vec2, at: &Place) -> Vec3 {
     let cell = m / Vec2::new(0.6334, 0.35);
     let p = cell - cell.floor() - 0.5;
     let from_edge = 0.5 - p.abs().max_element();
-    let knob = 1.0 - step((p * Vec2::new(0.6334, 0.35)).length(), 0.022, at.blur);
-    let groove = 1.0 - step(from_edge, 0.02, at.blur);
+    let knob = 1.0 - step((p * Vec2::new(0.6334, 0.35)).length(), 0.022, at.pixel_footprint);
+    let groove = 1.0 - step(from_edge, 0.02, at.pixel_footprint);
     (base * (1.0 - 0.7 * groove)).lerp(vec3(0.70, 0.56, 0.26), knob)
 }
 
-fn landscape(at: &Place) -> Vec3 {
+fn landscape(at: &SurfaceSample) -> Vec3 {
     let p = at.uv.as_vec2();
-    let blur = at.blur;
+    let blur = at.pixel_footprint;
     let mut color = vec3(0.82, 0.50, 0.28).lerp(vec3(0.16, 0.34, 0.62), (p.y * 1.3 - 0.3).max(0.0));
     let sun = 1.0 - step((p * Vec2::new(1.6, 1.0)).distance(Vec2::new(1.1, 0.66)), 0.10, blur);
     color = color.lerp(vec3(0.95, 0.80, 0.42), sun);
@@ -258,7 +260,7 @@ fn landscape(at: &Place) -> Vec3 {
     color
 }
 
-fn abstract_blocks(at: &Place) -> Vec3 {
+fn abstract_blocks(at: &SurfaceSample) -> Vec3 {
     const X: [f32; 3] = [0.28, 0.62, 0.86];
     const Y: [f32; 3] = [0.22, 0.55, 0.80];
     const COLORS: [Vec3; 5] = [
@@ -273,18 +275,22 @@ fn abstract_blocks(at: &Place) -> Vec3 {
     let pick = hash(cell(&X, p.x), cell(&Y, p.y), 29) * COLORS.len() as f32;
     let distance =
         |cuts: &[f32; 3], v: f32| cuts.iter().map(|c| (v - c).abs()).fold(f32::INFINITY, f32::min);
-    let bar = 1.0 - step(distance(&X, p.x).min(distance(&Y, p.y)), 0.012, at.blur);
+    let bar = 1.0 - step(distance(&X, p.x).min(distance(&Y, p.y)), 0.012, at.pixel_footprint);
     COLORS[(pick as usize).min(4)].lerp(Vec3::splat(0.02), bar)
 }
 
-fn window(m: Vec2, at: &Place) -> Vec3 {
+fn window(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let v = at.uv.y as f32;
     let clouds =
         noise2(m * Vec2::new(2.5, 5.0), 41) * 0.7 + noise2(m * Vec2::new(7.0, 13.0), 42) * 0.3;
     let sky = vec3(1.1, 1.6, 2.3).lerp(Vec3::splat(2.6), ((clouds - 0.45) * 3.0).clamp(0.0, 1.0));
     let hills = 0.24 + 0.13 * noise2(Vec2::new(m.x * 3.0, 0.5), 43);
     let meadow = vec3(0.30, 0.52, 0.20) * (0.7 + 0.5 * noise2(m * 24.0, 44));
-    let scene = sky.lerp(meadow, step(hills, v, at.blur));
-    let bars = line(m.x / 0.6, 0.05, at.blur / 0.6).max(line(m.y / 0.6, 0.05, at.blur / 0.6));
+    let scene = sky.lerp(meadow, step(hills, v, at.pixel_footprint));
+    let bars = antialiased_line(m.x / 0.6, 0.05, at.pixel_footprint / 0.6).max(antialiased_line(
+        m.y / 0.6,
+        0.05,
+        at.pixel_footprint / 0.6,
+    ));
     scene.lerp(Vec3::splat(0.62), bars)
 }

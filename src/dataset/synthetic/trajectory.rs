@@ -30,7 +30,7 @@ pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
     let phase = phase(seed) + 0.37 / FRAMES_PER_TURN;
     let between = |i: usize| {
         let turn = phase + i as f64 / n_frames as f64;
-        let eye = place(turn, 0.93, HEIGHT[0] + 0.2 * (TAU * 3.0 * turn).sin());
+        let eye = path_position(turn, 0.93, HEIGHT[0] + 0.2 * (TAU * 3.0 * turn).sin());
         Pose::look_at(eye, target(turn + 0.11), DVec3::Z)
     };
     (0..n_frames).filter_map(between).collect()
@@ -44,11 +44,11 @@ fn phase(seed: u64) -> f64 {
 /// Never `None`: the path avoids the vertical through the target.
 fn pose(turn: f64, turns: f64) -> Option<Pose> {
     let swing = (TAU * turn * (1.0 + 1.0 / turns)).sin();
-    let eye = place(turn, 1.0, HEIGHT[0] + HEIGHT[1] * swing);
+    let eye = path_position(turn, 1.0, HEIGHT[0] + HEIGHT[1] * swing);
     Pose::look_at(eye, target(turn), DVec3::Z)
 }
 
-fn place(turn: f64, reach: f64, height: f64) -> DVec3 {
+fn path_position(turn: f64, reach: f64, height: f64) -> DVec3 {
     let (sin, cos) = (TAU * turn).sin_cos();
     dvec3(PATH[0] * reach * cos, PATH[1] * reach * sin, height)
 }

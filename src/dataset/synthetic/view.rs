@@ -6,7 +6,7 @@
 //! bounding boxes overlap it, nearest first.
 
 use super::light::LightMaps;
-use super::pattern::Place;
+use super::pattern::SurfaceSample;
 use super::room::{FurnishedRoom, Solid};
 use super::solid::{Hit, Ray};
 use crate::math::camera::{Camera, Intrinsics};
@@ -34,7 +34,7 @@ const MIN_PARALLEL: usize = 1 << 18;
 pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> SyntheticView {
     let tone = ToneCurve::new();
     // Rays of a camera outside the room may miss: black, and a depth hole.
-    let view = trace(room, camera, ([0, 0, 0, 255], 0.0), |ray, solid, hit| {
+    let view = cast_rays(room, camera, ([0, 0, 0, 255], 0.0), |ray, solid, hit| {
         let light = shade(room, light, ray, solid, hit, &camera.intrinsics);
         (tone.pixel(light), hit.t) // the ray direction has z = 1 in the camera frame
     });
@@ -43,13 +43,13 @@ pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -
 
 /// Renders linear radiance, with one ray through each pixel centre.
 pub(super) fn radiance(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> Image<Vec3> {
-    trace(room, camera, Vec3::ZERO, |ray, solid, hit| {
+    cast_rays(room, camera, Vec3::ZERO, |ray, solid, hit| {
         shade(room, light, ray, solid, hit, &camera.intrinsics)
     })
 }
 
 /// Maps each pixel's first hit (ray, index of the solid, hit) through `seen`; `miss` without a hit.
-pub(super) fn trace<T: Copy + Send + Sync>(
+pub(super) fn cast_rays<T: Copy + Send + Sync>(
     room: &FurnishedRoom,
     camera: &Camera,
     miss: T,
@@ -57,8 +57,12 @@ pub(super) fn trace<T: Copy + Send + Sync>(
 ) -> Image<T> {
     let k = camera.intrinsics;
     let (width, height) = (k.width as usize, k.height as usize);
-    let mut reaches: Vec<_> =
-        room.solids.iter().enumerate().map(|(i, solid)| Reach::new(i, solid, camera)).collect();
+    let mut reaches: Vec<_> = room
+        .solids
+        .iter()
+        .enumerate()
+        .map(|(i, solid)| ScreenBounds::new(i, solid, camera))
+        .collect();
     reaches.sort_by(|a, b| a.nearest_z.total_cmp(&b.nearest_z));
     let (rotation, origin) = (camera.pose.rotation(), camera.pose.centre());
     let cast_band = |(band, pixels): (usize, &mut [T])| {
@@ -72,7 +76,7 @@ pub(super) fn trace<T: Copy + Send + Sync>(
             for row in rows {
                 for column in columns.clone() {
                     let ray = Ray::new(origin, rotation * k.ray(column, row));
-                    if let Some((solid, hit)) = nearest(room, &in_reach, &ray) {
+                    if let Some((solid, hit)) = first_hit(room, &in_reach, &ray) {
                         pixels[(row - top) * width + column] = seen(&ray, solid, hit);
                     }
                 }
@@ -90,7 +94,7 @@ pub(super) fn trace<T: Copy + Send + Sync>(
 
 /// Returns the first hit among `in_reach`, which is sorted from near to far.
 #[inline]
-fn nearest(room: &FurnishedRoom, in_reach: &[&Reach], ray: &Ray) -> Option<(usize, Hit)> {
+fn first_hit(room: &FurnishedRoom, in_reach: &[&ScreenBounds], ray: &Ray) -> Option<(usize, Hit)> {
     let mut best: Option<(usize, Hit)> = None;
     for reach in in_reach {
         let limit = best.map_or(f64::INFINITY, |(_, hit)| hit.t);
@@ -121,7 +125,8 @@ fn shade(
     let size = shape.face_size(hit.face);
     // Footprint of a pixel at this depth, metres.
     let blur = (hit.t / k.fx) as f32;
-    let place = Place { world, uv, size, face: hit.face, blur, seed: room.seed };
+    let place =
+        SurfaceSample { world, uv, size, face: hit.face, pixel_footprint: blur, seed: room.seed };
     let albedo = texture.albedo(&place);
     match texture.is_emissive() {
         true => albedo,
@@ -130,7 +135,7 @@ fn shade(
 }
 
 /// Image region that a solid can cover, from the projection of its bounding box.
-struct Reach {
+struct ScreenBounds {
     solid: usize,
     columns: Range<usize>,
     rows: Range<usize>,
@@ -138,7 +143,7 @@ struct Reach {
     nearest_z: f64,
 }
 
-impl Reach {
+impl ScreenBounds {
     fn new(index: usize, solid: &Solid, camera: &Camera) -> Self {
         const NEAR: f64 = 1e-3;
         let (lo, hi) = solid.shape.bounds();

@@ -15,7 +15,7 @@ pub(super) enum Destination {
 }
 
 impl Destination {
-    pub fn of(path: &Path) -> Result<Self, Fault> {
+    pub fn resolve(path: &Path) -> Result<Self, Fault> {
         match std::fs::metadata(path) {
             Ok(found) if found.is_dir() => Err(Fault::IsFolder),
             Ok(found) if !found.is_file() => Ok(Self::Stream),

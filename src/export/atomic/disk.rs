@@ -23,7 +23,7 @@ pub trait SaveDisk {
     ///
     /// # Errors
     /// The permissions could not be set.
-    fn resemble(&self, file: &File, older: &Metadata) -> io::Result<()>;
+    fn copy_permissions(&self, file: &File, older: &Metadata) -> io::Result<()>;
     /// Appends a prefix of `bytes` and returns its length.
     ///
     /// # Errors
@@ -65,7 +65,7 @@ impl SaveDisk for SystemDisk {
         OpenOptions::new().write(true).create_new(true).open(path)
     }
 
-    fn resemble(&self, file: &File, older: &Metadata) -> io::Result<()> {
+    fn copy_permissions(&self, file: &File, older: &Metadata) -> io::Result<()> {
         #[cfg(unix)]
         {
             use std::os::unix::fs::MetadataExt;

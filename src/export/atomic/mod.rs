@@ -58,11 +58,11 @@ pub fn write_atomic(
 /// # Errors
 /// As [`write_atomic`], or [`Fault::Io`] if neither a hard link nor a copy can be made. The older file and
 /// its `.bak` are then untouched.
-pub fn write_keeping_old(
+pub fn write_with_backup(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_keeping_old_on(&SystemDisk, path, write)
+    write_with_backup_on(&SystemDisk, path, write)
 }
 
 /// Writes like [`write_keeping_old`], on any [`SaveDisk`].
@@ -72,7 +72,7 @@ pub fn write_keeping_old(
 ///
 /// # Errors
 /// As [`write_keeping_old`].
-pub fn write_keeping_old_on(
+pub fn write_with_backup_on(
     disk: &dyn SaveDisk,
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -86,12 +86,12 @@ fn write_on(
     keeps_old: bool,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    let written = match Destination::of(path) {
+    let written = match Destination::resolve(path) {
         Ok(Destination::File(file)) => replace(disk, &file, keeps_old, write),
         Ok(Destination::Stream) => write_through(path, write),
         Err(fault) => Err(fault),
     };
-    written.map_err(|fault| fault.at(path))
+    written.map_err(|fault| fault.with_path(path))
 }
 
 /// Writes to an existing stream without creating, truncating or replacing anything.
@@ -106,7 +106,7 @@ fn write_through(
         .map_err(|source| Fault::Io { action: "open this for writing", source })?;
     let mut out = Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, stream), written: 0 };
     let filled = write(&mut out).and_then(|()| out.flush());
-    filled.map_err(failed("write", out.written))?;
+    filled.map_err(to_fault("write", out.written))?;
     Ok(out.written)
 }
 
@@ -131,18 +131,18 @@ fn replace(
     let mut out = Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, sink), written: 0 };
     let filled = write(&mut out).and_then(|()| out.flush());
     let written = out.written;
-    filled.map_err(failed("write", written))?;
+    filled.map_err(to_fault("write", written))?;
     let older = path.metadata().ok();
     if let Some(older) = &older {
-        disk.resemble(&file, older)
-            .map_err(failed("keep the older file's permissions", written))?;
+        disk.copy_permissions(&file, older)
+            .map_err(to_fault("keep the older file's permissions", written))?;
     }
     // Before the rename: otherwise a crash may leave the new name with missing content.
-    disk.sync(&file).map_err(failed("flush the data to the disk", written))?;
+    disk.sync(&file).map_err(to_fault("flush the data to the disk", written))?;
     if keeps_old && older.is_some() {
         back_up(disk, path)?;
     }
-    temporary.place(path).map_err(failed("put the finished file in place", written))?;
+    temporary.rename_to(path).map_err(to_fault("put the finished file in place", written))?;
     // Some file systems cannot sync a folder. The file is complete and in place, so this is no error.
     let _ = disk.sync_folder(folder);
     Ok(written)
@@ -152,23 +152,24 @@ fn replace(
 fn back_up(disk: &dyn SaveDisk, path: &Path) -> Result<(), Fault> {
     let kept = with_suffix(path, ".bak");
     for _ in 0..BACK_UP_TRIES {
-        let Ok(second) = Temporary::second_name(disk, path) else {
+        let Ok(second) = Temporary::hard_link(disk, path) else {
             return copy_to(disk, path, &kept);
         };
-        match second.place(&kept) {
+        match second.rename_to(&kept) {
             // Another process that starts in this folder removed the link between the two calls.
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            done => return done.map_err(|source| Fault::Io { action: KEEP_OLD, source }),
+            done => return done.map_err(|source| Fault::Io { action: BACK_UP_ACTION, source }),
         }
     }
     copy_to(disk, path, &kept)
 }
 
-const KEEP_OLD: &str = "keep the older file as .bak";
+const BACK_UP_ACTION: &str = "keep the older file as .bak";
 
 /// Copies `file` to `kept` atomically, for file systems without hard links.
 fn copy_to(disk: &dyn SaveDisk, file: &Path, kept: &Path) -> Result<(), Fault> {
-    let mut old = File::open(file).map_err(|source| Fault::Io { action: KEEP_OLD, source })?;
+    let mut old =
+        File::open(file).map_err(|source| Fault::Io { action: BACK_UP_ACTION, source })?;
     replace(disk, kept, false, |out| io::copy(&mut old, out).map(drop)).map(drop)
 }
 
@@ -179,7 +180,7 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 }
 
 /// Converts an I/O error after `written` bytes.
-pub(super) fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
+pub(super) fn to_fault(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
     move |source| match source.kind() {
         _ if source.get_ref().is_some_and(|inner| inner.is::<Cancelled>()) => Fault::Cancelled,
         io::ErrorKind::StorageFull => Fault::DiskFull { written },

@@ -58,12 +58,12 @@ impl<'a> Temporary<'a> {
 
     /// Creates a hard link to a file. It is not locked: if another process removes it and creates it again,
     /// it still refers to the same file, since only such links have this kind of name.
-    pub fn second_name(disk: &'a dyn SaveDisk, file: &Path) -> io::Result<Self> {
+    pub fn hard_link(disk: &'a dyn SaveDisk, file: &Path) -> io::Result<Self> {
         Ok(Self::first_free(disk, file, ".old", |path| disk.link(file, path))?.0)
     }
 
     /// Renames the temporary to its final name, replacing any file there.
-    pub fn place(mut self, path: &Path) -> io::Result<()> {
+    pub fn rename_to(mut self, path: &Path) -> io::Result<()> {
         self.disk.rename(&self.path, path)?;
         // Renaming onto another link to the same file does nothing and leaves both names.
         self.is_placed = !self.path.exists();
@@ -93,7 +93,7 @@ fn new_name(target: &Path, kind: &str) -> PathBuf {
 /// Removes temporary files of `path` left by killed processes; each is as large as the file. Files that a
 /// process is still writing stay.
 pub fn remove_leftovers(path: &Path) {
-    let Ok(Destination::File(file)) = Destination::of(path) else { return };
+    let Ok(Destination::File(file)) = Destination::resolve(path) else { return };
     let Some(name) = file.file_name().and_then(|name| name.to_str()) else { return };
     let Ok(entries) = std::fs::read_dir(folder_of(&file)) else { return };
     for entry in entries.flatten() {

@@ -19,13 +19,13 @@ pub(super) fn means(means: &InitialMeans) -> Section<'_> {
 }
 
 fn columns_of<'a, T: Stored>(space: &'a [[T; 3]], color: &'a [[T; 3]]) -> Section<'a> {
-    Section::new(tag::MEANS, space.as_flattened()).and(color.as_flattened())
+    Section::new(tag::MEANS, space.as_flattened()).extended(color.as_flattened())
 }
 
 pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
     match totals {
         Totals::Fixed64 { rows, carries } => {
-            let mut sections = split(rows);
+            let mut sections = split_rows(rows);
             // Zero carries are left out, so that equal sums have equal bytes.
             let carries = carries.iter().filter(|carry| carry.limbs != [0; N_SUMS]);
             let ids: Vec<u32> = carries.clone().map(|carry| carry.id).collect();
@@ -36,12 +36,12 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
             }
             sections
         }
-        Totals::Fixed128(rows) => split(rows),
-        Totals::F32(rows) => split(rows),
+        Totals::Fixed128(rows) => split_rows(rows),
+        Totals::F32(rows) => split_rows(rows),
     }
 }
 
-fn split<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
+fn split_rows<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
     // Columns, not rows: a section holds numbers of one kind.
     let mut counts = Vec::with_capacity(rows.len());
     let mut first = Vec::with_capacity(rows.len() * N_FIRST);
@@ -59,7 +59,7 @@ fn split<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
 }
 
 /// Joins the columns made by [`split`] into rows, in already reserved memory.
-pub(super) fn join<T: Pod>(
+pub(super) fn join_rows<T: Pod>(
     [counts, first, second]: [&[u8]; 3],
     mut rows: Vec<[T; N_SUMS]>,
 ) -> Vec<[T; N_SUMS]> {

@@ -5,7 +5,7 @@
 //! start at multiples of 64 bytes (a cache line), in table order, with only zeros between: the encoding is
 //! unique.
 
-use super::super::error::{reserved, shorten};
+use super::super::error::{shorten, try_with_capacity};
 use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
 use super::tag;
@@ -70,12 +70,12 @@ impl<'a> Section<'a> {
     }
 
     /// Borrows several runs of elements, each given as bytes.
-    pub fn of_runs<T: Stored>(tag: [u8; 4], runs: impl Iterator<Item = &'a [u8]>) -> Self {
+    pub fn from_runs<T: Stored>(tag: [u8; 4], runs: impl Iterator<Item = &'a [u8]>) -> Self {
         Self { tag, element: T::ELEMENT, parts: runs.map(Cow::Borrowed).collect() }
     }
 
     /// Appends elements of the section's type.
-    pub fn and<T: Stored>(mut self, elements: &'a [T]) -> Self {
+    pub fn extended<T: Stored>(mut self, elements: &'a [T]) -> Self {
         debug_assert!(T::ELEMENT == self.element);
         self.parts.push(Cow::Borrowed(bytemuck::cast_slice(elements)));
         self
@@ -169,7 +169,7 @@ impl<'a> Container<'a> {
         }
         check_length(header.file_bytes, found)?;
         let version = (header.major, header.minor);
-        let mut sections = reserved(n).map_err(Defect::Memory)?;
+        let mut sections = try_with_capacity(n).map_err(Defect::Memory)?;
         let mut end = table_end + CRC_BYTES;
         let table = start.get(head..).unwrap_or_default();
         for entry in table.chunks_exact(size_of::<Entry>()) {

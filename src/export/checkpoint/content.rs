@@ -32,7 +32,7 @@ pub struct Cursor {
 
 /// Checkpoint read from a file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loaded {
+pub struct LoadedCheckpoint {
     /// Validated contents.
     pub checkpoint: Checkpoint,
     /// Format version, major and minor.

@@ -1,6 +1,6 @@
 //! Sections of a mixture.
 
-use super::super::error::reserved;
+use super::super::error::try_with_capacity;
 use super::columns::{self, N_FIRST, N_SECOND};
 use super::container::Section;
 use super::element::Stored;
@@ -29,7 +29,7 @@ pub(super) fn sections<'a>(
         hyper.u0_color,
     ];
     let mut sections = vec![
-        Section::new(tag::NORMALIZATION, &normalization.offset).and(&normalization.scale),
+        Section::new(tag::NORMALIZATION, &normalization.offset).extended(&normalization.scale),
         Section::owned::<f64>(tag::PRIOR, prior),
         Section::new(tag::ALPHA, &state.alpha_init),
         columns::means(&state.means),
@@ -43,21 +43,21 @@ pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
     let n = alpha_init.len();
     check_size(tag::ALPHA, 1, n)?;
     let state = ModelState { alpha_init, means: means(sections, n)?, totals: totals(sections, n)? };
-    check::mixture(&state)?;
+    check::check_mixture(&state)?;
     let (normalization, hyper) = (normalization(sections)?, hyper(sections, n)?);
     Ok(StoredModel::Mixture { normalization, hyper, state })
 }
 
 fn normalization(sections: &Sections) -> Result<Normalization, Defect> {
-    let [ox, oy, oz, sx, sy, sz] = sections.numbers(tag::NORMALIZATION)?;
+    let [ox, oy, oz, sx, sy, sz] = sections.read_numbers(tag::NORMALIZATION)?;
     let normalization = Normalization { offset: [ox, oy, oz], scale: [sx, sy, sz] };
-    check::normalization(&normalization)?;
+    check::check_normalization(&normalization)?;
     Ok(normalization)
 }
 
 fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
-    let numbers = sections.numbers::<8>(tag::PRIOR)?;
-    check::prior(&numbers)?;
+    let numbers = sections.read_numbers::<8>(tag::PRIOR)?;
+    check::check_prior(&numbers)?;
     let [alpha0, kappa0_space, kappa_init_space, u0_space, nu0, rest @ ..] = numbers;
     let [kappa0_color, kappa_init_color, u0_color] = rest;
     Ok(Hyper {
@@ -108,7 +108,8 @@ fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
                 let ids = sections.bytes::<u32>(tag::CARRY_IDS, None)?;
                 let n = ids.len() / size_of::<u32>();
                 let limbs = sections.bytes::<i32>(tag::CARRY_LIMBS, Some(N_SUMS * n))?;
-                carries = columns::carries(ids, limbs, reserved(n).map_err(Defect::Memory)?);
+                carries =
+                    columns::carries(ids, limbs, try_with_capacity(n).map_err(Defect::Memory)?);
             }
             Ok(Totals::Fixed64 { rows, carries })
         }
@@ -124,5 +125,5 @@ fn sums<T: Stored>(sections: &Sections, n: usize) -> Result<Vec<[T; N_SUMS]>, De
         sections.bytes::<T>(tag::FIRST, Some(N_FIRST * n))?,
         sections.bytes::<T>(tag::SECOND, Some(N_SECOND * n))?,
     ];
-    Ok(columns::join(columns, reserved(n).map_err(Defect::Memory)?))
+    Ok(columns::join_rows(columns, try_with_capacity(n).map_err(Defect::Memory)?))
 }

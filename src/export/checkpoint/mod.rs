@@ -91,7 +91,7 @@ mod version;
 mod write;
 
 pub use crate::model::stored::StoredModel;
-pub use content::{Checkpoint, Cursor, Loaded};
+pub use content::{Checkpoint, Cursor, LoadedCheckpoint};
 pub use error::{CheckpointError, Defect};
 pub use read::{is_checkpoint, parse, read};
 pub use sections::MAX_JSON_BYTES;

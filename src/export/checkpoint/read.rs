@@ -2,7 +2,7 @@
 
 use super::super::error::Fault;
 use super::container::{Container, MAGIC, is_text_damaged};
-use super::content::{Checkpoint, Cursor, Loaded};
+use super::content::{Checkpoint, Cursor, LoadedCheckpoint};
 use super::error::{CheckpointError, Defect, tag_text};
 use super::sections::Sections;
 use super::{check, mixture, scene, tag};
@@ -27,14 +27,14 @@ pub fn is_checkpoint(path: &Path) -> bool {
 /// # Errors
 /// The file cannot be read, is no checkpoint, is damaged, has another major version, or holds impossible
 /// values; the [`Defect`] states where.
-pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
+pub fn read(path: &Path) -> Result<LoadedCheckpoint, CheckpointError> {
     let bytes = read_file(path).map_err(|fault| {
         // The advice for a missing checkpoint differs from that for a missing model.
         let fault = match fault {
             Fault::Missing => Fault::NoCheckpoint,
             other => other,
         };
-        fault.at(path)
+        fault.with_path(path)
     })?;
     parse(&bytes).map_err(|defect| CheckpointError::Content { path: path.to_owned(), defect })
 }
@@ -43,7 +43,7 @@ pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
 ///
 /// # Errors
 /// As [`read`], as a [`Defect`].
-pub fn parse(bytes: &[u8]) -> Result<Loaded, Defect> {
+pub fn parse(bytes: &[u8]) -> Result<LoadedCheckpoint, Defect> {
     let container = Container::parse(bytes)?;
     let sections = Sections(&container);
     // Detected by its sections: files of version 1.0 hold mixtures and name no preset.
@@ -55,11 +55,11 @@ pub fn parse(bytes: &[u8]) -> Result<Loaded, Defect> {
         config: sections.text(tag::CONFIG)?,
         meta: sections.text(tag::META)?,
         numerics: sections.text(tag::NUMERICS)?,
-        history: sections.text_if_any(tag::HISTORY)?,
+        history: sections.optional_text(tag::HISTORY)?,
         cursor: cursor(&sections)?,
         model,
     };
-    Ok(Loaded { checkpoint, version: container.version, bytes: bytes.len() as u64 })
+    Ok(LoadedCheckpoint { checkpoint, version: container.version, bytes: bytes.len() as u64 })
 }
 
 fn cursor(sections: &Sections) -> Result<Cursor, Defect> {
@@ -68,6 +68,6 @@ fn cursor(sections: &Sections) -> Result<Cursor, Defect> {
         let found = format!("{} numbers", numbers.len());
         return Err(Defect::malformed(tag_text(tag::CURSOR), "2 numbers or more", found));
     };
-    let visited = check::visited(visited, *frames)?;
+    let visited = check::check_visited(visited, *frames)?;
     Ok(Cursor { frames: *frames, points: *points, visited })
 }

@@ -6,11 +6,13 @@ use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, kept, tag};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
-    MOST_COARSENED, SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow,
+    MAX_COARSENING_STEPS, SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow,
 };
 use crate::model::scene::sums::N_SUMS;
 use crate::model::scene::trajectory::TrackedPose;
-use crate::model::scene::waiting::{DepthScale, PhotographView, WaitingDepths, WaitingPhotograph};
+use crate::model::scene::waiting::{
+    BufferedDepths, BufferedPhotograph, DepthScale, PhotographView,
+};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
 use crate::model::splat::pose_log::FramePose;
@@ -18,7 +20,7 @@ use crate::model::splat::splats::Splat;
 use crate::model::splat::viewpoint::Viewpoint;
 
 /// Words per component in the visibility counts.
-const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
+const N_VISIBILITY: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 /// Numbers of a corrected pose without its rotation. Older files do not store the rotation.
@@ -54,8 +56,8 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
     }
     // Omitted if the component budget sufficed, so that such files keep their earlier bytes.
-    if state.coarsened > 0 {
-        sections.push(Section::owned::<u32>(tag::COARSENED, vec![state.coarsened]));
+    if state.coarsening_steps > 0 {
+        sections.push(Section::owned::<u32>(tag::COARSENED, vec![state.coarsening_steps]));
     }
     if let Some(shares) = &state.shares {
         let words = shares.iter().map(|&share| share.into()).collect();
@@ -64,7 +66,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
     // Pairs of u16 as one word: on little-endian machines hits are in the low half.
-    sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.visibility)));
+    sections.push(Section::new::<u32>(tag::VISIBILITY, bytemuck::cast_slice(&state.visibility)));
     // Omitted without fitted gains, so that such files keep their earlier bytes.
     if !state.exposures.is_empty() {
         let numbers = bytemuck::cast_slice(&state.exposures);
@@ -78,7 +80,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         sections.push(Section::new::<f64>(tag::TRAJECTORY, numbers));
     }
     sections.extend(state.photometric.iter().flat_map(photometric_sections));
-    sections.extend(kept::sections(&state.kept));
+    sections.extend(kept::retained_sections(&state.stored_frames));
     sections
 }
 
@@ -101,38 +103,38 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
     let mut sections = vec![
         Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
         Section::owned::<f32>(tag::PHOTO_APPEARANCE, slopes.flatten().collect()),
-        Section::new(tag::PHOTO_FORM, photometric.form.as_flattened()),
+        Section::new(tag::PHOTO_SHAPE_PRECISION, photometric.form.as_flattened()),
         Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
         Section::new(tag::PHOTO_NOISE, &photometric.noise),
         Section::new(tag::PHOTO_POINTS, &photometric.points),
         Section::new(tag::PHOTO_SEEN_THROUGH, &photometric.seen_through),
     ];
     // Omitted if no photographs are buffered, so that such files keep their earlier bytes.
-    if !photometric.waiting.is_empty() {
-        let views: Vec<PhotographView> = photometric.waiting.iter().map(|w| w.view).collect();
+    if !photometric.buffered.is_empty() {
+        let views: Vec<PhotographView> = photometric.buffered.iter().map(|w| w.view).collect();
         // One word per pixel, borrowed: the buffer may hold 64 MB.
-        let pixels = photometric.waiting.iter().map(|waiting| waiting.pixels.as_flattened());
+        let pixels = photometric.buffered.iter().map(|waiting| waiting.pixels.as_flattened());
         sections
-            .push(Section::owned::<f64>(tag::PHOTO_WAITING, bytemuck::cast_slice(&views).to_vec()));
-        sections.push(Section::of_runs::<u32>(tag::PHOTO_PIXELS, pixels));
-        sections.extend(depth_sections(&photometric.waiting));
+            .push(Section::owned::<f64>(tag::PHOTO_BUFFER, bytemuck::cast_slice(&views).to_vec()));
+        sections.push(Section::from_runs::<u32>(tag::PHOTO_PIXELS, pixels));
+        sections.extend(depth_sections(&photometric.buffered));
     }
     sections
 }
 
 /// Depths of buffered photographs: the scales of all, and the steps of those that have depths. Empty if none
 /// has depths.
-fn depth_sections(waiting: &[WaitingPhotograph]) -> Vec<Section<'_>> {
+fn depth_sections(waiting: &[BufferedPhotograph]) -> Vec<Section<'_>> {
     let depths = || waiting.iter().map(|waiting| waiting.depths.as_ref());
     if depths().all(|depths| depths.is_none()) {
         return Vec::new();
     }
-    let scale = |depths: Option<&WaitingDepths>| depths.map_or(NO_SCALE, |depths| depths.scale);
+    let scale = |depths: Option<&BufferedDepths>| depths.map_or(NO_SCALE, |depths| depths.scale);
     let scales: Vec<DepthScale> = depths().map(scale).collect();
     let steps = depths().flatten().map(|depths| bytemuck::cast_slice(&depths.steps));
     vec![
         Section::owned::<f64>(tag::PHOTO_SCALES, bytemuck::cast_slice(&scales).to_vec()),
-        Section::of_runs::<u16>(tag::PHOTO_DEPTHS, steps),
+        Section::from_runs::<u16>(tag::PHOTO_DEPTHS, steps),
     ]
 }
 
@@ -148,12 +150,12 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     };
     // Without shared components, each seed has its own.
     let n = components.is_none().then_some(seeds.len());
-    let visibility = sections.rows::<u32, N_LOOKS>(tag::LOOKS, n)?;
+    let visibility = sections.rows::<u32, N_VISIBILITY>(tag::VISIBILITY, n)?;
     let n = visibility.len();
-    check_size(tag::LOOKS, 0, n)?;
+    check_size(tag::VISIBILITY, 0, n)?;
     let state = SceneState {
-        origin: sections.numbers(tag::ORIGIN)?,
-        coarsened: match sections.has(tag::COARSENED) {
+        origin: sections.read_numbers(tag::ORIGIN)?,
+        coarsening_steps: match sections.has(tag::COARSENED) {
             true => coarsened(sections)?,
             false => 0,
         },
@@ -178,11 +180,11 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             true => Some(photometric(sections, n)?),
             false => None,
         },
-        kept: kept::read(sections)?,
+        stored_frames: kept::read(sections)?,
     };
-    check::scene(&state)?;
-    check::kept(&state)?;
-    check::kept(&state)?;
+    check::check_scene(&state)?;
+    check::check_retained_frames(&state)?;
+    check::check_retained_frames(&state)?;
     Ok(state)
 }
 
@@ -203,10 +205,10 @@ fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
 fn coarsened(sections: &Sections) -> Result<u32, Defect> {
     let steps = sections.elements::<u32>(tag::COARSENED, Some(1))?;
     match steps.first().copied().unwrap_or(0) {
-        steps @ 1..=MOST_COARSENED => Ok(steps),
+        steps @ 1..=MAX_COARSENING_STEPS => Ok(steps),
         steps => {
-            let expected = format!("a whole number from 1 to {MOST_COARSENED}");
-            Err(check::value(tag::COARSENED, 0, "steps", &expected, steps.into()))
+            let expected = format!("a whole number from 1 to {MAX_COARSENING_STEPS}");
+            Err(check::value_defect(tag::COARSENED, 0, "steps", &expected, steps.into()))
         }
     }
 }
@@ -216,14 +218,18 @@ fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
     let words: Vec<u32> = sections.elements(tag::SHARES, Some(n))?;
     let share = |(at, word): (usize, u32)| match u8::try_from(word) {
         Ok(share @ 1..=WHOLE) => Ok(share),
-        _ => {
-            Err(check::value(tag::SHARES, at, "share", "a whole number from 1 to 64", word.into()))
-        }
+        _ => Err(check::value_defect(
+            tag::SHARES,
+            at,
+            "share",
+            "a whole number from 1 to 64",
+            word.into(),
+        )),
     };
     words.into_iter().enumerate().map(share).collect()
 }
 
-fn unobserved(stored: [f32; N_APPEARANCE]) -> Appearance {
+fn appearance_of(stored: [f32; N_APPEARANCE]) -> Appearance {
     let [gradient, directional] = bytemuck::cast(stored);
     Appearance { gradient, directional, ..Appearance::default() }
 }
@@ -232,44 +238,44 @@ fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect
     let splats = sections.rows::<f32, N_SPLAT>(tag::PHOTO_SPLATS, Some(n))?;
     let appearance = sections.rows::<f32, N_APPEARANCE>(tag::PHOTO_APPEARANCE, Some(n))?;
     // Older files have neither section.
-    let usual = |tag| if sections.has(tag) { sections.numbers(tag) } else { Ok([0.0; 2]) };
+    let usual = |tag| if sections.has(tag) { sections.read_numbers(tag) } else { Ok([0.0; 2]) };
     Ok(PhotometricState {
         splats: bytemuck::cast_vec(splats),
-        appearance: appearance.into_iter().map(unobserved).collect(),
-        form: sections.rows(tag::PHOTO_FORM, Some(n))?,
+        appearance: appearance.into_iter().map(appearance_of).collect(),
+        form: sections.rows(tag::PHOTO_SHAPE_PRECISION, Some(n))?,
         color: sections.rows(tag::PHOTO_COLOR, Some(n))?,
-        noise: sections.numbers(tag::PHOTO_NOISE)?,
+        noise: sections.read_numbers(tag::PHOTO_NOISE)?,
         points: usual(tag::PHOTO_POINTS)?,
         seen_through: usual(tag::PHOTO_SEEN_THROUGH)?,
-        waiting: match sections.has(tag::PHOTO_WAITING) {
-            true => waiting(sections)?,
+        buffered: match sections.has(tag::PHOTO_BUFFER) {
+            true => read_buffered_photographs(sections)?,
             false => Vec::new(),
         },
     })
 }
 
 /// Reads buffered photographs; the pixel count of each follows from its view.
-fn waiting(sections: &Sections) -> Result<Vec<WaitingPhotograph>, Defect> {
-    let views = sections.rows::<f64, N_VIEW>(tag::PHOTO_WAITING, None)?;
+fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotograph>, Defect> {
+    let views = sections.rows::<f64, N_VIEW>(tag::PHOTO_BUFFER, None)?;
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);
     // Views are checked before they determine the number of pixels.
-    check::waiting(views.iter())?;
+    check::check_buffered_views(views.iter())?;
     let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
     let words: Vec<u32> = sections.elements(tag::PHOTO_PIXELS, Some(n))?;
     let mut pixels = words.into_iter().map(u32::to_le_bytes);
-    let depths = depths(sections, &views)?;
-    let of = |(view, depths): (PhotographView, Option<WaitingDepths>)| {
+    let depths = read_depths(sections, &views)?;
+    let of = |(view, depths): (PhotographView, Option<BufferedDepths>)| {
         let pixels = pixels.by_ref().take(view.n_pixels()).collect();
-        WaitingPhotograph { view, pixels, depths }
+        BufferedPhotograph { view, pixels, depths }
     };
     Ok(views.into_iter().zip(depths).map(of).collect())
 }
 
 /// Reads the depths of those photographs that have a scale.
-fn depths(
+fn read_depths(
     sections: &Sections,
     views: &[PhotographView],
-) -> Result<Vec<Option<WaitingDepths>>, Defect> {
+) -> Result<Vec<Option<BufferedDepths>>, Defect> {
     // Older files have no depths.
     if !sections.has(tag::PHOTO_SCALES) {
         return Ok(vec![None; views.len()]);
@@ -277,7 +283,7 @@ fn depths(
     let scales = sections.rows::<f64, N_SCALE>(tag::PHOTO_SCALES, Some(views.len()))?;
     let scales: Vec<DepthScale> = bytemuck::cast_vec(scales);
     let has_depths = |scale: &DepthScale| *scale != NO_SCALE;
-    check::scales(scales.iter().filter(|scale| has_depths(scale)))?;
+    check::check_depth_scales(scales.iter().filter(|scale| has_depths(scale)))?;
     let pixels = views.iter().zip(&scales).filter(|(_, scale)| has_depths(scale));
     let n = pixels.map(|(view, _)| view.n_pixels()).fold(0, usize::saturating_add);
     let steps: Vec<u16> = sections.elements(tag::PHOTO_DEPTHS, Some(n))?;
@@ -285,7 +291,7 @@ fn depths(
     let of = |(view, scale): (&PhotographView, DepthScale)| {
         has_depths(&scale).then(|| {
             let steps = steps.by_ref().take(view.n_pixels()).collect();
-            WaitingDepths { scale, steps }
+            BufferedDepths { scale, steps }
         })
     };
     Ok(views.iter().zip(scales).map(of).collect())

@@ -1,6 +1,6 @@
 //! Typed access to the sections of a file.
 
-use super::super::error::reserved;
+use super::super::error::try_with_capacity;
 use super::container::Container;
 use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
@@ -57,7 +57,7 @@ impl<'a> Sections<'a> {
     ) -> Result<Vec<T>, Defect> {
         let bytes = self.bytes::<T>(tag, count)?;
         let n = bytes.len() / size_of::<T>();
-        let mut elements = reserved(n).map_err(Defect::Memory)?;
+        let mut elements = try_with_capacity(n).map_err(Defect::Memory)?;
         elements.resize(n, T::zeroed());
         // Copied, not cast: elements may start at any address of the file's bytes.
         bytemuck::cast_slice_mut(&mut elements).copy_from_slice(bytes);
@@ -80,7 +80,7 @@ impl<'a> Sections<'a> {
         rows(bytes)
     }
 
-    pub fn numbers<const N: usize>(&self, tag: [u8; 4]) -> Result<[f64; N], Defect> {
+    pub fn read_numbers<const N: usize>(&self, tag: [u8; 4]) -> Result<[f64; N], Defect> {
         let bytes = self.bytes::<f64>(tag, Some(N))?;
         let mut numbers = [0.0; N];
         bytemuck::cast_slice_mut(&mut numbers).copy_from_slice(bytes);
@@ -98,7 +98,7 @@ impl<'a> Sections<'a> {
             .map_err(|_| Defect::malformed(tag_text(tag), "UTF-8 text", "other bytes"))
     }
 
-    pub fn text_if_any(&self, tag: [u8; 4]) -> Result<Option<String>, Defect> {
+    pub fn optional_text(&self, tag: [u8; 4]) -> Result<Option<String>, Defect> {
         self.has(tag).then(|| self.text(tag)).transpose()
     }
 }
@@ -106,7 +106,7 @@ impl<'a> Sections<'a> {
 /// Splits bytes into whole rows.
 pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]>, Defect> {
     let n = bytes.len() / (N * size_of::<T>());
-    let mut rows = reserved(n).map_err(Defect::Memory)?;
+    let mut rows = try_with_capacity(n).map_err(Defect::Memory)?;
     rows.resize(n, [T::zeroed(); N]);
     bytemuck::cast_slice_mut(rows.as_flattened_mut()).copy_from_slice(bytes);
     Ok(rows)

@@ -23,25 +23,25 @@ pub const SHARES: [u8; 4] = *b"SHAR";
 pub const SUMS: [u8; 4] = *b"SUMS";
 pub const WIDE_IDS: [u8; 4] = *b"WIDI";
 pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
-pub const LOOKS: [u8; 4] = *b"LOOK";
+pub const VISIBILITY: [u8; 4] = *b"LOOK";
 pub const COMPONENTS: [u8; 4] = *b"COMP";
 pub const EXPOSURES: [u8; 4] = *b"EXPO";
 pub const POSES: [u8; 4] = *b"POSE";
 pub const POSE_ROTATIONS: [u8; 4] = *b"POSR";
 pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
-pub const KEPT: [u8; 4] = *b"KEPT";
+pub const RETAINED: [u8; 4] = *b"KEPT";
 pub const KEPT_SHOWN_IDS: [u8; 4] = *b"KESI";
-pub const KEPT_SHOWN: [u8; 4] = *b"KESH";
+pub const RETAINED_MEANS: [u8; 4] = *b"KESH";
 pub const KEPT_IDS: [u8; 4] = *b"KETI";
 pub const KEPT_SUMS: [u8; 4] = *b"KETS";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
-pub const PHOTO_FORM: [u8; 4] = *b"PHFO";
+pub const PHOTO_SHAPE_PRECISION: [u8; 4] = *b"PHFO";
 pub const PHOTO_COLOR: [u8; 4] = *b"PHCO";
 pub const PHOTO_NOISE: [u8; 4] = *b"PHNO";
 pub const PHOTO_POINTS: [u8; 4] = *b"PHPT";
 pub const PHOTO_SEEN_THROUGH: [u8; 4] = *b"PHST";
-pub const PHOTO_WAITING: [u8; 4] = *b"PHWA";
+pub const PHOTO_BUFFER: [u8; 4] = *b"PHWA";
 pub const PHOTO_PIXELS: [u8; 4] = *b"PHPX";
 pub const PHOTO_SCALES: [u8; 4] = *b"PHDS";
 pub const PHOTO_DEPTHS: [u8; 4] = *b"PHDP";
@@ -61,24 +61,24 @@ pub const OF_SCENES: [[u8; 4]; 29] = [
     WIDE_IDS,
     WIDE_SUMS,
     COMPONENTS,
-    LOOKS,
+    VISIBILITY,
     EXPOSURES,
     POSES,
     POSE_ROTATIONS,
     TRAJECTORY,
-    KEPT,
+    RETAINED,
     KEPT_SHOWN_IDS,
-    KEPT_SHOWN,
+    RETAINED_MEANS,
     KEPT_IDS,
     KEPT_SUMS,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,
-    PHOTO_FORM,
+    PHOTO_SHAPE_PRECISION,
     PHOTO_COLOR,
     PHOTO_NOISE,
     PHOTO_POINTS,
     PHOTO_SEEN_THROUGH,
-    PHOTO_WAITING,
+    PHOTO_BUFFER,
     PHOTO_PIXELS,
     PHOTO_SCALES,
     PHOTO_DEPTHS,

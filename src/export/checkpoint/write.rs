@@ -25,7 +25,7 @@ pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointErro
 /// As [`write()`]; the older file is then untouched.
 pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
     check_readable(path, checkpoint)?;
-    Ok(atomic::write_keeping_old(path, |out| write_to(out, checkpoint))?)
+    Ok(atomic::write_with_backup(path, |out| write_to(out, checkpoint))?)
 }
 
 /// Refuses what the reader would refuse: an unreadable file must not replace a valid one. Takes a few
@@ -33,9 +33,11 @@ pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, Ch
 fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
     let checked = match &checkpoint.model {
         StoredModel::Mixture { normalization, state, .. } => {
-            check::normalization(normalization).and_then(|()| check::mixture(state))
+            check::check_normalization(normalization).and_then(|()| check::check_mixture(state))
         }
-        StoredModel::Scene(state) => check::scene(state).and_then(|()| check::kept(state)),
+        StoredModel::Scene(state) => {
+            check::check_scene(state).and_then(|()| check::check_retained_frames(state))
+        }
     };
     checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }

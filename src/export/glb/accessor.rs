@@ -24,7 +24,7 @@ struct Rule {
 const VEC3: &[(&str, usize)] = &[("VEC3", 3)];
 const FLOATS: &[(u32, bool)] = &[(F32, false)];
 
-fn rule(semantic: &str) -> Rule {
+fn attribute_rule(semantic: &str) -> Rule {
     match semantic {
         ROTATION => {
             Rule { kinds: &[("VEC4", 4)], components: &[(F32, false), (I8, true), (I16, true)] }
@@ -158,7 +158,7 @@ fn view_bytes<'a>(
 
 /// Returns the bytes per row, if the accessor's type is permitted for the attribute.
 fn row_bytes(accessor: &Accessor, semantic: &str, place: &str) -> Result<usize, Fault> {
-    let rule = rule(semantic);
+    let rule = attribute_rule(semantic);
     let width = rule.kinds.iter().find(|(kind, _)| *kind == accessor.kind).map(|(_, n)| n);
     let component = (accessor.component_type, accessor.normalized);
     match (width, rule.components.contains(&component)) {

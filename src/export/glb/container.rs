@@ -8,10 +8,10 @@ const JSON: u32 = 0x4E4F_534A;
 const BIN: u32 = 0x004E_4942;
 
 /// Bytes of the header and of both chunk headers.
-const FRAME: u64 = 12 + 8 + 8;
+const OVERHEAD_BYTES: u64 = 12 + 8 + 8;
 
 pub(super) fn file_size(json: usize, bin: u64) -> u64 {
-    FRAME + json.next_multiple_of(4) as u64 + bin
+    OVERHEAD_BYTES + json.next_multiple_of(4) as u64 + bin
 }
 
 /// Writes everything before the content of the BIN chunk. The file must be smaller than 4 GiB and

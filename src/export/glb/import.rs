@@ -12,7 +12,7 @@ use super::{
     SH_PREFIX, SRGB,
 };
 use crate::export::error::{Fault, shorten};
-use crate::export::gaussian::{Gaussian, Turn, linear_to_srgb};
+use crate::export::gaussian::{AxisRotation, Gaussian, linear_to_srgb};
 use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use crate::export::local_origin::EXTRA;
@@ -37,7 +37,7 @@ pub(super) fn model(
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     let origin = local_origin(root);
-    let parts = parts(root, origin)?;
+    let parts = scene_primitives(root, origin)?;
     let n_parts = parts.len();
     let (splats, others): (Vec<Part>, Vec<Part>) =
         parts.into_iter().partition(|part| part.primitive.extensions.splatting.is_some());
@@ -63,7 +63,7 @@ pub(super) fn model(
             ModelKind::PointCloud => Columns::of_points(root, buffers, part, &mut notes)?,
         });
     }
-    let mut rows = Rows::with_room(total(&columns, max_splats)?)?;
+    let mut rows = Rows::with_capacity(checked_row_count(&columns, max_splats)?)?;
     let scales = ScaleForm::of(&columns);
     if scales == ScaleForm::Logarithmic {
         notes.push(Note::LogarithmicScales);
@@ -72,11 +72,11 @@ pub(super) fn model(
         columns.read(&part.placement, scales, &mut rows)?;
     }
     let imported = rows.finish(kind, notes, comments(root))?;
-    let local_origin = Turn::Y_UP_TO_Z_UP.vector(origin);
+    let local_origin = AxisRotation::Y_UP_TO_Z_UP.rotate_vector(origin);
     Ok(Imported { local_origin, is_z_up: true, ..imported })
 }
 
-fn parts(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {
+fn scene_primitives(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {
     let mut parts = Vec::new();
     for (placement, index) in placed_meshes(root)? {
         let mesh = root.meshes.get(index).ok_or_else(|| {
@@ -99,7 +99,7 @@ fn parts(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {
 }
 
 /// Returns the number of rows of all parts, or an error above `max_splats`.
-fn total(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
+fn checked_row_count(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
     let counts = columns.iter().map(|c| c.position.count as u64);
     let declared = counts.fold(0u64, u64::saturating_add);
     match usize::try_from(declared) {
@@ -234,7 +234,7 @@ impl<'a> Columns<'a> {
                     Gaussian { opacity, scale, rotation, directional, ..point }
                 }
             };
-            rows.push(gaussian.turned(&Turn::Y_UP_TO_Z_UP));
+            rows.push(gaussian.rotated(&AxisRotation::Y_UP_TO_Z_UP));
         }
         Ok(())
     }

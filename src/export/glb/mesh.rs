@@ -8,7 +8,7 @@ use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::srgb_to_linear;
 use crate::export::mesh::nets::TriangleMesh;
-use crate::export::progress::Steps;
+use crate::export::progress::ProgressCounter;
 use crate::export::stream::{put_floats, write_rows};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
@@ -48,7 +48,7 @@ impl MeshLayout {
         &self,
         out: &mut dyn Write,
         mesh: &TriangleMesh,
-        steps: &mut Steps,
+        steps: &mut ProgressCounter,
     ) -> io::Result<()> {
         container::write_start(out, &self.json, self.bin_length)?;
         let n = mesh.positions.len();

@@ -28,7 +28,7 @@ pub(in crate::export) fn glb(
             found,
         ));
     }
-    document(json, bin, folder, max_splats)
+    import_document(json, bin, folder, max_splats)
 }
 
 /// Reads the model of a `.gltf`, whose buffers are `data:` URIs or files in `folder`.
@@ -37,10 +37,10 @@ pub(in crate::export) fn gltf(
     folder: &Path,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
-    document(json, None, folder, max_splats)
+    import_document(json, None, folder, max_splats)
 }
 
-fn document(
+fn import_document(
     json: &[u8],
     bin: Option<&[u8]>,
     folder: &Path,

@@ -14,8 +14,8 @@ use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, srgb_to_linear};
 use crate::export::harmonics;
 use crate::export::local_origin;
-use crate::export::progress::Steps;
-use crate::export::source::origin;
+use crate::export::progress::ProgressCounter;
+use crate::export::source::file_origin;
 use crate::export::stream::{SplatRows, put_floats, write_rows};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -63,7 +63,7 @@ const COLUMNS: [Column; 6] = [
     Column::floats(SCALE, "VEC3", 3, |g, row| put_floats(row, &g.scale.to_array())),
     Column::floats(OPACITY, "SCALAR", 1, |g, row| put_floats(row, &[g.opacity])),
     Column::floats(SH_0, "VEC3", 3, |g, row| {
-        put_floats(row, &harmonics::of_color(g.color).to_array())
+        put_floats(row, &harmonics::from_color(g.color).to_array())
     }),
 ];
 
@@ -76,7 +76,7 @@ const DEGREE_1: [Column; 3] = [
 
 #[expect(clippy::indexing_slicing, reason = "called with 0, 1 and 2")]
 fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
-    put_floats(row, &harmonics::of_directional(splat.directional)[coefficient].to_array());
+    put_floats(row, &harmonics::from_directional(splat.directional)[coefficient].to_array());
 }
 
 /// Encodes the colour drawn by viewers without the extension. 16 bits, because linear 8-bit values show
@@ -124,7 +124,7 @@ impl GlbLayout {
         &self,
         out: &mut dyn Write,
         rows: &impl SplatRows,
-        steps: &mut Steps,
+        steps: &mut ProgressCounter,
     ) -> io::Result<()> {
         container::write_start(out, &self.json, self.bin_length)?;
         for column in &self.columns {
@@ -150,7 +150,7 @@ fn root(
     (min, max): ([f32; 3], [f32; 3]),
     options: &WriteOptions,
 ) -> Root {
-    let origin = origin(options);
+    let origin = file_origin(options);
     let mut accessors = Vec::new();
     let mut buffer_views = Vec::new();
     let mut offset = 0;

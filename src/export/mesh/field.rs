@@ -34,9 +34,9 @@ pub(super) const BLOCK: i32 = 8;
 /// Maximum number of blocks: about 1 GB.
 const MAX_BLOCKS: usize = 100_000;
 /// Maximum distance across the plane, in cells. The corners of a cell that the plane cuts are closer.
-const REACH: f64 = 2.5;
+const MAX_CELLS_ACROSS: f64 = 2.5;
 /// Maximum distance along the plane, in standard deviations.
-const WIDTH: f64 = 2.5;
+const MAX_DEVIATIONS_ALONG: f64 = 2.5;
 /// Added to the deviation along the plane, in cells, to close holes between components with few points.
 const SPREAD: f64 = 0.5;
 /// Minimum sum of weights, in points, for a defined distance.
@@ -69,7 +69,7 @@ pub(super) struct Field {
 impl Field {
     /// Computes the field of surfels on cells of width `cell`.
     pub fn new(surfels: &[Surfel], cell: f64) -> Result<Self, Fault> {
-        let reached = reached(surfels, cell)?;
+        let reached = block_surfel_pairs(surfels, cell)?;
         let groups: Vec<&[(Place, u32)]> = reached.chunk_by(|a, b| a.0 == b.0).collect();
         let blocks = groups.into_par_iter().map(|group| {
             let place = IVec3::from_array(group[0].0);
@@ -95,7 +95,7 @@ fn in_block(corner: IVec3) -> usize {
 type Place = [i32; 3];
 
 /// Returns pairs of block and surfel that reach each other, sorted.
-fn reached(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
+fn block_surfel_pairs(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
     let mut reached = Vec::new();
     let least = MIN_SHARE * median_evidence(surfels);
     for (i, surfel) in surfels.iter().enumerate().filter(|(_, s)| s.evidence >= least) {
@@ -135,15 +135,15 @@ fn too_small(cell: f64) -> Fault {
 
 /// Lowest and highest grid corner within reach of a surfel.
 fn corners(surfel: &Surfel, cell: f64) -> (IVec3, IVec3) {
-    let [xx, _, _, yy, _, zz] = along(surfel, cell).to_array();
+    let [xx, _, _, yy, _, zz] = plane_covariance(surfel, cell).to_array();
     let deviation = DVec3::new(xx, yy, zz).max(DVec3::ZERO).map(f64::sqrt);
-    let reach = WIDTH * deviation + REACH * cell * surfel.normal.abs();
+    let reach = MAX_DEVIATIONS_ALONG * deviation + MAX_CELLS_ACROSS * cell * surfel.normal.abs();
     let [lo, hi] = [surfel.mean - reach, surfel.mean + reach].map(|p| p / cell);
     (lo.ceil().as_ivec3(), hi.floor().as_ivec3())
 }
 
 /// Covariance that determines the reach of a surfel along its plane.
-fn along(surfel: &Surfel, cell: f64) -> Sym3 {
+fn plane_covariance(surfel: &Surfel, cell: f64) -> Sym3 {
     surfel.covariance.add_scaled(1.0, Sym3::diagonal((SPREAD * cell).powi(2)))
 }
 
@@ -152,7 +152,9 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
     // Weight, weighted distance in cells, weighted colour.
     let mut sums = vec![(0.0, 0.0, DVec3::ZERO); (BLOCK * BLOCK * BLOCK) as usize];
     for surfel in surfels {
-        let Some(inverse) = along(surfel, cell).inverse().map(|s| s.to_mat3()) else { continue };
+        let Some(inverse) = plane_covariance(surfel, cell).inverse().map(|s| s.to_mat3()) else {
+            continue;
+        };
         let (lo, hi) = corners(surfel, cell);
         let lo = (lo - origin).max(IVec3::ZERO);
         let hi = (hi - origin).min(IVec3::splat(BLOCK - 1));
@@ -183,7 +185,7 @@ fn said(surfel: &Surfel, inverse: DMat3, at: DVec3, cell: f64) -> (f64, f64) {
     let across = offset.dot(surfel.normal);
     let plane = offset - across * surfel.normal;
     let (width, distance) = (plane.dot(inverse * plane), across / cell);
-    if width > WIDTH * WIDTH || distance.abs() > REACH {
+    if width > MAX_DEVIATIONS_ALONG * MAX_DEVIATIONS_ALONG || distance.abs() > MAX_CELLS_ACROSS {
         return (0.0, 0.0);
     }
     let weight = surfel.evidence.min(MAX_EVIDENCE) * (-0.5 * (width + distance * distance)).exp();

@@ -43,6 +43,6 @@ impl MeshFormat {
     pub fn from_path(path: &Path) -> Result<Self, ExportError> {
         let found = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let known = Self::ALL.into_iter().find(|format| format.extension() == found);
-        known.ok_or_else(|| Fault::UnknownMeshExtension { found }.at(path))
+        known.ok_or_else(|| Fault::UnknownMeshExtension { found }.with_path(path))
     }
 }

@@ -33,7 +33,7 @@ pub fn triangulate(surfels: &[Surfel], cell: f64) -> Result<TriangleMesh, Fault>
     }
     let field = Field::new(surfels, cell)?;
     let cut: Vec<(IVec3, DVec3, DVec3)> =
-        field.blocks.par_iter().flat_map_iter(|(place, _)| cut_cells(&field, *place)).collect();
+        field.blocks.par_iter().flat_map_iter(|(place, _)| surface_cells(&field, *place)).collect();
     let numbers: HashMap<IVec3, u32> =
         cut.iter().enumerate().map(|(i, (cell, ..))| (*cell, i as u32)).collect();
     let triangles = cut.par_iter().flat_map_iter(|(cell, ..)| {
@@ -47,7 +47,7 @@ pub fn triangulate(surfels: &[Surfel], cell: f64) -> Result<TriangleMesh, Fault>
 }
 
 /// Cells of a block that the surface cuts: lowest corner, vertex in cells, colour.
-fn cut_cells(field: &Field, place: IVec3) -> Vec<(IVec3, DVec3, DVec3)> {
+fn surface_cells(field: &Field, place: IVec3) -> Vec<(IVec3, DVec3, DVec3)> {
     let cells = (0..BLOCK * BLOCK * BLOCK)
         .map(|i| BLOCK * place + IVec3::new(i % BLOCK, i / BLOCK % BLOCK, i / (BLOCK * BLOCK)));
     cells.filter_map(|cell| vertex(field, cell).map(|(at, color)| (cell, at, color))).collect()

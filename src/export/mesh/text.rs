@@ -1,7 +1,7 @@
 //! Meshes as PLY and OBJ.
 
 use super::nets::TriangleMesh;
-use crate::export::progress::Steps;
+use crate::export::progress::ProgressCounter;
 use crate::export::stream::{put_floats, write_rows};
 use crate::math::image::unit_to_byte;
 use std::fmt::Write as _;
@@ -12,7 +12,7 @@ pub(super) fn ply(
     out: &mut dyn Write,
     mesh: &TriangleMesh,
     comments: &[String],
-    steps: &mut Steps,
+    steps: &mut ProgressCounter,
 ) -> io::Result<()> {
     let mut header = "ply\nformat binary_little_endian 1.0\n".to_owned();
     for comment in comments {
@@ -39,7 +39,7 @@ pub(super) fn obj(
     out: &mut dyn Write,
     mesh: &TriangleMesh,
     comments: &[String],
-    steps: &mut Steps,
+    steps: &mut ProgressCounter,
 ) -> io::Result<()> {
     for comment in comments {
         writeln!(out, "# {comment}")?;

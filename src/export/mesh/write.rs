@@ -9,8 +9,8 @@ use crate::export::error::{ExportError, Fault};
 use crate::export::format::{Axes, ModelFormat, WriteOptions};
 use crate::export::glb::mesh::MeshLayout;
 use crate::export::local_origin::comment;
-use crate::export::progress::Steps;
-use crate::export::source::{check_frame, origin, turn};
+use crate::export::progress::ProgressCounter;
+use crate::export::source::{check_axes, file_origin, file_rotation};
 use glam::DVec3;
 use std::path::Path;
 
@@ -39,9 +39,9 @@ pub fn write_mesh(
     options: &WriteOptions,
 ) -> Result<MeshSummary, ExportError> {
     let (mesh, origin) =
-        in_file_axes(surfels, cell, format, options).map_err(|fault| fault.at(path))?;
+        in_file_axes(surfels, cell, format, options).map_err(|fault| fault.with_path(path))?;
     let (n_vertices, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
-    let steps = |n| Steps::new(options.progress, n);
+    let steps = |n| ProgressCounter::new(options.progress, n);
     let comments: Vec<String> = options.comments.iter().cloned().chain(comment(origin)).collect();
     let n_rows = n_vertices + n_triangles;
     let bytes = match format {
@@ -52,7 +52,8 @@ pub fn write_mesh(
             write_atomic(path, |out| text::obj(out, &mesh, &comments, &mut steps(n_rows)))?
         }
         MeshFormat::Glb => {
-            let layout = MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.at(path))?;
+            let layout =
+                MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.with_path(path))?;
             let steps = &mut steps(n_rows + n_vertices);
             write_atomic(path, |out| layout.write(out, &mesh, steps))?
         }
@@ -67,15 +68,15 @@ fn in_file_axes(
     format: MeshFormat,
     options: &WriteOptions,
 ) -> Result<(TriangleMesh, DVec3), Fault> {
-    check_frame(options)?;
+    check_axes(options)?;
     let mut mesh = triangulate(surfels, cell)?;
     if mesh.triangles.is_empty() {
         return Err(Fault::NoSurface { n_components: surfels.len() });
     }
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
     let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
-    let turn = turn(&options);
-    let place = |p: &mut DVec3| *p = options.unit_scale * turn.vector(*p);
+    let turn = file_rotation(&options);
+    let place = |p: &mut DVec3| *p = options.unit_scale * turn.rotate_vector(*p);
     mesh.positions.iter_mut().for_each(place);
-    Ok((mesh, origin(&options)))
+    Ok((mesh, file_origin(&options)))
 }

@@ -33,7 +33,7 @@ impl<'a> Body<'a> {
         // Each row takes at least one byte, so a wrong count stops at the end of the file.
         for row in 0..element.count {
             for property in &element.properties {
-                self.skip_property(property).map_err(|found| broken(element, row, found))?;
+                self.skip_property(property).map_err(|found| number_fault(element, row, found))?;
             }
         }
         Ok(())
@@ -95,7 +95,8 @@ impl<'a> Body<'a> {
     ) -> Result<(), Fault> {
         for (value, property) in values.iter_mut().zip(&element.properties) {
             if let Kind::Scalar(kind) = property.kind {
-                *value = self.value(kind).map_err(|found| broken(element, row as u64, found))?;
+                *value =
+                    self.value(kind).map_err(|found| number_fault(element, row as u64, found))?;
             }
         }
         Ok(())
@@ -165,6 +166,6 @@ fn end_of_file() -> Found {
     "the end of the file".to_owned()
 }
 
-fn broken(element: &PlyElement, row: u64, found: Found) -> Fault {
+fn number_fault(element: &PlyElement, row: u64, found: Found) -> Fault {
     Fault::malformed(format!("element {}, row {row}", element.name), "a number", found)
 }

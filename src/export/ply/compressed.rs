@@ -5,7 +5,7 @@
 use super::N_REST_DEGREE_1;
 use super::body::{Body, pick};
 use super::header::{PlyElement, PlyHeader};
-use crate::export::error::{Fault, reserved};
+use crate::export::error::{Fault, try_with_capacity};
 use crate::export::gaussian::Gaussian;
 use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
@@ -48,18 +48,21 @@ pub(super) fn read(
         let expected = format!("{n} rows, as many as element vertex");
         return Err(Fault::malformed("element sh", expected, sh.n_rows.to_string()));
     }
-    let mut rows = Rows::with_room(n)?;
+    let mut rows = Rows::with_capacity(n)?;
     let extremes = chunks.rows.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
     for (i, extremes) in (0..n).zip(extremes) {
         let [position, rotation, scale, color] = words.row(i)?;
-        let [r, g, b, opacity] = shares(color, [8, 8, 8, 8]);
+        let [r, g, b, opacity] = unpack_fractions(color, [8, 8, 8, 8]);
         let rotation = rows.rotation(smallest_three(rotation));
         let directional = sh.as_mut().map_or(Ok(DMat3::ZERO), |sh| sh.directional(i))?;
         rows.push(Gaussian {
-            mean: extremes.position.at(DVec3::from_array(shares(position, [11, 10, 11]))),
+            mean: extremes.position.at(DVec3::from_array(unpack_fractions(position, [11, 10, 11]))),
             opacity,
             color: extremes.color.at(DVec3::new(r, g, b)),
-            scale: extremes.scale.at(DVec3::from_array(shares(scale, [11, 10, 11]))).exp(),
+            scale: extremes
+                .scale
+                .at(DVec3::from_array(unpack_fractions(scale, [11, 10, 11])))
+                .exp(),
             rotation,
             directional,
         });
@@ -74,23 +77,23 @@ pub(super) fn read(
 
 /// Bounds of the splats of each chunk.
 struct Chunks {
-    rows: Vec<Extremes>,
+    rows: Vec<ChunkBounds>,
 }
 
-struct Extremes {
-    position: Between,
+struct ChunkBounds {
+    position: Bounds,
     /// Natural logarithms.
-    scale: Between,
-    color: Between,
+    scale: Bounds,
+    color: Bounds,
 }
 
 #[derive(Clone, Copy)]
-struct Between {
+struct Bounds {
     min: DVec3,
     max: DVec3,
 }
 
-impl Between {
+impl Bounds {
     fn at(&self, share: DVec3) -> DVec3 {
         self.min * (1.0 - share) + self.max * share
     }
@@ -114,15 +117,15 @@ impl Chunks {
             let declared = (n as u64).saturating_mul(CHUNK_SPLATS as u64);
             return Err(Fault::TooMany { declared, cap: max_splats });
         }
-        let mut rows = reserved(n)?;
+        let mut rows = try_with_capacity(n)?;
         let mut values = vec![0.0; element.properties.len()];
         for row in 0..n {
             body.read_row(element, row, &mut values)?;
             let vector = |columns: [usize; 3]| DVec3::from_array(pick(&values, columns));
-            let of = |[min, max]: [[usize; 3]; 2]| Between { min: vector(min), max: vector(max) };
-            let unit = Between { min: DVec3::ZERO, max: DVec3::ONE };
+            let of = |[min, max]: [[usize; 3]; 2]| Bounds { min: vector(min), max: vector(max) };
+            let unit = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
             let color = color.map_or(unit, of);
-            rows.push(Extremes { position: of(position), scale: of(scale), color });
+            rows.push(ChunkBounds { position: of(position), scale: of(scale), color });
         }
         Ok(Self { rows })
     }
@@ -211,7 +214,7 @@ fn find(element: &PlyElement, name: &str) -> Result<usize, Fault> {
 }
 
 /// Splits a word into fractions of each field's maximum; the first field is in the highest bits.
-fn shares<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
+fn unpack_fractions<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
     let mut shift: u32 = bits.iter().sum();
     bits.map(|n| {
         shift -= n;
@@ -223,7 +226,7 @@ fn shares<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
 /// Unpacks a rotation to `w x y z`: the upper two bits give the index of the largest component, the rest the
 /// other three as fractions from −√½ to √½.
 fn smallest_three(word: u32) -> [f64; 4] {
-    let [a, b, c] = shares(word & 0x3FFF_FFFF, [10, 10, 10]).map(|s| (s - 0.5) * SQRT_2);
+    let [a, b, c] = unpack_fractions(word & 0x3FFF_FFFF, [10, 10, 10]).map(|s| (s - 0.5) * SQRT_2);
     let largest = (1.0 - a * a - b * b - c * c).max(0.0).sqrt();
     match word >> 30 {
         0 => [largest, a, b, c],

@@ -4,8 +4,8 @@ use super::write::{end_header, header_start, push_property};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::Gaussian;
-use crate::export::progress::Steps;
-use crate::export::source::Source;
+use crate::export::progress::ProgressCounter;
+use crate::export::source::ExportRows;
 use crate::export::stream::{SplatRows, put_floats, write_rows};
 use crate::math::image::unit_to_byte;
 use glam::DVec3;
@@ -33,15 +33,15 @@ pub(in crate::export) fn header(n: usize, options: &WriteOptions) -> Result<Stri
 pub(in crate::export) fn points(
     out: &mut dyn Write,
     header: &str,
-    source: &Source,
+    source: &ExportRows,
     options: &WriteOptions,
-    steps: &mut Steps,
+    steps: &mut ProgressCounter,
 ) -> io::Result<()> {
     out.write_all(header.as_bytes())?;
     // Camera positions are in the model's world, so normals and colours are computed there.
     let (cameras, confidence) = (options.camera_centres, options.confidence);
     let (uncertainty, unit) = (options.selection.uncertainty, options.unit_scale);
-    let of = |list: &[f64], i: usize| list.get(source.splat_of(i)).copied().unwrap_or(f64::NAN);
+    let of = |list: &[f64], i: usize| list.get(source.splat_index(i)).copied().unwrap_or(f64::NAN);
     write_rows(out, source.n_rows(), steps, |i, row| {
         let point = source.in_world(i);
         put_floats(row, &source.row(i).mean.to_array());

@@ -15,7 +15,7 @@ use glam::{DMat3, DQuat, DVec3};
 /// Third scale of flat splats, as a fraction of the larger of the other two (`export.md`, PLY of splats).
 const FLATNESS: f64 = 1e-6;
 /// Maximum number of properties in a message, and of characters for them.
-const MOST_NAMED: usize = 20;
+const MAX_NAMED_PROPERTIES: usize = 20;
 const MOST_NAMED_CHARS: usize = 300;
 
 /// Highest degree of harmonics that trainers write.
@@ -50,7 +50,7 @@ fn vertices(
     if n_rows > max_splats {
         return Err(Fault::TooMany { declared: element.count, cap: max_splats });
     }
-    let mut rows = Rows::with_room(n_rows)?;
+    let mut rows = Rows::with_capacity(n_rows)?;
     let mut values = vec![0.0; element.properties.len()];
     for row in 0..n_rows {
         body.read_row(element, row, &mut values)?;
@@ -71,7 +71,7 @@ impl Columns<'_> {
         self.element.properties.iter().position(|p| p.name == name)
     }
 
-    fn need<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], Fault> {
+    fn require<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], Fault> {
         let mut columns = [0; N];
         for (column, name) in columns.iter_mut().zip(names) {
             *column = self.find(name).ok_or_else(|| self.missing(name))?;
@@ -101,8 +101,13 @@ impl Columns<'_> {
     }
 
     fn missing(&self, name: &str) -> Fault {
-        let names: Vec<&str> =
-            self.element.properties.iter().take(MOST_NAMED).map(|p| p.name.as_str()).collect();
+        let names: Vec<&str> = self
+            .element
+            .properties
+            .iter()
+            .take(MAX_NAMED_PROPERTIES)
+            .map(|p| p.name.as_str())
+            .collect();
         let found = shorten_to(&names.join(" "), MOST_NAMED_CHARS);
         Fault::MissingProperty { property: name.to_owned(), found }
     }
@@ -135,7 +140,7 @@ enum Color {
 
 impl Layout {
     fn find(columns: &Columns, notes: &mut Vec<Note>) -> Result<Self, Fault> {
-        let mean = columns.need(["x", "y", "z"])?;
+        let mean = columns.require(["x", "y", "z"])?;
         let is_splat = columns.find("scale_0").is_some() && columns.find("rot_0").is_some();
         let color = Color::find(columns)?;
         if matches!(color, Color::None) {
@@ -148,13 +153,13 @@ impl Layout {
             return Ok(Self { mean, color, shape: None });
         }
         let degree_1 = columns.degree_1(notes);
-        let [opacity] = columns.need(["opacity"])?;
-        let scale = columns.need(["scale_0", "scale_1"])?;
+        let [opacity] = columns.require(["opacity"])?;
+        let scale = columns.require(["scale_0", "scale_1"])?;
         let scale_2 = columns.find("scale_2");
         if scale_2.is_none() {
             notes.push(Note::FlatSplats);
         }
-        let rotation = columns.need(["rot_0", "rot_1", "rot_2", "rot_3"])?;
+        let rotation = columns.require(["rot_0", "rot_1", "rot_2", "rot_3"])?;
         let shape = Shape { opacity, scale, scale_2, rotation, degree_1 };
         Ok(Self { mean, color, shape: Some(shape) })
     }
@@ -200,12 +205,12 @@ impl Color {
     /// Prefers coefficients of degree 0 over red, green, blue, which some files add as a preview.
     fn find(columns: &Columns) -> Result<Self, Fault> {
         if columns.find("f_dc_0").is_some() {
-            return Ok(Color::Sh(columns.need(["f_dc_0", "f_dc_1", "f_dc_2"])?));
+            return Ok(Color::Sh(columns.require(["f_dc_0", "f_dc_1", "f_dc_2"])?));
         }
         if columns.find("red").is_none() {
             return Ok(Color::None);
         }
-        let found = columns.need(["red", "green", "blue"])?;
+        let found = columns.require(["red", "green", "blue"])?;
         let full = found.map(|c| match columns.element.properties.get(c).map(|p| &p.kind) {
             Some(Kind::Scalar(kind)) => kind.full_channel(),
             _ => 1.0,

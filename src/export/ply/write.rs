@@ -7,8 +7,8 @@ use crate::export::gaussian::{Gaussian, logit, wxyz};
 use crate::export::harmonics;
 use crate::export::imported::VERTICAL_AXIS;
 use crate::export::local_origin::comment;
-use crate::export::progress::Steps;
-use crate::export::source::{origin, turn};
+use crate::export::progress::ProgressCounter;
+use crate::export::source::{file_origin, file_rotation};
 use crate::export::stream::{SplatRows, put_floats, write_rows};
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -48,7 +48,7 @@ impl PlyLayout {
         &self,
         out: &mut dyn Write,
         rows: &impl SplatRows,
-        steps: &mut Steps,
+        steps: &mut ProgressCounter,
     ) -> io::Result<()> {
         out.write_all(self.header.as_bytes())?;
         write_rows(out, rows.n_rows(), steps, |i, row| self.encode_row(row, &rows.row(i)))
@@ -62,8 +62,8 @@ impl PlyLayout {
         let mut put = |values: &[f64]| put_floats(row, values);
         put(&gaussian.mean.to_array());
         put(&[0.0; 3]); // normals, ignored by readers of this layout
-        put(&harmonics::of_color(gaussian.color).to_array());
-        let degree_1 = harmonics::of_directional(gaussian.directional);
+        put(&harmonics::from_color(gaussian.color).to_array());
+        let degree_1 = harmonics::from_directional(gaussian.directional);
         // Channel by channel, each padded, as readers expect.
         for channel in 0..3 {
             let mut rest = [0.0; N_REST_DEGREE_3];
@@ -79,12 +79,12 @@ impl PlyLayout {
 /// Header up to the first property of the vertex element.
 pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
-    let up = turn(options).vector(options.up);
+    let up = file_rotation(options).rotate_vector(options.up);
     // Adding zero turns −0 into 0.
     let [x, y, z] = up.as_vec3().to_array().map(|v| v + 0.0);
     let mut header =
         format!("ply\nformat binary_little_endian 1.0\ncomment {VERTICAL_AXIS} {x} {y} {z}\n");
-    for comment in options.comments.iter().chain(&comment(origin(options))) {
+    for comment in options.comments.iter().chain(&comment(file_origin(options))) {
         let _ = writeln!(header, "comment {comment}");
     }
     let _ = writeln!(header, "element vertex {n}");

@@ -36,8 +36,9 @@ pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> 
 
 fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
     let mut header = [0; HEADER_BYTES];
-    let short =
-        |e: std::io::Error| Fault::malformed(HEADER, format!("{HEADER_BYTES} bytes"), damage(&e));
+    let short = |e: std::io::Error| {
+        Fault::malformed(HEADER, format!("{HEADER_BYTES} bytes"), decoder_message(&e))
+    };
     source.read_exact(&mut header).map_err(short)?;
     Ok(header)
 }
@@ -59,13 +60,13 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
     }
     let mut columns: [Vec<u8>; 6] = Default::default();
     for ((column, width), name) in columns.iter_mut().zip(header.widths()).zip(COLUMN_NAMES) {
-        *column = exactly(&mut source, header.n_splats as usize * width, name)?;
+        *column = read_exactly(&mut source, header.n_splats as usize * width, name)?;
     }
     // This read also verifies the checksum after the last column.
     match source.read(&mut [0]) {
         Ok(0) => Ok(Unpacked { header, columns }),
         Ok(_) => Err(Fault::malformed("SPZ", "an end after the last column", "more bytes")),
-        Err(e) => Err(Fault::malformed("SPZ", "an end after the last column", damage(&e))),
+        Err(e) => Err(Fault::malformed("SPZ", "an end after the last column", decoder_message(&e))),
     }
 }
 
@@ -129,11 +130,11 @@ impl<'a> Table<'a> {
 
 fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
     let fault = |e: &std::io::Error| {
-        Fault::malformed(format!("SPZ {name}"), "a Zstandard stream", damage(e))
+        Fault::malformed(format!("SPZ {name}"), "a Zstandard stream", decoder_message(e))
     };
     let mut decoder = zstd::Decoder::with_buffer(stream).map_err(|e| fault(&e))?.single_frame();
     decoder.window_log_max(MAX_WINDOW_LOG).map_err(|e| fault(&e))?;
-    let column = exactly(&mut decoder, needed, name)?;
+    let column = read_exactly(&mut decoder, needed, name)?;
     match decoder.read(&mut [0]) {
         Ok(0) => Ok(column),
         Ok(_) => {
@@ -145,19 +146,19 @@ fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault>
 }
 
 /// Reads exactly `needed` bytes; memory grows only with the data received.
-fn exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
+fn read_exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
     let mut bytes = Vec::new();
     let read: IoResult<usize> = source.by_ref().take(needed as u64).read_to_end(&mut bytes);
     let found = match read {
         Ok(n) if n == needed => return Ok(bytes),
         Ok(n) => format!("{n}"),
-        Err(e) => format!("{} and then {}", bytes.len(), damage(&e)),
+        Err(e) => format!("{} and then {}", bytes.len(), decoder_message(&e)),
     };
     Err(Fault::malformed(format!("SPZ {name}"), format!("{needed} bytes"), found))
 }
 
 /// Formats a decoder error on one line.
-fn damage(error: &std::io::Error) -> String {
+fn decoder_message(error: &std::io::Error) -> String {
     crate::export::error::shorten(&error.to_string())
 }
 

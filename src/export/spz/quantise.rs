@@ -16,9 +16,9 @@ const COEFFICIENT_STEPS: f64 = 32.0;
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
 /// Tolerance within which quaternion components count as equally large, despite rounding.
-const AS_LARGE: f64 = 1e-5;
+const TIE_TOLERANCE: f64 = 1e-5;
 /// Tolerance within which rotations count as equal; above f32 rounding.
-const SAME_TURN: f64 = 1e-6;
+const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// Decodes a 24-bit fixed-point coordinate.
 pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
@@ -94,7 +94,7 @@ pub(super) fn to_opacity(opacity: f64) -> u8 {
 
 /// Inverse of [`color`].
 pub(super) fn to_color(color: DVec3) -> [u8; 3] {
-    let coefficient = harmonics::of_color(color);
+    let coefficient = harmonics::from_color(color);
     coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
 }
 
@@ -108,14 +108,14 @@ pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
 pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     let xyzw = rotation.to_array();
     let most = xyzw.iter().fold(0.0f64, |most, v| most.max(v.abs()));
-    let first = xyzw.iter().position(|v| v.abs() >= most - AS_LARGE).unwrap_or(3);
+    let first = xyzw.iter().position(|v| v.abs() >= most - TIE_TOLERANCE).unwrap_or(3);
     let candidate = |left_out: usize| {
-        let bytes = without(left_out, xyzw);
+        let bytes = encode_without(left_out, xyzw);
         let [w, x, y, z] = smallest_three(bytes);
         (bytes, difference(DQuat::from_xyzw(x, y, z, w), rotation))
     };
     let better = |best: ([u8; 4], f64), other: ([u8; 4], f64)| {
-        if other.1 < best.1 - SAME_TURN { other } else { best }
+        if other.1 < best.1 - ROTATION_TOLERANCE { other } else { best }
     };
     (0..4).map(candidate).fold(candidate(first), better).0
 }
@@ -127,7 +127,7 @@ fn difference(a: DQuat, b: DQuat) -> f64 {
 }
 
 /// Encodes a rotation without component `left_out`.
-fn without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
+fn encode_without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
     let mut bits = left_out as u32;
     for i in (0..4).filter(|&i| i != left_out) {
         let magnitude = (LARGEST_MAGNITUDE * xyzw[i].abs() / FRAC_1_SQRT_2).round();

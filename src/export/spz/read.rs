@@ -4,7 +4,7 @@ use super::columns::MAGIC;
 use super::container::{self, Unpacked};
 use super::quantise::{coefficient, color, first_three, fixed, half, scale, smallest_three};
 use crate::export::error::Fault;
-use crate::export::gaussian::{Gaussian, Turn};
+use crate::export::gaussian::{AxisRotation, Gaussian};
 use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
@@ -32,10 +32,10 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
     if header.has_extensions() {
         notes.push(Note::ExtensionsIgnored);
     }
-    let mut rows = Rows::with_room(header.n_splats as usize)?;
+    let mut rows = Rows::with_capacity(header.n_splats as usize)?;
     for i in 0..header.n_splats as usize {
         let splat = splat(&file, i, &mut rows);
-        rows.push(splat.turned(&Turn::Y_UP_TO_Z_UP));
+        rows.push(splat.rotated(&AxisRotation::Y_UP_TO_Z_UP));
     }
     let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
     Ok(Imported { is_z_up: true, ..imported })

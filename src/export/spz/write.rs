@@ -12,7 +12,7 @@ use super::quantise::{
 use crate::export::error::Fault;
 use crate::export::gaussian::Gaussian;
 use crate::export::harmonics;
-use crate::export::progress::Steps;
+use crate::export::progress::ProgressCounter;
 use crate::export::stream::{SplatRows, write_rows};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -50,7 +50,7 @@ impl SpzLayout {
             .map(|i| rows.row(i).mean.abs().max_element())
             .reduce(|| 0.0, f64::max);
         let fraction_bits = fraction_bits(rows, largest)?;
-        let order = curve(rows, fraction_bits);
+        let order = morton_order(rows, fraction_bits);
         Ok(Self { order, fraction_bits, degree: u8::from(rows.has_directions()) })
     }
 
@@ -65,7 +65,7 @@ impl SpzLayout {
         &self,
         out: &mut dyn Write,
         rows: &impl SplatRows,
-        steps: &mut Steps,
+        steps: &mut ProgressCounter,
     ) -> io::Result<()> {
         let mut columns = Vec::new();
         for (encode, width) in self.encoders() {
@@ -113,7 +113,7 @@ impl SpzLayout {
         ];
         if self.degree > 0 {
             let harmonics = |g: &Gaussian, row: &mut Vec<u8>| {
-                let coefficients = harmonics::of_directional(g.directional);
+                let coefficients = harmonics::from_directional(g.directional);
                 row.extend(coefficients.iter().flat_map(DVec3::to_array).map(to_coefficient));
             };
             encoders.push((Box::new(harmonics), 9));
@@ -149,14 +149,14 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
 
 /// Orders the rows along a Morton curve through the cube of all representable coordinates. Quantised
 /// coordinates are used, so that a file that was read keeps its order.
-fn curve(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
+fn morton_order(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
     let cell = |v: f64| {
         let held = (fixed(to_fixed(v, fraction_bits), 0) as i64 + (1 << COORDINATE_BITS)) as u64;
         held >> (COORDINATE_BITS as u32 + 1 - CURVE_BITS)
     };
     let key = |i: u32| {
         let [x, y, z] = rows.row(i as usize).mean.to_array().map(cell);
-        spread(x) | spread(y) << 1 | spread(z) << 2
+        spread_bits(x) | spread_bits(y) << 1 | spread_bits(z) << 2
     };
     let keys = (0..rows.n_rows() as u32).into_par_iter().map(|i| (key(i), i));
     let mut keys: Vec<(u64, u32)> = keys.collect();
@@ -165,7 +165,7 @@ fn curve(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
 }
 
 /// Spreads the lower 21 bits, with two zeros between neighbours.
-fn spread(v: u64) -> u64 {
+fn spread_bits(v: u64) -> u64 {
     let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
     let v = (v | v << 16) & 0x001F_0000_FF00_00FF;
     let v = (v | v << 8) & 0x100F_00F0_0F00_F00F;

@@ -104,7 +104,7 @@ impl Vector for Avx2 {
     }
 
     #[inline(always)]
-    fn tag(self, kept: u32, added: u32) -> Self {
+    fn replace_low_bits(self, kept: u32, added: u32) -> Self {
         unsafe {
             let bits = _mm256_castps_si256(self.0);
             let kept = _mm256_and_si256(bits, _mm256_set1_epi32(kept as i32));
@@ -114,7 +114,7 @@ impl Vector for Avx2 {
     }
 
     #[inline(always)]
-    fn agrees(self, other: Self, mask: u32) -> u32 {
+    fn bits_equal(self, other: Self, mask: u32) -> u32 {
         unsafe {
             let differing = _mm256_castps_si256(_mm256_xor_ps(self.0, other.0));
             let differing = _mm256_and_si256(differing, _mm256_set1_epi32(mask as i32));
@@ -139,7 +139,7 @@ impl Vector for Avx2 {
     }
 
     #[inline(always)]
-    fn signs(self) -> u32 {
+    fn sign_bits(self) -> u32 {
         unsafe { _mm256_movemask_ps(self.0) as u32 }
     }
 
@@ -153,7 +153,7 @@ impl Vector for Avx2 {
     }
 
     #[inline(always)]
-    fn scale_by_bits(self, exponent: Self) -> Self {
+    fn scale_by_power_of_two(self, exponent: Self) -> Self {
         unsafe {
             let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(exponent.0));
             let sum = _mm256_add_epi32(_mm256_castps_si256(self.0), exponent);

@@ -85,14 +85,14 @@ mod tests {
                 a * b,
                 a.min(b),
                 a.max(b),
-                a.tag(!7, 5),
+                a.replace_low_bits(!7, 5),
                 a * b + a * a,
                 a.compress(0xFF),
                 a / b,
                 a.mask_at_most(b),
                 a.and(b),
                 V::select(a.mask_at_most(b), a, b),
-                a.scale_by_bits(V::splat(f32::from_bits(3))),
+                a.scale_by_power_of_two(V::splat(f32::from_bits(3))),
             ];
             let both: Vec<f32> = self.0.iter().chain(self.1).copied().collect();
             let columns = V::transposed([a, b, a + b, a, b, a - b, a, b]);
@@ -104,7 +104,7 @@ mod tests {
             let some = a.compress(0b1010_0110).to_array().map(f32::to_bits);
             let some = some.into_iter().take(4);
             let truncated = (b.min(V::splat(1e6)) * V::splat(1.25)).truncated();
-            let masks = [a.at_most(b), a.agrees(b, !0xFFFF), a.signs()];
+            let masks = [a.at_most(b), a.bits_equal(b, !0xFFFF), a.sign_bits()];
             lanes.chain(masks).chain(some).chain(truncated.map(|lane| lane as u32)).collect()
         }
     }

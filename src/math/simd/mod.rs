@@ -14,4 +14,4 @@ mod vector;
 pub use isa::{FORCE_VARIABLE, Isa};
 pub use rows::{gather_rows, load_rows, scatter_rows};
 pub use triples::{dot, scaled, turned};
-pub use vector::{EVERY_BIT, Kernel, LANES, Vector};
+pub use vector::{Kernel, LANES, SET_LANE, Vector};

@@ -76,13 +76,13 @@ impl Vector for Portable {
     }
 
     #[inline(always)]
-    fn tag(self, kept: u32, added: u32) -> Self {
+    fn replace_low_bits(self, kept: u32, added: u32) -> Self {
         let bits = cast::<f32x8, u32x8>(self.0) & u32x8::splat(kept) | u32x8::splat(added);
         Self(cast(bits))
     }
 
     #[inline(always)]
-    fn agrees(self, other: Self, mask: u32) -> u32 {
+    fn bits_equal(self, other: Self, mask: u32) -> u32 {
         let differing = cast::<f32x8, u32x8>(self.0) ^ cast::<f32x8, u32x8>(other.0);
         let equal = (differing & u32x8::splat(mask)).simd_eq(u32x8::splat(0));
         cast::<u32x8, f32x8>(equal).to_bitmask() & 0xFF
@@ -104,7 +104,7 @@ impl Vector for Portable {
     }
 
     #[inline(always)]
-    fn signs(self) -> u32 {
+    fn sign_bits(self) -> u32 {
         self.0.to_bitmask() & 0xFF
     }
 
@@ -114,7 +114,7 @@ impl Vector for Portable {
     }
 
     #[inline(always)]
-    fn scale_by_bits(self, exponent: Self) -> Self {
+    fn scale_by_power_of_two(self, exponent: Self) -> Self {
         let exponent: i32x8 = cast::<f32x8, i32x8>(exponent.0) << 23;
         Self(cast(cast::<f32x8, i32x8>(self.0) + exponent))
     }

@@ -6,7 +6,7 @@ use std::ops::{Add, Div, Mul, Sub};
 pub const LANES: usize = 8;
 
 /// Value of a lane that is set in a mask.
-pub const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
+pub const SET_LANE: f32 = f32::from_bits(u32::MAX);
 
 /// Eight f32 lanes.
 pub trait Vector:
@@ -29,9 +29,9 @@ pub trait Vector:
     /// Bit `i` is set if lane `i` is at most that of `other`.
     fn at_most(self, other: Self) -> u32;
     /// In every lane, retains the bits in `kept` and sets those of `added`.
-    fn tag(self, kept: u32, added: u32) -> Self;
+    fn replace_low_bits(self, kept: u32, added: u32) -> Self;
     /// Bit `i` is set if lane `i` equals that of `other` in the bits of `mask`.
-    fn agrees(self, other: Self, mask: u32) -> u32;
+    fn bits_equal(self, other: Self, mask: u32) -> u32;
     /// Moves the lanes selected by `mask` to the front, in order; the remaining lanes are undefined.
     fn compress(self, mask: u32) -> Self;
     /// Mask of lanes that are at most those of `other`: all bits set or none.
@@ -41,12 +41,12 @@ pub trait Vector:
     /// Lanes of `yes` where the mask is set, of `no` elsewhere.
     fn select(mask: Self, yes: Self, no: Self) -> Self;
     /// Bit `i` is the sign bit of lane `i`, which is set in masks.
-    fn signs(self) -> u32;
+    fn sign_bits(self) -> u32;
     /// Truncates to integers; undefined for lanes out of range of `i32`.
     fn truncated(self) -> [i32; LANES];
     /// Adds the integer in the bits of each lane of `exponent` to the lane's exponent, which multiplies
     /// by a power of two if the result is a normal number.
-    fn scale_by_bits(self, exponent: Self) -> Self;
+    fn scale_by_power_of_two(self, exponent: Self) -> Self;
     /// Transposes: lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transposed(rows: [Self; LANES]) -> [Self; LANES];
     /// Sums each vector's lanes, first to last; lane `i` of the result belongs to vector `i`.

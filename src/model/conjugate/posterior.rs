@@ -77,7 +77,7 @@ impl ComponentPosterior {
             kappa_color,
             mean_space,
             // f32 sums of few points can yield less than the prior: see `definite`.
-            inverse_scale: definite(inverse_scale, 1.0 / hyper.u0_space),
+            inverse_scale: make_positive_definite(inverse_scale, 1.0 / hyper.u0_space),
             mean_color: moments.color / kappa_color,
         }
     }
@@ -108,7 +108,7 @@ const RESOLUTION: f64 = 16.0 * f64::EPSILON;
 /// Returns the matrix, made positive definite if it is not. `U⁻¹` is the prior's plus terms that are not
 /// negative, but with few points the rounding of f32 sums outweighs the prior; eigenvalues below the prior's
 /// are then raised to it.
-fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
+fn make_positive_definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
     if inverse_scale.cholesky().is_some() {
         return inverse_scale;
     }

@@ -68,7 +68,7 @@ pub struct MeanCells<'a> {
     /// Weights.
     pub weight: &'a [f32],
     /// Components that changed since the last upload, in any order; `None` if all may have changed.
-    pub moved: Option<&'a [u32]>,
+    pub changed_components: Option<&'a [u32]>,
 }
 
 /// Points of a frame, normalised.
@@ -89,7 +89,7 @@ pub struct PassRule {
     pub color_ratio: f32,
     /// Excess over the least score beyond which a component certainly receives nothing. A tile with a closer
     /// but unequal candidate is left to the processor.
-    pub open_gap: f32,
+    pub certain_gap: f32,
     /// Responsibility of each of `i + 1` candidates with equal scores.
     pub equal_share: [f32; MAX_DEVICE_CANDIDATES],
     /// Amount by which the effective distance is below the score, for `i + 1` candidates with equal scores.

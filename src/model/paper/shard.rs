@@ -49,7 +49,7 @@ impl<T: TotalScalar> TotalShard<T> {
     }
 
     /// Resets the frame stamps of all rows.
-    pub fn forget_frames(&mut self) {
+    pub fn reset_frame_stamps(&mut self) {
         self.rows.iter_mut().for_each(|row| row.frame = 0);
     }
 
@@ -62,7 +62,7 @@ impl<T: TotalScalar> TotalShard<T> {
     ) {
         self.touched.clear();
         if !T::ORDERED {
-            return records(&mut |records| self.add_all(frame, first, records));
+            return records(&mut |records| self.add_records(frame, first, records));
         }
         let mut sorted = std::mem::take(&mut self.sorted);
         sorted.clear();
@@ -76,16 +76,16 @@ impl<T: TotalScalar> TotalShard<T> {
         });
         // A tile has at most one record per component: keys are unique, so the order is well defined.
         sorted.sort_unstable_by_key(|record| (record.id, record.tile));
-        self.add_all(frame, first, &sorted);
+        self.add_records(frame, first, &sorted);
         self.sorted = sorted;
     }
 
     /// Prefetches the rows of a group of records before adding to any of them, to hide memory latency.
     #[inline(always)]
-    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
+    fn add_records<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
         for records in records.chunks(ROWS_AHEAD) {
             for record in records {
-                self.touch(frame, record.id as usize - first, record);
+                self.prefetch_and_mark(frame, record.id as usize - first, record);
             }
             for record in records {
                 self.add(record.id as usize - first, record);
@@ -94,12 +94,12 @@ impl<T: TotalScalar> TotalShard<T> {
     }
 
     #[inline(always)]
-    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
+    fn prefetch_and_mark<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
         let row = &mut self.rows[place];
         // The value is not used: reading it fetches the row's second cache line.
         std::hint::black_box(row.sums[N_SUMS - 1]);
         let is_new = row.frame != frame;
-        if is_new && !T::vanishes(record.sums[0].to_f64()) {
+        if is_new && !T::rounds_to_zero(record.sums[0].to_f64()) {
             row.frame = frame;
             self.touched.push(record.id);
             self.mark_used(place);
@@ -110,7 +110,7 @@ impl<T: TotalScalar> TotalShard<T> {
     fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
         let sums = record.sums.map(R::to_f64);
         // All or nothing: otherwise a component that counts as unused would have moments.
-        if T::vanishes(sums[0]) {
+        if T::rounds_to_zero(sums[0]) {
             return;
         }
         if let Some(limbs) = T::add(&mut self.rows[place].sums, &sums) {

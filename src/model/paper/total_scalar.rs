@@ -30,7 +30,7 @@ pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
     /// Adds `terms` to `sums`; returns the increments of their high limbs, if any.
     fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
     /// True if a count rounds to zero.
-    fn vanishes(count: f64) -> bool;
+    fn rounds_to_zero(count: f64) -> bool;
     /// Returns the value of sum `index` given its high limb.
     fn value(self, high: i32, index: usize) -> f64;
 }
@@ -45,7 +45,7 @@ impl TotalScalar for f32 {
     }
 
     #[inline]
-    fn vanishes(count: f64) -> bool {
+    fn rounds_to_zero(count: f64) -> bool {
         count as f32 <= 0.0
     }
 
@@ -75,7 +75,7 @@ impl TotalScalar for i64 {
     }
 
     #[inline(always)]
-    fn vanishes(count: f64) -> bool {
+    fn rounds_to_zero(count: f64) -> bool {
         to_quanta(count, FRACTION_BITS[0]) == Quanta { high: 0, low: 0 }
     }
 
@@ -106,7 +106,7 @@ impl TotalScalar for i128 {
     }
 
     #[inline]
-    fn vanishes(count: f64) -> bool {
+    fn rounds_to_zero(count: f64) -> bool {
         to_fixed(count) <= 0
     }
 

@@ -148,7 +148,7 @@ impl Statistics {
     ) {
         // The stamp would wrap, so that rows of the first frames would appear changed.
         if self.frame == u32::MAX {
-            any_form!(&mut self.form, shards => shards.iter_mut().for_each(TotalShard::forget_frames));
+            any_form!(&mut self.form, shards => shards.iter_mut().for_each(TotalShard::reset_frame_stamps));
             self.frame = 0;
         }
         self.frame += 1;

@@ -33,7 +33,7 @@ pub const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
 /// Returns the index of the first mixed moment whose magnitude exceeds half the sum of its axes' second
 /// moments, and the largest value allowed, `√(ab)`. The missing second moment of view directions is the count
 /// less the other two.
-pub fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)> {
+pub fn first_violated_moment(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)> {
     let [xx, yy, zz] = [row[4], row[7], row[9]];
     let [view_xx, view_yy] = [row[28], row[31]];
     let view_zz = row[0] * (1.0 + slack.relative) - view_xx - view_yy;
@@ -55,7 +55,7 @@ pub fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)
 
 /// Clamps moments that moving left out of bounds to the nearest whole quantum inside; returns true if any
 /// changed. Sums within bounds stay unchanged to the bit.
-pub fn restrain(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
+pub fn clamp_moments(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
     let mut changed = false;
     for i in SQUARES {
         if row[i] < 0.0 {
@@ -65,7 +65,7 @@ pub fn restrain(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
     }
     // Each of the six pairs of axes is clamped at most once.
     for _ in 0..6 {
-        let Some((i, most)) = first_unbounded(row, slack) else { break };
+        let Some((i, most)) = first_violated_moment(row, slack) else { break };
         let quanta = (row[i].abs().min(most) / QUANTUM).floor();
         row[i] = (quanta * QUANTUM).copysign(row[i]);
         changed = true;
@@ -81,7 +81,7 @@ const NO_DOUBT: f64 = 1e-12;
 /// Repairs moments that no set of points could have after moving: adds the least number of whole quanta to
 /// the second moment along every axis that makes the scatter about the mean positive semidefinite. Rows
 /// within bounds stay within; definite ones stay unchanged to the bit.
-pub fn make_definite(row: &mut [f64; N_SUMS]) -> bool {
+pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
     if row[0] <= 0.0 {
         return false;
     }

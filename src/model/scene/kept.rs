@@ -6,27 +6,27 @@ use glam::DVec3;
 
 /// Means over some of a frame's points of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shown {
+pub struct ComponentObservation {
     /// Number of the component.
     pub component: u32,
     /// Mean position of the points under the recorded pose, world units from the scene's origin.
-    pub place: DVec3,
+    pub position: DVec3,
     /// Mean colour in the scene's exposure.
     pub color: DVec3,
     /// Half-width of the depth noise, world units.
     pub noise: f64,
 }
 
-impl Shown {
+impl ComponentObservation {
     /// Creates the entry of a component without points.
-    pub fn nothing(component: u32) -> Self {
-        Self { component, place: DVec3::ZERO, color: DVec3::ZERO, noise: 0.0 }
+    pub fn empty(component: u32) -> Self {
+        Self { component, position: DVec3::ZERO, color: DVec3::ZERO, noise: 0.0 }
     }
 }
 
 /// Sums that a frame added to components.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Taught {
+pub struct FrameContribution {
     /// Component numbers, ascending.
     pub ids: Vec<u32>,
     /// Sums added to each, in whole quanta and in the order of [`N_SUMS`].
@@ -35,20 +35,20 @@ pub struct Taught {
 
 /// A frame whose pose may still be corrected, with all its contributions to the sums.
 #[derive(Clone, Debug, PartialEq)]
-pub struct KeptFrame {
+pub struct StoredFrame {
     /// Number of frames trained before it.
     pub frame: u64,
     /// Index in the log of corrected poses.
-    pub logged: u64,
+    pub log_index: u64,
     /// Standard deviation of its recorded position, world units.
     pub deviation: f64,
     /// Means of its points by component, for components that existed before the frame.
-    pub shown: Vec<Shown>,
+    pub shown: Vec<ComponentObservation>,
     /// Sums that it added.
-    pub taught: Taught,
+    pub taught: FrameContribution,
 }
 
-impl KeptFrame {
+impl StoredFrame {
     /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.shown[..]) + self.taught.bytes()
@@ -64,7 +64,7 @@ impl KeptFrame {
     }
 }
 
-impl Taught {
+impl FrameContribution {
     /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.ids[..]) + size_of_val(&self.sums[..])
@@ -77,7 +77,7 @@ impl Taught {
     }
 
     /// Sorts the components in ascending order.
-    pub fn in_order(self) -> Self {
+    pub fn sorted(self) -> Self {
         if self.ids.is_sorted() {
             self
         } else {
@@ -103,7 +103,7 @@ impl Taught {
 }
 
 /// Accepts components in any order.
-impl FromIterator<(u32, [i32; N_SUMS])> for Taught {
+impl FromIterator<(u32, [i32; N_SUMS])> for FrameContribution {
     fn from_iter<I: IntoIterator<Item = (u32, [i32; N_SUMS])>>(components: I) -> Self {
         let mut components: Vec<_> = components.into_iter().collect();
         components.sort_unstable_by_key(|(id, _)| *id);
@@ -119,15 +119,15 @@ mod tests {
     #[test]
     fn components_are_found_by_number() {
         let sums = |value: i32| [value; N_SUMS];
-        let shown = |component: u32| Shown {
+        let shown = |component: u32| ComponentObservation {
             component,
-            place: DVec3::ZERO,
+            position: DVec3::ZERO,
             color: DVec3::ZERO,
             noise: 0.01,
         };
-        let mut kept = KeptFrame {
+        let mut kept = StoredFrame {
             frame: 3,
-            logged: 2,
+            log_index: 2,
             deviation: 0.02,
             shown: vec![shown(1), shown(4)],
             taught: [(4, sums(40)), (1, sums(10)), (2, sums(20))].into_iter().collect(),

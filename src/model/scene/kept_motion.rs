@@ -1,30 +1,30 @@
 //! Rigid motion of a frame's stored contributions to the sums.
 
-use super::bounds::{MIXED, restrain};
-use super::kept::{KeptFrame, Taught};
+use super::bounds::{MIXED, clamp_moments};
+use super::kept::{FrameContribution, StoredFrame};
 use super::state::QUANTUM;
 use super::sums::{MAX_TERM, N_SUMS, SceneSums};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-impl KeptFrame {
+impl StoredFrame {
     /// Rotates the sums with the world.
-    pub fn turned(mut self, turn: DMat3) -> Self {
-        self.taught.turn(turn);
+    pub fn rotated(mut self, turn: DMat3) -> Self {
+        self.taught.rotate(turn);
         self
     }
 }
 
-impl Taught {
+impl FrameContribution {
     /// Rotates the sums with the world.
-    pub fn turn(&mut self, turn: DMat3) {
+    pub fn rotate(&mut self, turn: DMat3) {
         self.change(|_, sums| moved(sums, turn, DVec3::ZERO));
     }
 
     /// Returns the change of the sums if the same points are rotated by `turn` about the seed of each
     /// component and then shifted by `shift(component)`, in structural scales. Sums that would leave their
     /// bounds do not change.
-    pub fn change_of(mut self, turn: DMat3, shift: impl Fn(u32) -> DVec3 + Sync) -> Self {
+    pub fn change_under_motion(mut self, turn: DMat3, shift: impl Fn(u32) -> DVec3 + Sync) -> Self {
         self.change(|id, sums| {
             let now = moved(sums, turn, shift(id));
             std::array::from_fn(|i| now[i].wrapping_sub(sums[i]))
@@ -39,15 +39,18 @@ impl Taught {
 }
 
 /// Converts sums from whole quanta to numbers.
-pub fn values(quanta: &[i32; N_SUMS]) -> [f64; N_SUMS] {
+pub fn quanta_to_values(quanta: &[i32; N_SUMS]) -> [f64; N_SUMS] {
     quanta.map(|quanta| f64::from(quanta) * QUANTUM)
 }
 
 /// Returns the sums of the rotated and then shifted points; the old sums if the new ones are out of bounds.
 fn moved(sums: &[i32; N_SUMS], turn: DMat3, shift: DVec3) -> [i32; N_SUMS] {
-    let mut moved = SceneSums::new(&values(sums), 1.0).turned(turn).moved(shift).to_array();
+    let mut moved = SceneSums::new(&quanta_to_values(sums), 1.0)
+        .rotated(turn)
+        .about_shifted_seed(shift)
+        .to_array();
     moved.iter_mut().for_each(|sum| *sum = whole(*sum / QUANTUM) * QUANTUM);
-    restrain(&mut moved, MIXED);
+    clamp_moments(&mut moved, MIXED);
     let most = MAX_TERM * moved[0];
     match moved.iter().all(|sum| sum.abs() <= most) {
         true => moved.map(|sum| (sum / QUANTUM) as i32),
@@ -98,22 +101,23 @@ mod tests {
             .iter()
             .map(|&[place, color, n, v]| [turn * place + shift, color, turn * n, turn * v])
             .collect();
-        let taught = Taught { ids: vec![7], sums: vec![sum(&before)] };
+        let taught = FrameContribution { ids: vec![7], sums: vec![sum(&before)] };
         let by = |id: u32| if id == 7 { shift } else { DVec3::ZERO };
-        let change = taught.clone().change_of(turn, by);
+        let change = taught.clone().change_under_motion(turn, by);
         let now = sum(&after);
         let expected = now.iter().zip(taught.sums[0]).map(|(now, then)| now - then);
         // Rounding before and after the motion; the shift amplifies the former.
         assert!(change.sums[0].iter().zip(expected).all(|(a, b)| (a - b).abs() < 8));
         assert_eq!(change.ids, [7]);
-        let nothing = taught.change_of(DMat3::IDENTITY, |_| DVec3::ZERO);
+        let nothing = taught.change_under_motion(DMat3::IDENTITY, |_| DVec3::ZERO);
         assert_eq!(nothing.sums, [[0; N_SUMS]]);
     }
 
     #[test]
     fn what_would_leave_its_bounds_stays() {
-        let taught = Taught { ids: vec![0], sums: vec![sum(&points(20, 0.9))] };
-        let change = |by: f64| taught.clone().change_of(DMat3::IDENTITY, |_| DVec3::X * by).sums;
+        let taught = FrameContribution { ids: vec![0], sums: vec![sum(&points(20, 0.9))] };
+        let change =
+            |by: f64| taught.clone().change_under_motion(DMat3::IDENTITY, |_| DVec3::X * by).sums;
         assert_eq!(change(3.0), [[0; N_SUMS]]);
         assert_ne!(change(0.5), [[0; N_SUMS]]);
     }

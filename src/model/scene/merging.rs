@@ -31,7 +31,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
     let mut scene = SceneState {
         origin: a.origin,
-        coarsened: 0,
+        coarsening_steps: 0,
         seeds: Vec::with_capacity(terms.len()),
         shares: None,
         components: None,
@@ -41,7 +41,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        kept: Vec::new(),
+        stored_frames: Vec::new(),
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
     for same in terms.chunk_by(|a, b| a.seed == b.seed) {
@@ -125,7 +125,7 @@ mod tests {
         }
         SceneState {
             origin: [1.0, 2.0, 3.0],
-            coarsened: 0,
+            coarsening_steps: 0,
             seeds: components.iter().map(|&(x, _)| [x, 0.5, -0.5]).collect(),
             shares: None,
             components: None,
@@ -138,7 +138,7 @@ mod tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
-            kept: Vec::new(),
+            stored_frames: Vec::new(),
         }
     }
 

@@ -29,7 +29,7 @@ impl DensityOpacity {
     /// Returns the opacity for `count` points out of `expected`, 0 if it is below the threshold. The constant
     /// `doubt` is reduced over the first frames, when all surfaces have few points.
     pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
-        let rho = count / (expected + self.doubt * early(frames));
+        let rho = count / (expected + self.doubt * early_factor(frames));
         // `exp_m1` preserves the digits of small densities. A power of the density was tried: no better at an
         // equal share of pixels that shine through.
         let opacity = self.tau * -(-rho / self.rho0).exp_m1();
@@ -41,7 +41,7 @@ impl DensityOpacity {
 const EARLY_FRAMES: f64 = 50.0;
 
 /// Returns the factor, 0 to 1, on thresholds that need many frames, after `frames` frames.
-pub fn early(frames: u64) -> f64 {
+pub fn early_factor(frames: u64) -> f64 {
     // With the full threshold from the start, new surfaces would stay invisible for many frames.
     (frames as f64 / EARLY_FRAMES).min(1.0)
 }

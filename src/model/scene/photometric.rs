@@ -1,6 +1,6 @@
 //! Photometric state of a scene: splat parameters and their precision, one row per component.
 
-use super::waiting::WaitingPhotograph;
+use super::waiting::BufferedPhotograph;
 use crate::math::cholesky::Cholesky;
 use crate::math::lane_cholesky::at;
 use crate::model::splat::appearance::Appearance;
@@ -37,7 +37,7 @@ pub struct PhotometricState {
     /// Running mean share of visible surfaces that frames measured through; and its weight.
     pub seen_through: [f64; 2],
     /// Buffered photographs for later photometric steps, in no particular order.
-    pub waiting: Vec<WaitingPhotograph>,
+    pub buffered: Vec<BufferedPhotograph>,
 }
 
 impl PhotometricState {
@@ -73,17 +73,17 @@ impl PhotometricState {
             noise: self.noise,
             points: self.points,
             seen_through: self.seen_through,
-            waiting: self.waiting.clone(),
+            buffered: self.buffered.clone(),
         }
     }
 
     /// Returns splat and appearance of a component, if any.
     pub fn splat(&self, component: usize) -> Option<(Splat, Appearance)> {
-        self.has(component).then(|| (self.splats[component], self.appearance[component]))
+        self.has_splat(component).then(|| (self.splats[component], self.appearance[component]))
     }
 
     /// True if a component has a splat.
-    pub fn has(&self, component: usize) -> bool {
+    pub fn has_splat(&self, component: usize) -> bool {
         self.splats.get(component).is_some_and(|splat| splat.opacity > 0.0)
     }
 }
@@ -108,7 +108,7 @@ impl PhotometricDeviations {
     /// Computes the deviations of one component; `None` without a splat or if the precision is not positive
     /// definite.
     pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
-        if !state.has(component) {
+        if !state.has_splat(component) {
             return None;
         }
         let form: [f64; N_FORM] = deviations(&state.form[component])?;
@@ -119,7 +119,7 @@ impl PhotometricDeviations {
     }
 
     /// Standard deviation of the mean's position, world units.
-    pub fn position(&self) -> f64 {
+    pub fn position_deviation(&self) -> f64 {
         self.mean.iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 }
@@ -161,7 +161,7 @@ mod tests {
         let found = PhotometricDeviations::of(&state, 1).unwrap();
         assert_eq!((found.mean, found.opacity, found.color), ([0.5; 3], 0.5, 0.1));
         assert!((found.scale[0] - (4.0f64 / 7.0).sqrt()).abs() < 1e-12);
-        assert!((found.position() - 0.75f64.sqrt()).abs() < 1e-12);
+        assert!((found.position_deviation() - 0.75f64.sqrt()).abs() < 1e-12);
         assert_eq!(PhotometricDeviations::of(&state, 0), None);
         state.form[1][0] = -1.0;
         assert_eq!(PhotometricDeviations::of(&state, 1), None);

@@ -13,7 +13,7 @@ pub const POINT_WORDS: usize = 16;
 /// Marks a point without seed or slot.
 pub const NO_SEED: u32 = u32::MAX;
 /// Marks a point whose seed the processor must find.
-pub const OPEN: u32 = u32::MAX - 1;
+pub const LEFT_TO_PROCESSOR: u32 = u32::MAX - 1;
 
 /// Finds the seeds of points and sums points about the seeds of their components.
 pub trait PointsDevice: Send + Sync {

@@ -22,9 +22,12 @@ impl PhotometricState {
         let Self { splats, appearance, form, color, .. } = self;
         splats.par_iter_mut().for_each(|splat| *splat = moved(splat, motion, rotation));
         appearance.par_iter_mut().for_each(|look| *look = turned(look, turn));
-        form.par_iter_mut().for_each(|lower| turn_block::<N_FORM>(lower, &FORM_VECTORS, turn));
-        color.par_iter_mut().for_each(|lower| turn_block::<N_COLOR>(lower, &COLOR_VECTORS, turn));
-        self.waiting.iter_mut().for_each(|waiting| waiting.view = waiting.view.moved(motion));
+        form.par_iter_mut()
+            .for_each(|lower| rotate_precision::<N_FORM>(lower, &FORM_VECTORS, turn));
+        color
+            .par_iter_mut()
+            .for_each(|lower| rotate_precision::<N_COLOR>(lower, &COLOR_VECTORS, turn));
+        self.buffered.iter_mut().for_each(|waiting| waiting.view = waiting.view.moved(motion));
     }
 }
 
@@ -41,13 +44,13 @@ fn turned(look: &Appearance, turn: DMat3) -> Appearance {
     let rows = |rows: [[f32; 3]; 3]| {
         rows.map(|row| (turn * DVec3::from_array(row.map(f64::from))).as_vec3().to_array())
     };
-    let observed = look.observed.turned(turn);
+    let observed = look.observed.rotated(turn);
     Appearance { gradient: rows(look.gradient), directional: rows(look.directional), observed }
 }
 
 /// Rotates a precision of `N` parameters given by its lower triangle: `T Λ Tᵀ`, where `T` rotates the vectors
 /// that begin at the given indices.
-fn turn_block<const N: usize>(lower: &mut [f32], vectors: &[usize], turn: DMat3) {
+fn rotate_precision<const N: usize>(lower: &mut [f32], vectors: &[usize], turn: DMat3) {
     let mut full = [[0.0; N]; N];
     for i in 0..N {
         for j in 0..=i {
@@ -97,7 +100,7 @@ mod tests {
             (0..N_COLOR).flat_map(row).map(|(i, j)| entry(i, j) * x[i] * x[j]).sum()
         };
         let mut turned = lower.clone();
-        turn_block::<N_COLOR>(&mut turned, &COLOR_VECTORS, turn);
+        rotate_precision::<N_COLOR>(&mut turned, &COLOR_VECTORS, turn);
         let [before, after] = [form(&lower, &step), form(&turned, &turned_step)];
         assert!((before - after).abs() < 1e-5, "{before} {after}");
         assert_eq!(turned[0], lower[0]);
@@ -107,7 +110,7 @@ mod tests {
     #[test]
     fn axes_and_colours_turn_with_the_world() {
         let turn = DQuat::from_scaled_axis(DVec3::new(0.2, 0.7, -0.4));
-        let motion = Pose::IDENTITY.attached(DVec3::new(1.0, 2.0, -3.0), turn);
+        let motion = Pose::IDENTITY.attached_camera(DVec3::new(1.0, 2.0, -3.0), turn);
         let splat =
             Splat { mean: [1.0, 0.5, 2.0], rotation: [0.8, 0.0, 0.6, 0.0], ..Splat::default() };
         let axis = |splat: &Splat| {

@@ -1,11 +1,11 @@
 //! Conversion of sums to splats with a flat top, a colour gradient and a view-dependent colour (`model.md`,
 //! Scene splat rule).
 
-use super::opacity::{DensityOpacity, early};
+use super::opacity::{DensityOpacity, early_factor};
 use super::sums::{SceneSums, outer};
 use crate::math::sym3::Sym3;
 use crate::model::splat::appearance::Appearance;
-use crate::model::splat::plain::{PLAIN_WIDTH, of_equal_area};
+use crate::model::splat::plain::{PLAIN_WIDTH, plain_of_equal_area};
 use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -96,7 +96,7 @@ impl SplatRule {
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
         // In the first frames every component has few points, but something must be visible.
-        let least_points = (self.least_points * early(context.frames)).max(1.0);
+        let least_points = (self.least_points * early_factor(context.frames)).max(1.0);
         if sums.count < least_points || opacity == 0.0 {
             return Default::default();
         }
@@ -105,7 +105,7 @@ impl SplatRule {
         let (scale, rotation) =
             decompose(self.regular(covariance, sums.count, context.h), CovarianceForm::Eigen);
         let (opacity, widened) =
-            if self.flat_top { (opacity, 1.0) } else { of_equal_area(opacity) };
+            if self.flat_top { (opacity, 1.0) } else { plain_of_equal_area(opacity) };
         let scale =
             (scale * (self.scale * widened)).max(DVec3::splat(self.least_scale * context.h));
         let mut color = sums.color / sums.count;

@@ -1,6 +1,6 @@
 //! State of a trained scene as plain columns, as stored in checkpoints.
 
-use super::kept::KeptFrame;
+use super::kept::StoredFrame;
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
 use super::trajectory::TrackedPose;
@@ -25,7 +25,7 @@ pub const WHOLE: u8 = 64;
 
 /// Maximum number of steps by which a structural scale grows: 64 times as wide.
 // At that limit a whole seed's share is 1/64 of the scale.
-pub const MOST_COARSENED: u32 = 12;
+pub const MAX_COARSENING_STEPS: u32 = 12;
 
 /// A trained scene between two frames. Row `k` of the sums and visibility counts is component `k`; it is free
 /// if no seed refers to it.
@@ -35,7 +35,7 @@ pub struct SceneState {
     pub origin: [f64; 3],
     /// Number of steps of √2 by which the structural scale exceeds the configured one, at most
     /// [`MOST_COARSENED`].
-    pub coarsened: u32,
+    pub coarsening_steps: u32,
     /// Seeds, world units, in the order of their birth.
     pub seeds: Vec<[f32; 3]>,
     /// Per seed, the maximum distance of its points as a share of the structural scale, in units of
@@ -56,7 +56,7 @@ pub struct SceneState {
     /// Photometric state, row by component, if splats are trained on photographs.
     pub photometric: Option<PhotometricState>,
     /// The last frames, oldest first, which are aligned a second time if poses are corrected.
-    pub kept: Vec<KeptFrame>,
+    pub stored_frames: Vec<StoredFrame>,
 }
 
 /// Compares seeds by x, then y, then z: the order of components that have no order of birth.

@@ -205,7 +205,7 @@ impl SceneSums {
     }
 
     /// Returns the sums of the same points about a seed displaced by `−shift`, in the unit of the offsets.
-    pub fn moved(&self, shift: DVec3) -> Self {
+    pub fn about_shifted_seed(&self, shift: DVec3) -> Self {
         let crossed = outer(self.first, shift);
         let second = self
             .second
@@ -221,7 +221,7 @@ impl SceneSums {
     }
 
     /// Returns the sums in axes rotated by `turn`, about the same seed.
-    pub fn turned(&self, turn: DMat3) -> Self {
+    pub fn rotated(&self, turn: DMat3) -> Self {
         let back = turn.transpose();
         let both = |second: Sym3| Sym3::from_mat3(turn * second.to_mat3() * back);
         Self {

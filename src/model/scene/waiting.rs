@@ -75,18 +75,18 @@ impl PhotographView {
     }
 
     /// Iterates over the indices of the stored rows, from the top.
-    pub fn kept_rows(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
+    pub fn stored_rows(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
         let [every, first] = self.rows.map(|n| n as usize);
         (first..self.size[1] as usize).step_by(every.max(1))
     }
 
     /// Returns the number of stored pixels.
     pub fn n_pixels(&self) -> usize {
-        self.kept_rows().len().saturating_mul(self.size[0] as usize)
+        self.stored_rows().len().saturating_mul(self.size[0] as usize)
     }
 
     /// Returns the first invalid number with its name and expected range.
-    pub fn defect(&self) -> Option<NumberDefect> {
+    pub fn first_invalid_number(&self) -> Option<NumberDefect> {
         use NumberRange::{Finite, NotNegative, Positive, PowerOfTwo, Whole};
         let ([every, first], [width, height]) = (self.rows, self.size);
         let ([red, green, blue], [fx, fy, cx, cy]) = (self.gain, self.pinhole);
@@ -154,7 +154,7 @@ impl Display for NumberRange {
 
 /// Depths of the stored pixels of a photograph.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WaitingDepths {
+pub struct BufferedDepths {
     /// Unit of the steps and tolerance of a surface.
     pub scale: DepthScale,
     /// Depth along the optical axis in steps; 0 if unknown. Shared between copies, like the pixels.
@@ -206,17 +206,17 @@ impl DepthScale {
 
 /// A photograph in the shuffle buffer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WaitingPhotograph {
+pub struct BufferedPhotograph {
     /// Camera and stored rows.
     pub view: PhotographView,
     /// Red, green and blue, sRGB-encoded in 255ths, and coverage in 254ths or [`UNKNOWN_COVERAGE`], of the
     /// stored rows. Shared, as they never change: copies of a scene do not duplicate them.
     pub pixels: Arc<[[u8; 4]]>,
     /// Depths of the same pixels, if measured.
-    pub depths: Option<WaitingDepths>,
+    pub depths: Option<BufferedDepths>,
 }
 
-impl WaitingPhotograph {
+impl BufferedPhotograph {
     /// Returns the memory used by pixels and depths, in bytes.
     pub fn bytes(&self) -> usize {
         let depths = self.depths.as_ref().map_or(0, |depths| size_of_val(&depths.steps[..]));
@@ -240,8 +240,8 @@ mod tests {
         let camera = view().camera().unwrap();
         assert_eq!((camera.intrinsics.cx, camera.intrinsics.height), (7.25, 13));
         assert!((camera.pose.centre() - DVec3::new(1.0, 2.0, 3.0)).length() < 1e-12);
-        assert_eq!(view().kept_rows().collect::<Vec<_>>(), [3, 7, 11]);
-        assert_eq!((view().n_pixels(), view().defect()), (60, None));
+        assert_eq!(view().stored_rows().collect::<Vec<_>>(), [3, 7, 11]);
+        assert_eq!((view().n_pixels(), view().first_invalid_number()), (60, None));
     }
 
     type Change = fn(&mut PhotographView);
@@ -251,7 +251,7 @@ mod tests {
         let named = |change: Change| {
             let mut view = view();
             change(&mut view);
-            view.defect().map(|(name, ..)| name)
+            view.first_invalid_number().map(|(name, ..)| name)
         };
         let changes: [(&str, Change); 12] = [
             ("frame", |view| view.frame = 0.5),

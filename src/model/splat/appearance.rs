@@ -91,7 +91,7 @@ pub struct Finishing {
 
 impl Finishing {
     /// Returns the corrected pose of a camera recorded at `pose`, predicted from the training frames.
-    pub fn corrected(&self, pose: &Pose) -> Pose {
+    pub fn corrected_pose(&self, pose: &Pose) -> Pose {
         self.poses.as_ref().map_or(*pose, |log| log.at(pose))
     }
 }

@@ -1,7 +1,7 @@
 //! Exposures of a scene's training frames, so that a view can be drawn as bright as a camera there would have
 //! recorded it.
 
-use super::viewpoint::{Viewpoint, reach, regress};
+use super::viewpoint::{Viewpoint, interpolate, reach};
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 
@@ -57,7 +57,7 @@ impl ExposureLog {
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         // Logarithms, since gains are factors: half and twice as bright average to 1.
         let said = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));
-        let logs = regress(&self.frames, pose, self.reach, said);
+        let logs = interpolate(&self.frames, pose, self.reach, said);
         logs.map_or([1.0; 3], |logs| logs.map(|log| log.exp() as f32))
     }
 }

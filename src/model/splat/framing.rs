@@ -39,7 +39,8 @@ impl Framing {
 
 /// Returns the framing of the finite splats; `None` if there are none.
 pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framing> {
-    let blobs: Vec<Blob> = splats.into_iter().filter(|s| s.is_finite()).map(Blob::new).collect();
+    let blobs: Vec<SplatExtent> =
+        splats.into_iter().filter(|s| s.is_finite()).map(SplatExtent::new).collect();
     let middle = median(&blobs)?;
     let reaches: Vec<f64> = blobs.iter().map(|blob| blob.reach(middle)).collect();
     let end = end_of_scene(&reaches, quantile(reaches.clone(), CORE_SHARE)?);
@@ -57,15 +58,16 @@ pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framin
 
 /// Returns the sphere about the median of the finite splats that holds nine tenths of the centres: the bulk
 /// of a scene without protruding parts. Rendering benchmarks use this viewpoint.
-pub fn bulk(splats: &[Splat]) -> Option<Framing> {
-    let blobs: Vec<Blob> = splats.iter().filter(|s| s.is_finite()).map(Blob::new).collect();
+pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
+    let blobs: Vec<SplatExtent> =
+        splats.iter().filter(|s| s.is_finite()).map(SplatExtent::new).collect();
     let centre = median(&blobs)?;
     let away = blobs.iter().map(|blob| blob.centre.distance(centre)).collect();
     Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
 }
 
 /// Median of the centres, per axis: insensitive to distant strays.
-fn median(blobs: &[Blob]) -> Option<DVec3> {
+fn median(blobs: &[SplatExtent]) -> Option<DVec3> {
     let axis = |i: usize| quantile(blobs.iter().map(|blob| blob.centre[i]).collect(), 0.5);
     Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
 }
@@ -89,13 +91,13 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
 }
 
-struct Blob {
+struct SplatExtent {
     centre: DVec3,
     /// Columns: the splat's axes, scaled to its visible extent.
     axes: DMat3,
 }
 
-impl Blob {
+impl SplatExtent {
     fn new(splat: &Splat) -> Self {
         let [w, x, y, z] = splat.rotation.map(f64::from);
         let q = DQuat::from_xyzw(x, y, z, w);
@@ -152,7 +154,7 @@ mod tests {
             assert!(away + 0.02 < found.radius, "{:?} of {found:?}", splat.mean);
         }
         assert!(found.radius < 2.2, "not much larger than half the diagonal: {found:?}");
-        assert!(bulk(&splats).unwrap().radius < found.radius);
+        assert!(core_sphere(&splats).unwrap().radius < found.radius);
     }
 
     #[test]

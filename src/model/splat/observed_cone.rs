@@ -46,7 +46,7 @@ impl ObservedCone {
 
     /// Clamps the unit direction `d` to the cone: `d` itself inside, its projection onto the edge outside.
     /// The colour is evaluated for the result.
-    pub fn nearest(&self, d: DVec3) -> DVec3 {
+    pub fn clamp_direction(&self, d: DVec3) -> DVec3 {
         let offset = d - self.mean();
         let squared = self.inverse().quadratic_form(offset);
         self.mean() + offset / squared.max(1.0).sqrt()
@@ -62,7 +62,7 @@ impl ObservedCone {
     }
 
     /// Rotates the cone by `turn`.
-    pub fn turned(&self, turn: DMat3) -> Self {
+    pub fn rotated(&self, turn: DMat3) -> Self {
         let inverse = Sym3::from_mat3(turn * self.inverse().to_mat3() * turn.transpose());
         Self {
             mean: (turn * self.mean()).as_vec3().to_array(),
@@ -97,24 +97,24 @@ mod tests {
         let cone = ObservedCone::new(mean, Sym3::from_array([0.04, 0.0, 0.0, 0.01, 0.0, 1e-4]));
         for degrees in [0.0, 10.0, 20.0] {
             let d = direction(degrees);
-            assert!((cone.nearest(d) - d).length() < 1e-6, "{degrees}");
+            assert!((cone.clamp_direction(d) - d).length() < 1e-6, "{degrees}");
         }
         for degrees in [30.0, 60.0, 90.0, 180.0] {
-            let held = cone.nearest(direction(degrees)) - mean;
+            let held = cone.clamp_direction(direction(degrees)) - mean;
             assert!(held.x < 0.41, "{degrees}: {held}");
         }
-        let across = cone.nearest(DVec3::new(0.0, 0.8, 0.6)) - mean;
+        let across = cone.clamp_direction(DVec3::new(0.0, 0.8, 0.6)) - mean;
         assert!(across.y < 0.21, "{across}");
     }
 
     #[test]
     fn unknown_observations_bound_nothing_and_one_bounds_to_the_least_cone() {
         let d = DVec3::new(0.6, 0.0, -0.8);
-        assert!((ObservedCone::default().nearest(d) - d).length() < 1e-12);
+        assert!((ObservedCone::default().clamp_direction(d) - d).length() < 1e-12);
         assert_eq!(ObservedCone::default().linear_fit(1.0), DMat3::IDENTITY);
         let once = ObservedCone::new(DVec3::Z, Sym3::diagonal(0.0));
-        assert!(once.nearest(direction(90.0)).x < 1.01 * EDGE * LEAST);
-        assert_eq!(once.nearest(DVec3::Z), DVec3::Z);
+        assert!(once.clamp_direction(direction(90.0)).x < 1.01 * EDGE * LEAST);
+        assert_eq!(once.clamp_direction(DVec3::Z), DVec3::Z);
     }
 
     #[test]
@@ -123,7 +123,8 @@ mod tests {
         let covariance = Sym3::from_array([0.04, 0.01, 0.0, 0.02, 0.0, 1e-3]);
         let cone = ObservedCone::new(DVec3::new(0.1, -0.2, 0.9), covariance);
         let d = direction(70.0);
-        let difference = cone.turned(turn).nearest(turn * d) - turn * cone.nearest(d);
+        let difference =
+            cone.rotated(turn).clamp_direction(turn * d) - turn * cone.clamp_direction(d);
         assert!(difference.length() < 1e-6, "{difference}");
     }
 

@@ -10,7 +10,7 @@ pub const PLAIN_WIDTH: f64 = 1.3 / 1.2;
 
 /// Returns opacity and factor on the standard deviations of the plain splat that covers the same area as one
 /// of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, and a Gaussian of peak `c` covers `2πc`.
-pub fn of_equal_area(opacity: f64) -> (f64, f64) {
+pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
     match opacity > OPAQUE {
         true => (OPAQUE, (1.0 + (opacity / OPAQUE).ln()).sqrt()),
         false => (opacity, 1.0),
@@ -24,7 +24,7 @@ mod tests {
     #[test]
     fn a_plain_splat_covers_what_the_flat_top_did() {
         for opacity in [0.4, 0.99, 1.5, 3.0] {
-            let (plain, factor) = of_equal_area(opacity);
+            let (plain, factor) = plain_of_equal_area(opacity);
             let covered = |opacity: f64, deviation: f64| {
                 let rings = (0..20_000).map(|i| (f64::from(i) + 0.5) * 1e-3);
                 let alpha = |r: f64| OPAQUE.min(opacity * (-0.5 * (r / deviation).powi(2)).exp());

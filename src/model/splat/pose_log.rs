@@ -1,7 +1,7 @@
 //! Corrections of the recorded poses of a scene's training frames, so that a view recorded among them can be
 //! drawn from its camera's corrected pose.
 
-use super::viewpoint::{Viewpoint, reach, regress};
+use super::viewpoint::{Viewpoint, interpolate, reach};
 use crate::math::pose::{Pose, unit_rotation};
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
@@ -38,14 +38,15 @@ impl FramePose {
     pub fn poses(&self) -> Option<[Pose; 2]> {
         let rotation = unit_rotation(self.rotation)?;
         let turn = DQuat::from_scaled_axis(DVec3::from_array(self.turn));
-        let recorded = Pose::IDENTITY.attached(DVec3::from_array(self.recorded.centre), rotation);
-        Some([recorded, recorded.attached(DVec3::from_array(self.shift), turn)])
+        let recorded =
+            Pose::IDENTITY.attached_camera(DVec3::from_array(self.recorded.centre), rotation);
+        Some([recorded, recorded.attached_camera(DVec3::from_array(self.shift), turn)])
     }
 
     /// Moves the corrected pose with the world; the recorded pose stays fixed.
     pub fn moved(&self, motion: &Pose) -> Option<Self> {
         let [recorded, real] = self.poses()?;
-        let Self { turn, shift, .. } = Self::new(&recorded, &real.moved(motion));
+        let Self { turn, shift, .. } = Self::new(&recorded, &real.transformed_by(motion));
         Some(Self { turn, shift, ..*self })
     }
 }
@@ -94,11 +95,11 @@ pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
         let [x, y, z] = frame.shift;
         (frame.recorded, [a, b, c, x, y, z])
     };
-    match regress(frames, pose, reach, said) {
+    match interpolate(frames, pose, reach, said) {
         None => *pose,
         Some([a, b, c, x, y, z]) => {
             let turn = DQuat::from_scaled_axis(DVec3::new(a, b, c));
-            pose.attached(DVec3::new(x, y, z), turn)
+            pose.attached_camera(DVec3::new(x, y, z), turn)
         }
     }
 }
@@ -113,7 +114,7 @@ mod tests {
             |x: f64| Pose::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(x, 1.0, 0.0), DVec3::Z);
         let frame = |x: f64, right: f64, turn: f64| {
             let recorded = recorded(x).unwrap();
-            let real = recorded.attached(DVec3::X * right, DQuat::from_rotation_y(turn));
+            let real = recorded.attached_camera(DVec3::X * right, DQuat::from_rotation_y(turn));
             FramePose::new(&recorded, &real)
         };
         let log = PoseLog::new(vec![frame(0.0, 0.02, 0.01), frame(0.1, 0.04, 0.03)], 0.025);
@@ -133,7 +134,7 @@ mod tests {
     fn a_correction_gives_the_real_pose_back() {
         let recorded = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z).unwrap();
         let turn = DQuat::from_scaled_axis(DVec3::new(0.02, -0.01, 0.03));
-        let real = recorded.attached(DVec3::new(0.01, -0.02, 0.03), turn);
+        let real = recorded.attached_camera(DVec3::new(0.01, -0.02, 0.03), turn);
         let found = PoseLog::new(vec![FramePose::new(&recorded, &real)], 0.1).at(&recorded);
         assert!((found.centre() - real.centre()).length() < 1e-12);
         let apart = found.rotation() - real.rotation();

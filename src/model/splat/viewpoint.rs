@@ -60,7 +60,7 @@ pub fn reach(h: f64) -> f64 {
 /// smoothness 3/2 with unknown mean (ordinary kriging; Cressie 1993, section 3.2). A mean weighted by
 /// distance alone would be biased towards the side with more frames and would flatten changes between frames
 /// (`eval.md`, Poses of views).
-pub fn regress<T, const N: usize>(
+pub fn interpolate<T, const N: usize>(
     frames: &[T],
     pose: &Pose,
     reach: f64,
@@ -107,7 +107,7 @@ mod tests {
 
     fn at(frames: &[(f64, f64)], x: f64) -> f64 {
         let said = |&(x, value): &(f64, f64)| (Viewpoint::new(&looking_ahead(x)), [value]);
-        let [value] = regress(frames, &looking_ahead(x), 0.3, said).unwrap();
+        let [value] = interpolate(frames, &looking_ahead(x), 0.3, said).unwrap();
         value
     }
 

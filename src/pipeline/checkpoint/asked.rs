@@ -51,11 +51,11 @@ impl SavedRun {
         let method = &self.config.method;
         let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
             .or_else(|| asked.model.conflict(method))
-            .or_else(|| of_frames(asked, &self.config.selection))
-            .or_else(|| of_depth(&asked.load, &self.config.load));
+            .or_else(|| frame_conflict(asked, &self.config.selection))
+            .or_else(|| depth_conflict(&asked.load, &self.config.load));
         match conflict {
             None => Ok(()),
-            Some(Conflict { setting, stored, asked }) => {
+            Some(Conflict { setting, stored, requested: asked }) => {
                 let stored = stored.unwrap_or_else(|| "no value".to_owned());
                 Err(RunError::Conflict { setting, path: self.path.clone(), stored, asked })
             }
@@ -64,7 +64,7 @@ impl SavedRun {
 }
 
 /// Compares the selection and order of frames.
-fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
+fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
     // Destructured completely, so that new fields cause a compile error here. Frame limit, shard, passes and
     // follow may differ.
     let ResumeRequest {
@@ -86,7 +86,7 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
         .or_else(|| differs("--hold-out", hold_out.as_ref(), Some(&stored.hold_out)))
 }
 
-fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
+fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
     let LoadOptions {
         depth_scale,
         depth_range,
@@ -121,6 +121,6 @@ fn differs<T: PartialEq + Serialize + Debug>(
     Some(Conflict {
         setting: option.to_owned(),
         stored: stored.map(text_of),
-        asked: text_of(asked),
+        requested: text_of(asked),
     })
 }

@@ -8,10 +8,10 @@ use super::saved::SavedRun;
 use crate::dataset::Dataset;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::export::checkpoint::Checkpoint;
-use crate::pipeline::past::Past;
+use crate::pipeline::past::RunProgress;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::session::Session;
-use crate::pipeline::start::Origin;
+use crate::pipeline::start::InitialState;
 use std::sync::Arc;
 
 impl SavedRun {
@@ -32,20 +32,24 @@ impl SavedRun {
         if expected != found {
             return Err(RunError::LocalOrigin { path: self.path, expected, found });
         }
-        let most_visits = self.most_visits().1;
+        let most_visits = self.most_visited_frame().1;
         let Self { path, mut config, meta, content, .. } = self;
         let Checkpoint { history, cursor, mut model, .. } = content;
         if asked.shard.is_some_and(|shard| config.selection.shard != Some(shard)) {
-            model.let_go_of_kept();
+            model.drop_stored_frames();
         }
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         config.selection.shard = asked.shard.or(config.selection.shard);
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
-        let plan =
-            Plan::after(&dataset, &config.selection, config.method.any().seed(), &cursor.visited)?;
+        let plan = Plan::resumed(
+            &dataset,
+            &config.selection,
+            config.method.as_any().seed(),
+            &cursor.visited,
+        )?;
         // A followed recording may have grown since.
         let found = match asked.follow || config.selection.follow {
-            true => Fingerprint::of_first(&dataset, plan.split, meta.fingerprint.frames()),
+            true => Fingerprint::of_first_frames(&dataset, plan.split, meta.fingerprint.frames()),
             false => Fingerprint::of(&dataset, plan.split),
         };
         if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
@@ -56,7 +60,7 @@ impl SavedRun {
         if expected > n_frames {
             return Err(RunError::TooFewFrames { path, expected, found: n_frames });
         }
-        let mut past = Past::none(&dataset, plan.split);
+        let mut past = RunProgress::at_start(&dataset, plan.split);
         past.visited = cursor.visited.len();
         past.points = cursor.points;
         past.wall_s = meta.wall_s;
@@ -64,7 +68,7 @@ impl SavedRun {
             let history: History = parse(&path, "HIST", &history)?;
             (past.frames, past.skipped) = (history.frames, history.skipped);
         }
-        let origin = Origin::Stored(&model, cursor.frames);
+        let origin = InitialState::Stored(&model, cursor.frames);
         Ok(Session::begin(dataset, config, plan, &origin, past)?)
     }
 }

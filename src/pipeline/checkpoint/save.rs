@@ -4,7 +4,7 @@ use super::SavedRun;
 use super::error::RunError;
 use crate::export::checkpoint::{self, Checkpoint};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::panic_text::{NO_WORDS, panic_text};
+use crate::pipeline::panic_text::{NO_MESSAGE, panic_text};
 use crate::pipeline::session::Session;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -32,7 +32,7 @@ impl Session {
             read.inspect_err(|_| drop(std::fs::remove_file(path)))
         };
         catch_unwind(AssertUnwindSafe(attempt))
-            .unwrap_or_else(|panic| Err(panic_text(&*panic).unwrap_or(NO_WORDS).to_owned()))
+            .unwrap_or_else(|panic| Err(panic_text(&*panic).unwrap_or(NO_MESSAGE).to_owned()))
     }
 
     /// Returns everything needed to resume this session bit for bit. Copies the model.

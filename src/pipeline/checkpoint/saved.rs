@@ -6,9 +6,9 @@ use super::json::parse;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::dataset::{Layout, LoadOptions};
 use crate::eval::machine;
-use crate::export::checkpoint::{self, Checkpoint, Loaded};
+use crate::export::checkpoint::{self, Checkpoint, LoadedCheckpoint};
 use crate::model::splat::appearance::SplatSet;
-use crate::pipeline::any_preset::Revived;
+use crate::pipeline::any_preset::RestoredLearner;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
@@ -56,17 +56,17 @@ pub struct SavedRun {
 impl SavedRun {
     /// Reads and checks a checkpoint.
     pub fn read(path: &Path) -> Result<Self, RunError> {
-        let Loaded { checkpoint: content, version, bytes } = checkpoint::read(path)?;
+        let LoadedCheckpoint { checkpoint: content, version, bytes } = checkpoint::read(path)?;
         let config: RunConfig = parse(path, "CONF", &content.config)?;
         let meta = parse(path, "META", &content.meta)?;
         let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
-        run.config.method.any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
+        run.config.method.as_any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
         run.check_visits()?;
         Ok(run)
     }
 
     /// The most often visited frame, and the number of its visits.
-    pub(super) fn most_visits(&self) -> (u32, usize) {
+    pub(super) fn most_visited_frame(&self) -> (u32, usize) {
         let mut visited = self.content.cursor.visited.clone();
         visited.sort_unstable();
         let runs =
@@ -82,7 +82,7 @@ impl SavedRun {
         if !(1..=MAX_PASSES).contains(&passes) {
             return refuse("CONF", format!("expected 1 to {MAX_PASSES} passes, found {passes}"));
         }
-        match self.most_visits() {
+        match self.most_visited_frame() {
             (frame, n) if n > passes => refuse(
                 "CURS",
                 format!(
@@ -112,9 +112,9 @@ impl SavedRun {
     ///
     /// # Errors
     /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] if model and settings do not match.
-    pub fn revive(&self) -> Result<Revived, RunError> {
+    pub fn revive(&self) -> Result<RestoredLearner, RunError> {
         let (model, frames) = (&self.content.model, self.content.cursor.frames);
-        let revived = self.config.method.any().revive(model, frames);
+        let revived = self.config.method.as_any().restore_any(model, frames);
         let mut revived = revived.map_err(|why| self.mismatch(why))?;
         revived.learner.settle();
         Ok(revived)
@@ -138,7 +138,7 @@ impl SavedRun {
 
     /// Options to open the run's dataset with the model's local origin.
     pub fn load_options(&self) -> LoadOptions {
-        self.config.load.settled()
+        self.config.load.with_fixed_origin()
     }
 
     /// Local origin of positions, in the world of the dataset.

@@ -12,7 +12,7 @@ use crate::eval::machine;
 use crate::export::checkpoint::{Checkpoint, Cursor, MAX_JSON_BYTES};
 use crate::model::stored::StoredModel;
 use crate::pipeline::error::SessionError;
-use crate::pipeline::past::Past;
+use crate::pipeline::past::RunProgress;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::session::Session;
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ pub struct SessionSnapshot {
     /// Index of the split in the dataset.
     split: usize,
     config: RunConfig,
-    past: Past,
+    past: RunProgress,
     planned_frames: usize,
     cursor: Cursor,
     model: StoredModel,
@@ -46,7 +46,7 @@ impl Session {
                 points: past.points,
                 visited: plan.frames.iter().take(past.visited).map(|&frame| frame as u32).collect(),
             },
-            model: self.learner().stored(),
+            model: self.learner().checkpoint_model(),
         }
     }
 }
@@ -81,7 +81,7 @@ impl SessionSnapshot {
             config: canonical(&config)?,
             meta: canonical(&meta)?,
             numerics: machine::numerics(),
-            history: readable(history.canonical()?),
+            history: if_readable(history.canonical()?),
             cursor,
             model,
         })
@@ -90,7 +90,7 @@ impl SessionSnapshot {
 
 /// Drops a history too long to be read back, such as that of some hundred thousand frames: the checkpoint
 /// stays readable without it.
-fn readable(history: String) -> Option<String> {
+fn if_readable(history: String) -> Option<String> {
     (history.len() <= MAX_JSON_BYTES).then_some(history)
 }
 
@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn a_history_that_no_reader_takes_is_left_out() {
         let longest = " ".repeat(MAX_JSON_BYTES);
-        assert_eq!(readable(longest.clone() + " "), None);
-        assert_eq!(readable(longest).map(|text| text.len()), Some(MAX_JSON_BYTES));
+        assert_eq!(if_readable(longest.clone() + " "), None);
+        assert_eq!(if_readable(longest).map(|text| text.len()), Some(MAX_JSON_BYTES));
     }
 }

@@ -10,12 +10,12 @@ use crate::model::paper::state::{ModelState, Totals};
 use crate::model::splat::splats::CovarianceForm;
 use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Revived};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, RestoredLearner};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::frames_at_once;
-use crate::pipeline::preset::{Beginning, TypedPreset, revive};
+use crate::pipeline::preset::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
 use crate::train::memory::MemoryEstimate;
 use crate::train::paper::config::{Init, PaperConfig, UpdateWidth};
@@ -41,7 +41,7 @@ impl AnyPreset for PaperConfig {
     }
 
     /// The range of positions, its only estimate, is stored with the model.
-    fn placement(&self) -> Vec<(&'static str, String)> {
+    fn world_placement(&self) -> Vec<(&'static str, String)> {
         Vec::new()
     }
 
@@ -74,7 +74,7 @@ impl AnyPreset for PaperConfig {
         self.mixture(model).map(|_| ())
     }
 
-    fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch> {
+    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch> {
         revive(self, model, frames)
     }
 }
@@ -93,22 +93,22 @@ impl TypedPreset for PaperConfig {
         run: &RunConfig,
         range: &PositionRange,
         _: usize,
-    ) -> Result<Beginning<Points<f32>>, SessionError> {
+    ) -> Result<InitialLearner<Points<f32>>, SessionError> {
         let normalization = range.normalization();
         let draw = initial_draw(dataset, run, self, normalization)?;
         let learner = engine::begin(self, &draw, normalization)?;
-        Ok(Beginning { learner, normalization })
+        Ok(InitialLearner { learner, normalization })
     }
 
     fn restore(
         &self,
         model: &StoredModel,
         frames: u64,
-    ) -> Result<Beginning<Points<f32>>, Mismatch> {
+    ) -> Result<InitialLearner<Points<f32>>, Mismatch> {
         let (state, normalization) = self.mixture(model)?;
         let learner =
             engine::restore(self, state.clone(), frames, normalization).map_err(Mismatch::Index)?;
-        Ok(Beginning { learner, normalization })
+        Ok(InitialLearner { learner, normalization })
     }
 }
 
@@ -126,7 +126,7 @@ impl PaperConfig {
             return Err(Mismatch::Prior);
         }
         let expected = self.operations.update;
-        if !holds(expected, &state.totals) {
+        if !can_hold(expected, &state.totals) {
             return Err(Mismatch::Form(format!("totals of the form {expected:?}")));
         }
         Ok((state, *normalization))
@@ -134,7 +134,7 @@ impl PaperConfig {
 }
 
 /// True if an engine with this form of totals can continue with the stored ones; 128-bit totals fit any form.
-fn holds(update: UpdateWidth, totals: &Totals) -> bool {
+fn can_hold(update: UpdateWidth, totals: &Totals) -> bool {
     match totals {
         Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
         Totals::Fixed128(_) => true,
@@ -153,7 +153,7 @@ fn initial_draw(
     if config.init == Init::Random {
         return Ok(InitialDraw::random(config.components, config.seed));
     }
-    let plan = Plan::new(dataset, &run.selection.whole(), config.seed)?;
+    let plan = Plan::new(dataset, &run.selection.without_shard(), config.seed)?;
     let settings = config.preparation(run, normalization);
     let mut points = Points::new();
     for &index in &plan.frames {

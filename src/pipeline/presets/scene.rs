@@ -10,11 +10,11 @@ use crate::model::scene::state::{SceneState, StoredSums};
 use crate::model::splat::splats::CovarianceForm;
 use crate::model::stored::StoredModel;
 use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Revived};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, RestoredLearner};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::prefetch::frames_at_once;
-use crate::pipeline::preset::{Beginning, TypedPreset, revive};
+use crate::pipeline::preset::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::memory::MemoryEstimate;
@@ -43,7 +43,7 @@ impl AnyPreset for SceneRun {
         CovarianceForm::Eigen
     }
 
-    fn placement(&self) -> Vec<(&'static str, String)> {
+    fn world_placement(&self) -> Vec<(&'static str, String)> {
         vec![
             ("structural scale", self.engine.h.to_string()),
             ("origin", self.surface.origin.to_string()),
@@ -59,7 +59,7 @@ impl AnyPreset for SceneRun {
     }
 
     fn order_dependence(&self, components: usize) -> Option<OrderDependence> {
-        let (found, advice) = dependence(&self.engine, components)?;
+        let (found, advice) = order_dependence_of(&self.engine, components)?;
         Some(OrderDependence { found, advice })
     }
 
@@ -80,7 +80,7 @@ impl AnyPreset for SceneRun {
         self.scene(model).map(|_| ())
     }
 
-    fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch> {
+    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch> {
         revive(self, model, frames)
     }
 }
@@ -98,23 +98,23 @@ impl TypedPreset for SceneRun {
         _: &RunConfig,
         _: &PositionRange,
         _: usize,
-    ) -> Result<Beginning<Observation>, SessionError> {
+    ) -> Result<InitialLearner<Observation>, SessionError> {
         let learner = engine::begin(&self.engine, self.surface.origin);
-        Ok(Beginning { learner, normalization: self.normalization() })
+        Ok(InitialLearner { learner, normalization: self.normalization() })
     }
 
     fn restore(
         &self,
         model: &StoredModel,
         frames: u64,
-    ) -> Result<Beginning<Observation>, Mismatch> {
+    ) -> Result<InitialLearner<Observation>, Mismatch> {
         let state = self.scene(model)?.clone();
         let learner = engine::restore(&self.engine, state, frames).ok_or_else(|| {
             Mismatch::Form(
                 "seeds that its scale can separate at this distance from the origin".to_owned(),
             )
         })?;
-        Ok(Beginning { learner, normalization: self.normalization() })
+        Ok(InitialLearner { learner, normalization: self.normalization() })
     }
 }
 
@@ -145,7 +145,7 @@ fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {
 }
 
 /// The setting by which a scene depends on the order of frames, and the one to use instead.
-fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
+fn order_dependence_of(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
     let SceneConfig {
         births,
         refine,

@@ -30,7 +30,7 @@ impl Method {
     }
 
     /// Settings independent of the preset.
-    pub fn any(&self) -> &dyn AnyPreset {
+    pub fn as_any(&self) -> &dyn AnyPreset {
         match self {
             Self::Paper(config) => config,
             Self::Scene(run) => &**run,
@@ -47,7 +47,7 @@ impl Method {
 
     /// True if cameras are corrected by the default calibration of their model, not by one of their own.
     pub fn assumes_calibration(&self, dataset: &Dataset) -> bool {
-        let calibration = self.any().calibration();
+        let calibration = self.as_any().calibration();
         calibration.is_some() && calibration == dataset.known_calibration().as_ref()
     }
 }
@@ -74,7 +74,7 @@ impl MethodRequest {
     ///
     /// # Errors
     /// [`SessionError`] for a setting out of range, or for frames that a scene cannot start with.
-    pub(in crate::pipeline) fn on(
+    pub(in crate::pipeline) fn fit_to_dataset(
         self,
         dataset: &Dataset,
         selection: &Selection,
@@ -86,7 +86,7 @@ impl MethodRequest {
             Self::Paper(config) => Ok(Method::Paper(config)),
             Self::Scene(overrides) => {
                 // In sequential order, so that the estimates do not depend on the order of training.
-                let whole = Selection { order: Order::Sequential, ..selection.whole() };
+                let whole = Selection { order: Order::Sequential, ..selection.without_shard() };
                 let all = Plan::new(dataset, &whole, overrides.seed.unwrap_or(0))?;
                 Ok(Method::Scene(Box::new(SceneRun::new(dataset, &all, &overrides)?)))
             }

@@ -4,4 +4,4 @@ pub mod method;
 mod presets;
 pub mod scene;
 
-pub use presets::{Foreign, GivenSettings, preset_file};
+pub use presets::{ForeignSetting, GivenSettings, preset_file};

@@ -28,10 +28,10 @@ impl GivenSettings {
     }
 
     /// Returns the first given setting that the preset lacks, and the preset that has it.
-    pub fn foreign_to(&self, preset: Preset) -> Option<Foreign> {
+    pub fn foreign_to(&self, preset: Preset) -> Option<ForeignSetting> {
         match preset {
-            Preset::Paper => foreign::<_, PaperOverrides>(&self.scene),
-            Preset::Scene => foreign::<_, SceneOverrides>(&self.paper),
+            Preset::Paper => first_foreign::<_, PaperOverrides>(&self.scene),
+            Preset::Scene => first_foreign::<_, SceneOverrides>(&self.paper),
         }
     }
 
@@ -42,8 +42,8 @@ impl GivenSettings {
             Method::Scene(run) => self.scene.conflict(run),
         };
         conflict.or_else(|| {
-            let Foreign { setting, value: asked, .. } = self.foreign_to(method.preset())?;
-            Some(Conflict { setting, stored: None, asked })
+            let ForeignSetting { setting, value: asked, .. } = self.foreign_to(method.preset())?;
+            Some(Conflict { setting, stored: None, requested: asked })
         })
     }
 }
@@ -62,7 +62,7 @@ impl From<SceneOverrides> for GivenSettings {
 
 /// Setting of another preset.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Foreign {
+pub struct ForeignSetting {
     /// Name of the setting in messages.
     pub setting: String,
     /// Preset that has this setting.
@@ -71,9 +71,9 @@ pub struct Foreign {
     pub value: String,
 }
 
-fn foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<Foreign> {
-    let (about, value) = given.foreign_to::<Own>()?;
-    Some(Foreign { setting: about.name(), preset: Other::PRESET, value })
+fn first_foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<ForeignSetting> {
+    let (about, value) = given.first_unsupported_by::<Own>()?;
+    Some(ForeignSetting { setting: about.name(), preset: Other::PRESET, value })
 }
 
 /// Returns a preset as a RON file: every setting with its help and its default.

@@ -1,6 +1,6 @@
 //! Lists of records per tile or per row of tiles.
 
-use crate::math::pieces::pieces;
+use crate::math::pieces::split_by_sizes;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -39,7 +39,7 @@ impl Buckets {
 
     /// Parallel form of [`Self::fill`]. `runs` are ascending ranges of records, and each group of `n` runs
     /// is one task. Every group first counts, then fills its own part of every list.
-    pub(super) fn fill_by(
+    pub(super) fn fill_parallel(
         &mut self,
         n_buckets: usize,
         runs: &[Range<u32>],
@@ -65,7 +65,7 @@ impl Buckets {
         }));
         listed.resize(ends.last().copied().unwrap_or(0), 0);
         let mut parts: Vec<Vec<_>> = counts.iter().map(|_| Vec::with_capacity(n_buckets)).collect();
-        for (i, piece) in pieces(listed, sizes.into_iter()).into_iter().enumerate() {
+        for (i, piece) in split_by_sizes(listed, sizes.into_iter()).into_iter().enumerate() {
             parts[i % counts.len()].push(piece.iter_mut());
         }
         parts.into_par_iter().zip(groups).for_each(|(mut parts, runs)| {
@@ -95,7 +95,7 @@ impl Buckets {
     pub(super) fn each_mut(&mut self) -> Vec<&mut [u32]> {
         let mut start = 0;
         let sizes = self.ends.iter().map(|&end| end - std::mem::replace(&mut start, end));
-        pieces(&mut self.records, sizes)
+        split_by_sizes(&mut self.records, sizes)
     }
 }
 

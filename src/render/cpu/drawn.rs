@@ -38,7 +38,7 @@ impl ImageSplat {
             linear: self.linear.as_vec2().to_array(),
             w: (w / (unit * unit)) as f32,
             // Limited to the range of `exp2`: below it, the bits of its result are not a valid number.
-            cut: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
+            min_exponent: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
             opacity: self.opacity as f32,
             color,
             reach: self.reach as f32,

@@ -17,7 +17,7 @@ pub(super) fn pinhole(
     exact: ExactOptions,
 ) -> Option<ImageSplat> {
     let k = &view.intrinsics;
-    let placed = placed.antialiased(exact, k)?;
+    let placed = placed.apply_antialiasing(exact, k)?;
     let extent_squared = placed.extent_squared();
     let rect = bounds::pinhole(view, &placed, extent_squared, exact.response)?;
     let tangent = pinhole_tangent(&placed, k);
@@ -40,7 +40,7 @@ pub(super) fn fisheye(
     placed: CameraSplat,
     exact: ExactOptions,
 ) -> Option<(ImageSplat, TangentFrame)> {
-    let placed = placed.antialiased(exact, &view.intrinsics)?;
+    let placed = placed.apply_antialiasing(exact, &view.intrinsics)?;
     let extent_squared = placed.extent_squared();
     let rect = bounds::fisheye(view, &placed, extent_squared, exact.response)?;
     let tangent = fisheye_tangent(&placed);

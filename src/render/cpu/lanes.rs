@@ -24,7 +24,7 @@ pub(super) fn exp2<V: Vector>(x: V) -> V {
         // No fused multiply-add: results must be bit-identical on every instruction set.
         sum = sum * f + V::splat(coefficient);
     }
-    sum.scale_by_bits(shifted)
+    sum.scale_by_power_of_two(shifted)
 }
 
 #[cfg(test)]

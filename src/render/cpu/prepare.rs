@@ -23,7 +23,7 @@ pub(super) struct ChunkCount {
 
 /// True if a view needs the colour gradients of its splats.
 pub(super) fn has_gradients(splats: SplatView<'_>, view: &CpuView) -> bool {
-    !splats.appearance().is_empty() && view.look.paint == Paint::Stored
+    !splats.appearance().is_empty() && view.style.paint == Paint::Stored
 }
 
 /// Fills and counts the records of every chunk.
@@ -57,7 +57,7 @@ pub(super) fn prepare(
             first: (chunk * CHUNK) as u32,
             ids: ids.next().unwrap_or(&mut []),
             records,
-            listings,
+            depth_entries: listings,
             gradients: gradients.next().unwrap_or(&mut []),
             frames: frames.next().unwrap_or(&mut []),
         })
@@ -65,7 +65,7 @@ pub(super) fn prepare(
     // rayon would merge chunks into one task, but their numbers of visible splats differ widely.
     tasks.into_par_iter().zip(counts.par_iter_mut()).with_max_len(1).for_each(
         |(mut chunk, count)| {
-            *count = chunk.fill(view);
+            *count = chunk.pack_visible(view);
         },
     );
 }
@@ -87,14 +87,14 @@ struct Chunk<'a> {
     first: u32,
     ids: &'a mut [u32],
     records: &'a mut [ConicRecord],
-    listings: &'a mut [DepthEntry],
+    depth_entries: &'a mut [DepthEntry],
     gradients: &'a mut [Gradient],
     frames: &'a mut [TangentFrame],
 }
 
 impl Chunk<'_> {
     /// Packs the visible splats into the front of the lists, in order.
-    fn fill(&mut self, view: &CpuView) -> ChunkCount {
+    fn pack_visible(&mut self, view: &CpuView) -> ChunkCount {
         let mut count = ChunkCount::default();
         for (i, splat) in self.splats.iter().enumerate() {
             // Empty slots of the model are not invalid splats and are not counted.
@@ -106,8 +106,8 @@ impl Chunk<'_> {
                 count.n_invalid += 1;
                 continue;
             }
-            if let Some(placed) = view.place(splat) {
-                let visible = self.draw(view, i, placed, count.n_visible);
+            if let Some(placed) = view.to_camera(splat) {
+                let visible = self.write_record(view, i, placed, count.n_visible);
                 count.n_visible += usize::from(visible);
             }
         }
@@ -115,7 +115,7 @@ impl Chunk<'_> {
     }
 
     /// Writes the record of splat `i` at index `to`. Returns false if the splat is invisible.
-    fn draw(&mut self, view: &CpuView, i: usize, placed: CameraSplat, to: usize) -> bool {
+    fn write_record(&mut self, view: &CpuView, i: usize, placed: CameraSplat, to: usize) -> bool {
         let (splats, appearance) = (self.splats, self.appearance.get(i));
         let color = |placed: &CameraSplat| shade::color(view, &splats[i], placed, appearance);
         let shade = match (self.gradients.get_mut(to), appearance) {
@@ -152,7 +152,7 @@ impl Chunk<'_> {
             }
         };
         let Some((record, key)) = recorded else { return false };
-        self.listings[to] = DepthEntry::new(key, &record.rect);
+        self.depth_entries[to] = DepthEntry::new(key, &record.rect);
         self.records[to] = record;
         self.ids[to] = self.first + i as u32;
         true

@@ -34,7 +34,7 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     }?;
     let conic = covariance.conic();
     let opacity = placed.opacity;
-    let linear = covariance.solved(axes.with_depth(placed));
+    let linear = covariance.solve(axes.depth_covariance(placed));
     Some(ImageSplat { centre, conic, linear, reach: m.z, key: m.z, opacity, extent_squared, rect })
 }
 
@@ -70,7 +70,7 @@ impl ImageAxes {
     }
 
     /// Covariance of depth and image position, px times world units.
-    fn with_depth(&self, placed: &CameraSplat) -> DVec2 {
+    fn depth_covariance(&self, placed: &CameraSplat) -> DVec2 {
         let depth = placed.axes.row(2) * placed.scale;
         DVec2::new(depth.dot(self.0[0]), depth.dot(self.0[1]))
     }
@@ -99,7 +99,7 @@ impl Covariance2 {
     }
 
     /// Inverse covariance times `v`.
-    fn solved(&self, v: DVec2) -> DVec2 {
+    fn solve(&self, v: DVec2) -> DVec2 {
         DVec2::new(self.yy * v.x - self.xy * v.y, self.xx * v.y - self.xy * v.x) / self.det
     }
 

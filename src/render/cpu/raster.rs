@@ -2,7 +2,7 @@
 
 use super::buckets::Buckets;
 use super::record::Records;
-use super::tile::{Form, Tile};
+use super::tile::{ProjectionForm, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
 use crate::render::constants::TILE;
@@ -44,7 +44,7 @@ impl Batch {
 
 /// Inputs shared by all rows of an image.
 #[derive(Clone, Copy)]
-pub(super) struct Sheet<'a> {
+pub(super) struct RowInputs<'a> {
     pub records: &'a Records,
     pub intrinsics: Intrinsics,
     pub method: RenderMethod,
@@ -54,7 +54,7 @@ pub(super) struct Sheet<'a> {
 
 /// Draws the splats of `list` (nearest first) into one row of tiles.
 pub(super) struct DrawRow<'a> {
-    pub sheet: Sheet<'a>,
+    pub sheet: RowInputs<'a>,
     pub canvas: &'a mut RowCanvas,
     /// Top pixel row.
     pub top: usize,
@@ -67,15 +67,15 @@ impl Kernel for DrawRow<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let RenderMethod::Exact(exact) = self.sheet.method else {
-            return self.draw::<V, { Form::PROJECTED }>(1.0);
+            return self.draw::<V, { ProjectionForm::PROJECTED }>(1.0);
         };
         let min_front = match exact.response {
             Response::Ray => 0.0,
             Response::Line => f32::NEG_INFINITY,
         };
         match exact.lens {
-            Lens::Pinhole => self.draw::<V, { Form::PINHOLE }>(min_front),
-            Lens::Fisheye => self.draw::<V, { Form::FISHEYE }>(min_front),
+            Lens::Pinhole => self.draw::<V, { ProjectionForm::PINHOLE }>(min_front),
+            Lens::Fisheye => self.draw::<V, { ProjectionForm::FISHEYE }>(min_front),
         }
     }
 }
@@ -106,7 +106,7 @@ impl DrawRow<'_> {
 }
 
 impl RowCanvas {
-    fn clear(&mut self, top: usize, sheet: &Sheet<'_>) {
+    fn clear(&mut self, top: usize, sheet: &RowInputs<'_>) {
         let k = &sheet.intrinsics;
         let (width, height) = (k.width as usize, k.height as usize);
         self.tiles.clear();
@@ -120,9 +120,9 @@ impl RowCanvas {
     }
 
     /// Finishes the pixels of all tiles and composites them over the background.
-    pub(super) fn write(
+    pub(super) fn finish_pixels(
         &self,
-        sheet: &Sheet<'_>,
+        sheet: &RowInputs<'_>,
         top: usize,
         color: &mut [[f32; 3]],
         coverage: &mut [f32],

@@ -35,7 +35,7 @@ pub(super) struct ConicRecord {
     /// `w`, scaled inversely to `N`, so that `w·N` is unchanged.
     pub w: f32,
     /// Smallest exponent of 2 that passes the alpha cut and that `exp2` supports.
-    pub cut: f32,
+    pub min_exponent: f32,
     pub opacity: f32,
     pub color: [f32; 3],
     /// Depth of the centre along the ray `(x, y, 1)` (pinhole) or distance along a unit ray (fisheye).
@@ -69,17 +69,17 @@ pub(super) struct Rect {
 
 impl Rect {
     pub(super) fn tile_columns(&self) -> Range<usize> {
-        tiles(self.x0, self.x1)
+        tile_range(self.x0, self.x1)
     }
 
     #[cfg(feature = "gui")]
     pub(super) fn tile_rows(&self) -> Range<usize> {
-        tiles(self.y0, self.y1)
+        tile_range(self.y0, self.y1)
     }
 }
 
 /// Tiles that contain the pixels `lo..hi`.
-fn tiles(lo: u16, hi: u16) -> Range<usize> {
+fn tile_range(lo: u16, hi: u16) -> Range<usize> {
     lo as usize / TILE..(hi as usize).div_ceil(TILE)
 }
 
@@ -98,7 +98,7 @@ impl DepthEntry {
     }
 
     pub(super) fn tile_rows(&self) -> Range<usize> {
-        tiles(self.y0, self.y1)
+        tile_range(self.y0, self.y1)
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::lists::ViewLists;
 use super::longest_first::longest_first;
-use super::raster::{DrawRow, RowCanvas, Sheet};
+use super::raster::{DrawRow, RowCanvas, RowInputs};
 use super::view::CpuView;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
@@ -143,7 +143,7 @@ impl CpuRenderer {
         let (width, height) = (image.color.width, image.color.height);
         let n_rows = height.div_ceil(TILE);
         self.canvases.resize_with(n_rows, RowCanvas::default);
-        let sheet = Sheet {
+        let sheet = RowInputs {
             records: &self.lists.records,
             intrinsics: camera.intrinsics,
             method: options.method,
@@ -161,7 +161,7 @@ impl CpuRenderer {
         longest_first(tasks, |(row, (canvas, ((color, coverage), depth)))| {
             let (top, list) = (row * TILE, rows.get(row));
             isa.run(DrawRow { sheet, canvas: &mut *canvas, top, list });
-            canvas.write(&sheet, top, color, coverage, depth);
+            canvas.finish_pixels(&sheet, top, color, coverage, depth);
         });
     }
 }

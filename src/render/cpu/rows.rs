@@ -26,7 +26,7 @@ impl RowLists {
     /// Lists the records of the given ascending runs.
     pub(super) fn fill(&mut self, n_rows: usize, runs: &[Range<u32>], listings: &[DepthEntry]) {
         let n = runs.len().div_ceil(GROUPS * rayon::current_num_threads()).max(1);
-        self.rows.fill_by(n_rows, runs, n, |record| listings[record as usize].tile_rows());
+        self.rows.fill_parallel(n_rows, runs, n, |record| listings[record as usize].tile_rows());
     }
 
     pub(super) fn sort(&mut self, listings: &[DepthEntry]) {

@@ -6,7 +6,7 @@ use super::view::{CameraSplat, CpuView};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::render::options::Paint;
-use crate::render::paint::{MARK, ramp};
+use crate::render::paint::{MARKER_COLOR, ramp};
 use glam::{DMat3, DVec3};
 
 /// Colour gradient of one splat in camera axes, per world unit.
@@ -37,25 +37,25 @@ pub(super) fn color(
     placed: &CameraSplat,
     appearance: Option<&Appearance>,
 ) -> [f32; 3] {
-    match view.look.paint {
+    match view.style.paint {
         Paint::Stored => match appearance {
-            Some(appearance) => directed(view, splat, placed, appearance),
+            Some(appearance) => directional_color(view, splat, placed, appearance),
             None => splat.color.map(|channel| channel.max(0.0)),
         },
-        Paint::Depth(_) | Paint::Normal if splat.color == MARK => MARK,
+        Paint::Depth(_) | Paint::Normal if splat.color == MARKER_COLOR => MARKER_COLOR,
         Paint::Depth([near, far]) => ramp((placed.m.length() as f32 - near) / (far - near)),
-        Paint::Normal => normal(view, placed),
+        Paint::Normal => normal_color(view, placed),
     }
 }
 
 /// `clamp(c₀ + W·d, 0, 1)` with `d` the unit direction from the camera, limited to the observed cone.
-fn directed(
+fn directional_color(
     view: &CpuView,
     splat: &Splat,
     placed: &CameraSplat,
     appearance: &Appearance,
 ) -> [f32; 3] {
-    let d = appearance.observed.nearest(view.world_from_camera * placed.m.normalize());
+    let d = appearance.observed.clamp_direction(view.world_from_camera * placed.m.normalize());
     std::array::from_fn(|channel| {
         let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
         // Clamped here rather than in the fit, because the direction may differ from all training views.
@@ -64,7 +64,7 @@ fn directed(
 }
 
 /// `½ + ½·n` with `n` the world direction of the shortest axis, turned towards the camera.
-fn normal(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
+fn normal_color(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
     let [x, y, z] = placed.scale.to_array();
     let shortest = if x <= y && x <= z {
         0

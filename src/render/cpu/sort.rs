@@ -13,7 +13,7 @@ const DIGIT_BITS: u32 = 11;
 const N_DIGITS: usize = 1 << DIGIT_BITS;
 const N_PASSES: usize = 3;
 /// Shorter lists use a comparison sort: they have fewer items than a pass has counters.
-const MIN_COUNTED: usize = 1024;
+const MIN_RADIX_LENGTH: usize = 1024;
 
 /// Least-significant-digit radix sort with reusable buffers.
 #[derive(Default)]
@@ -29,7 +29,7 @@ impl DepthSorter {
         items.clear();
         let keyed = |&record: &u32| Keyed { key: depth(record).to_bits(), record };
         items.extend(records.iter().map(keyed));
-        if items.len() < MIN_COUNTED {
+        if items.len() < MIN_RADIX_LENGTH {
             items.sort_unstable_by_key(|item| (item.key, item.record));
         } else {
             // One loop counts the digits of all passes, because reordering leaves the counts unchanged.

@@ -9,7 +9,7 @@
 use super::lanes::exp2;
 use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
 use crate::math::camera::Intrinsics;
-use crate::math::simd::{EVERY_BIT, LANES, Vector};
+use crate::math::simd::{LANES, SET_LANE, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::constants::{ALPHA_CAP, TILE, TRANSMITTANCE_STOP};
 use crate::render::options::Lens;
@@ -22,9 +22,9 @@ pub(super) const GROUPS: usize = TILE / LANES;
 const MIN_NUMERATOR: f32 = 1e-20;
 
 /// Projection of the records, as a constant: the compiler generates one loop for each.
-pub(super) struct Form;
+pub(super) struct ProjectionForm;
 
-impl Form {
+impl ProjectionForm {
     /// `D² = N`.
     pub(super) const PROJECTED: u8 = 0;
     /// Offsets in pixels from the centre.
@@ -58,7 +58,7 @@ struct Response<V> {
     /// Position of the largest response on the ray, in units of the splat's depth or distance.
     tau: V,
     /// `τ·c − 1` with the ray's component `c` along the centre's direction.
-    beyond: V,
+    tau_minus_one: V,
     /// Offset `δ` from the splat's centre: pixels (pinhole) or direction cosines (fisheye).
     offset: [V; 2],
 }
@@ -77,12 +77,12 @@ impl Tile {
             rays: None,
             open_rows: 0,
         };
-        tile.begin([left, top], [columns, rows], u32::MAX);
+        tile.reset([left, top], [columns, rows], u32::MAX);
         tile
     }
 
     /// Resets the tile for another position. Rows without a bit in `mask` are skipped.
-    pub(super) fn begin(
+    pub(super) fn reset(
         &mut self,
         [left, top]: [usize; 2],
         [columns, rows]: [usize; 2],
@@ -93,7 +93,7 @@ impl Tile {
         for row in (0..TILE).filter(|row| self.open_rows & (1 << row) != 0) {
             for half in 0..GROUPS {
                 let group = row * GROUPS + half;
-                self.transmittance[group] = untouched(half * LANES, columns);
+                self.transmittance[group] = initial_transmittance(half * LANES, columns);
                 self.depth[group] = [0.0; LANES];
                 self.color.iter_mut().for_each(|plane| plane[group] = [0.0; LANES]);
             }
@@ -149,7 +149,8 @@ impl Tile {
             let index = index as usize;
             let splat = &all.records[index];
             let gradient = if SHADED { Some(&all.gradients[index]) } else { None };
-            let frame = if FORM == Form::FISHEYE { Some(&all.frames[index]) } else { None };
+            let frame =
+                if FORM == ProjectionForm::FISHEYE { Some(&all.frames[index]) } else { None };
             self.blend::<V, FORM>(splat, gradient, frame, min_front);
         }
     }
@@ -163,7 +164,7 @@ impl Tile {
         frame: Option<&TangentFrame>,
         min_front: f32,
     ) {
-        let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
+        let (rows, groups) = covered_rows_and_groups(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
         // Unrolled by hand: closures over vectors are not compiled for the selected instruction set.
         let x =
@@ -203,17 +204,17 @@ impl Tile {
     ) -> bool {
         let group = group % (TILE * GROUPS); // no-op that removes the bounds checks
         let transmittance = &mut self.transmittance[group];
-        let Some(passed) = pass(transmittance, splat, response.exponent) else { return false };
-        let Passed { weight, stopped, .. } = passed;
+        let Some(passed) = attenuate(transmittance, splat, response.exponent) else { return false };
+        let BlendStep { weight, stopped, .. } = passed;
         for channel in 0..3 {
             let value = match gradient {
-                Some(gradient) => shaded(splat.color[channel], gradient, channel, response),
+                Some(gradient) => gradient_color(splat.color[channel], gradient, channel, response),
                 None => V::splat(splat.color[channel]),
             };
             add(&mut self.color[channel][group], weight * value);
         }
         let depth = match FORM {
-            Form::PROJECTED => V::splat(splat.reach),
+            ProjectionForm::PROJECTED => V::splat(splat.reach),
             _ => V::splat(splat.reach) * response.tau,
         };
         add(&mut self.depth[group], weight * depth);
@@ -223,14 +224,14 @@ impl Tile {
 
 /// Initial transmittance of a group whose first pixel is in column `first`: 1 in the `columns` pixels of
 /// the image, negative beyond them.
-pub(super) fn untouched(first: usize, columns: usize) -> [f32; LANES] {
+pub(super) fn initial_transmittance(first: usize, columns: usize) -> [f32; LANES] {
     std::array::from_fn(|lane| if first + lane < columns { 1.0 } else { -1.0 })
 }
 
 /// Contribution of a splat to eight pixels.
-pub(super) struct Passed<V> {
+pub(super) struct BlendStep<V> {
     /// Alpha before the cap; 0 in a pixel where the splat is invisible.
-    pub free: V,
+    pub uncapped_alpha: V,
     /// Alpha times the transmittance in front.
     pub weight: V,
     /// True if the splat finished a pixel.
@@ -240,38 +241,38 @@ pub(super) struct Passed<V> {
 /// Attenuates eight pixels by one splat with `alpha = opacity · 2^exponent`. Shared by all loops over a
 /// tile, so that they blend the same splats. `None` if the splat is invisible in all eight.
 #[inline(always)]
-pub(super) fn pass<V: Vector>(
+pub(super) fn attenuate<V: Vector>(
     transmittance: &mut [f32; LANES],
     splat: &ConicRecord,
     exponent: V,
-) -> Option<Passed<V>> {
+) -> Option<BlendStep<V>> {
     let front = V::load(transmittance);
-    let visible = V::splat(splat.cut).mask_at_most(exponent);
+    let visible = V::splat(splat.min_exponent).mask_at_most(exponent);
     let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(front));
     // Most groups of a splat's rectangle lie outside its ellipse, and the exponential is expensive.
-    if hit.signs() == 0 {
+    if hit.sign_bits() == 0 {
         return None;
     }
     let mut free = (V::splat(splat.opacity) * exp2(exponent)).and(hit);
-    let mut weight = capped(free) * front;
+    let mut weight = cap_alpha(free) * front;
     let mut next = front - weight;
     let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
     // Lanes without a hit cannot be stopped.
-    let stopped = hit.signs() & !open.signs() & 0xFF;
+    let stopped = hit.sign_bits() & !open.sign_bits() & 0xFF;
     // This case is rare, so the common path avoids the selects. A stopped pixel's transmittance changes sign
     // but keeps its magnitude, which the coverage still needs.
     if stopped != 0 {
-        let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
+        let goes_on = V::select(hit, open, V::splat(SET_LANE));
         (free, weight) = (free.and(goes_on), weight.and(goes_on));
         next = V::select(goes_on, next, V::splat(0.0) - front);
     }
     next.store(transmittance);
-    Some(Passed { free, weight, stopped: stopped != 0 })
+    Some(BlendStep { uncapped_alpha: free, weight, stopped: stopped != 0 })
 }
 
 /// Alpha with its cap applied.
 #[inline(always)]
-pub(super) fn capped<V: Vector>(free: V) -> V {
+pub(super) fn cap_alpha<V: Vector>(free: V) -> V {
     free.min(V::splat(ALPHA_CAP as f32))
 }
 
@@ -283,7 +284,10 @@ pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
 
 /// Rows of a tile at pixel `(left, top)` that a rectangle covers, and the lane groups within these rows.
 #[inline(always)]
-pub(super) fn covered(rect: &Rect, [left, top]: [usize; 2]) -> (Range<usize>, Range<usize>) {
+pub(super) fn covered_rows_and_groups(
+    rect: &Rect,
+    [left, top]: [usize; 2],
+) -> (Range<usize>, Range<usize>) {
     let columns = span(rect.x0, rect.x1, left);
     (span(rect.y0, rect.y1, top), columns.start / LANES..columns.end.div_ceil(LANES))
 }
@@ -310,11 +314,11 @@ fn through_plane<V: Vector, const FORM: u8>(
     let numerator = numerator(splat, offset);
     let one = V::splat(1.0);
     match FORM {
-        Form::PROJECTED => {
+        ProjectionForm::PROJECTED => {
             let exponent = V::splat(0.0) - numerator;
-            Response { exponent, tau: one, beyond: V::splat(0.0), offset }
+            Response { exponent, tau: one, tau_minus_one: V::splat(0.0), offset }
         }
-        _ => respond(splat, offset, numerator, one, min_front),
+        _ => evaluate_response(splat, offset, numerator, one, min_front),
     }
 }
 
@@ -327,12 +331,12 @@ fn through_fisheye<V: Vector>(
     min_front: f32,
 ) -> Response<V> {
     let [to_x, to_y, ahead] = frame.rows;
-    let offset = [along(to_x, ray), along(to_y, ray)];
-    respond(splat, offset, numerator(splat, offset), along(ahead, ray), min_front)
+    let offset = [project_ray(to_x, ray), project_ray(to_y, ray)];
+    evaluate_response(splat, offset, numerator(splat, offset), project_ray(ahead, ray), min_front)
 }
 
 #[inline(always)]
-fn along<V: Vector>(axis: [f32; 3], ray: [V; 3]) -> V {
+fn project_ray<V: Vector>(axis: [f32; 3], ray: [V; 3]) -> V {
     ray[0] * V::splat(axis[0]) + ray[1] * V::splat(axis[1]) + ray[2] * V::splat(axis[2])
 }
 
@@ -344,7 +348,7 @@ fn numerator<V: Vector>(splat: &ConicRecord, [x, y]: [V; 2]) -> V {
 }
 
 #[inline(always)]
-fn respond<V: Vector>(
+fn evaluate_response<V: Vector>(
     splat: &ConicRecord,
     [x, y]: [V; 2],
     numerator: V,
@@ -361,7 +365,7 @@ fn respond<V: Vector>(
     Response {
         exponent: V::splat(0.0) - numerator * inverse,
         tau: front * inverse,
-        beyond: (front * (share - front) - across) * inverse,
+        tau_minus_one: (front * (share - front) - across) * inverse,
         offset: [x, y],
     }
 }
@@ -375,20 +379,25 @@ pub(super) fn offset_color<V: Vector>(
     offset: [V; 2],
 ) -> V {
     let [x, y] = gradient.across[channel];
-    changed(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
+    apply_color_change(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
 }
 
 /// One channel of the colour with its gradient (`rendering.md`, Native appearance).
 #[inline(always)]
-fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
+fn gradient_color<V: Vector>(
+    color: f32,
+    gradient: &Gradient,
+    channel: usize,
+    at: &Response<V>,
+) -> V {
     let [x, y] = gradient.across[channel];
     let across = at.tau * (V::splat(x) * at.offset[0] + V::splat(y) * at.offset[1]);
-    changed(color, V::splat(gradient.along[channel]) * at.beyond + across)
+    apply_color_change(color, V::splat(gradient.along[channel]) * at.tau_minus_one + across)
 }
 
 /// Colour at the centre plus its change by the gradient, limited and non-negative.
 #[inline(always)]
-fn changed<V: Vector>(color: f32, change: V) -> V {
+fn apply_color_change<V: Vector>(color: f32, change: V) -> V {
     let limit = GRADIENT_LIMIT as f32;
     // Away from its training points the gradient extrapolates; the model defines the limit.
     let change = change.max(V::splat(-limit)).min(V::splat(limit));

@@ -5,7 +5,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
 use crate::render::constants::{ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, REFERENCE_VARIANCE};
 use crate::render::options::{
-    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, SplatStyle,
+    Antialias, DisplayStyle, ExactOptions, Lens, RenderMethod, RenderOptions,
 };
 use glam::{DMat3, DVec2, DVec3};
 
@@ -23,7 +23,7 @@ pub(super) struct CpuView {
     pub tangent_hi: DVec2,
     pub near: f32,
     pub method: RenderMethod,
-    pub look: SplatStyle,
+    pub style: DisplayStyle,
 }
 
 /// Splat in camera axes.
@@ -55,12 +55,12 @@ impl CpuView {
             tangent_hi: (size - principal) / focal + margin,
             near: options.near.max(0.0) as f32,
             method: options.method,
-            look: options.look,
+            style: options.style,
         }
     }
 
     /// Transforms a splat to camera axes; `None` if it is faint, hidden or not beyond the near plane.
-    pub(super) fn place(&self, splat: &Splat) -> Option<CameraSplat> {
+    pub(super) fn to_camera(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let m = self.camera_from_world * (mean - self.centre);
@@ -71,13 +71,13 @@ impl CpuView {
         let opacity = f64::from(splat.opacity);
         // Splats hidden by the viewer, or below the alpha cut in every pixel, are dropped before
         // projection.
-        let faint = opacity < ALPHA_CUT || splat.opacity < self.look.opacity_cut;
+        let faint = opacity < ALPHA_CUT || splat.opacity < self.style.opacity_cut;
         // Compared in f32 as on the GPU, so that both treat a splat on the near plane alike.
         if depth as f32 <= self.near || faint {
             return None;
         }
-        let axes = self.camera_from_world * axes_of(splat.rotation);
-        Some(CameraSplat { m, axes, scale: self.look.scales(splat), opacity })
+        let axes = self.camera_from_world * rotation_matrix(splat.rotation);
+        Some(CameraSplat { m, axes, scale: self.style.display_scales(splat), opacity })
     }
 
     /// Clips to the image; `None` if nothing remains. Casts saturate: infinite bounds give the whole image.
@@ -101,7 +101,7 @@ impl CpuView {
 
 /// World directions of the three scales, in columns, for a rotation `w x y z` of any non-zero length. The
 /// squared length is divided out once, instead of normalising.
-fn axes_of(rotation: [f32; 4]) -> DMat3 {
+fn rotation_matrix(rotation: [f32; 4]) -> DMat3 {
     let [w, x, y, z] = rotation.map(f64::from);
     let double = 2.0 / (w * w + x * x + y * y + z * z);
     let (dx, dy, dz) = (double * x, double * y, double * z);
@@ -123,7 +123,11 @@ impl CameraSplat {
 
     /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing); `None` if it
     /// fades below the alpha cut.
-    pub(super) fn antialiased(mut self, exact: ExactOptions, k: &Intrinsics) -> Option<Self> {
+    pub(super) fn apply_antialiasing(
+        mut self,
+        exact: ExactOptions,
+        k: &Intrinsics,
+    ) -> Option<Self> {
         let variance = match exact.antialias {
             Antialias::None => return Some(self),
             Antialias::Footprint => FOOTPRINT_PX2 * self.m.length_squared() / (k.fx * k.fy),

@@ -4,7 +4,7 @@
 //! format names in too many ways for an exact match. Software and OpenGL adapters are allowed but produce a
 //! warning, since a silent fallback would appear as a slow program.
 
-use super::poll::ready;
+use super::poll::poll_once;
 use std::fmt;
 use std::path::Path;
 
@@ -46,7 +46,7 @@ impl fmt::Display for AdapterChoice {
 
 /// Description of an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AdapterFacts {
+pub struct AdapterInfo {
     /// Name of the device.
     pub name: String,
     /// Graphics API that drives it.
@@ -55,7 +55,7 @@ pub struct AdapterFacts {
     pub device_type: wgpu::DeviceType,
 }
 
-impl AdapterFacts {
+impl AdapterInfo {
     /// Describes a wgpu adapter.
     pub fn new(adapter: &wgpu::Adapter) -> Self {
         let info = adapter.get_info();
@@ -63,7 +63,7 @@ impl AdapterFacts {
     }
 
     /// Warning for a software or OpenGL adapter.
-    pub fn caveat(&self) -> Option<String> {
+    pub fn warning(&self) -> Option<String> {
         let what = if self.device_type == wgpu::DeviceType::Cpu {
             "runs on the CPU instead of a graphics card"
         } else if self.backend == wgpu::Backend::Gl {
@@ -75,7 +75,7 @@ impl AdapterFacts {
     }
 }
 
-impl fmt::Display for AdapterFacts {
+impl fmt::Display for AdapterInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.device_type {
             wgpu::DeviceType::DiscreteGpu => "discrete",
@@ -95,23 +95,23 @@ pub struct UnknownAdapter {
     /// The choice that matched nothing.
     pub choice: AdapterChoice,
     /// Available adapters.
-    pub there: Vec<AdapterFacts>,
+    pub there: Vec<AdapterInfo>,
 }
 
-pub(super) fn listed(adapters: &[AdapterFacts]) -> String {
-    let line = |(i, adapter): (usize, &AdapterFacts)| format!("{i}: {adapter}");
+pub(super) fn listed(adapters: &[AdapterInfo]) -> String {
+    let line = |(i, adapter): (usize, &AdapterInfo)| format!("{i}: {adapter}");
     let lines: Vec<String> = adapters.iter().enumerate().map(line).collect();
     if lines.is_empty() { "none".to_owned() } else { format!("[{}]", lines.join("; ")) }
 }
 
 /// True if this computer may have a graphics card, which Linux lists in `/dev`. Enumerating adapters instead
 /// would load all drivers, and the software driver brings a compiler of 50 MB.
-pub fn may_be_there() -> bool {
-    !cfg!(target_os = "linux") || shows_card(Path::new("/dev"))
+pub fn may_have_gpu() -> bool {
+    !cfg!(target_os = "linux") || has_gpu_device_file(Path::new("/dev"))
 }
 
 /// True if a device folder lists a graphics card of any vendor, or cannot be read.
-fn shows_card(devices: &Path) -> bool {
+fn has_gpu_device_file(devices: &Path) -> bool {
     const CARDS: [&str; 7] = ["dri", "nvidia", "dxg", "kgsl", "mali", "pvr", "kfd"];
     let Ok(entries) = std::fs::read_dir(devices) else { return true };
     let is_card = |name: &str| CARDS.iter().any(|card| name.starts_with(card));
@@ -120,8 +120,8 @@ fn shows_card(devices: &Path) -> bool {
 
 /// Adapters of this computer that can draw windows, in the order of
 /// [`AdapterChoice::Index`].
-pub fn list() -> Vec<AdapterFacts> {
-    enumerate().iter().map(AdapterFacts::new).collect()
+pub fn list() -> Vec<AdapterInfo> {
+    enumerate().iter().map(AdapterInfo::new).collect()
 }
 
 /// wgpu adapters in the order of [`list`].
@@ -135,16 +135,16 @@ pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     let backends = wgpu::Backends::from_env().unwrap_or(backends);
     let environment = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor { backends, ..environment });
-    ready(instance.enumerate_adapters(backends)).unwrap_or_default()
+    poll_once(instance.enumerate_adapters(backends)).unwrap_or_default()
 }
 
 /// Index of the chosen adapter; `None` leaves the choice to wgpu.
 pub fn choose(
     choice: &AdapterChoice,
-    adapters: &[AdapterFacts],
+    adapters: &[AdapterInfo],
 ) -> Result<Option<usize>, UnknownAdapter> {
     let is_named =
-        |a: &AdapterFacts, name: &str| a.to_string().to_lowercase().contains(&name.to_lowercase());
+        |a: &AdapterInfo, name: &str| a.to_string().to_lowercase().contains(&name.to_lowercase());
     let found = match choice {
         // Only wgpu knows which adapter can present to the window's surface.
         AdapterChoice::Auto => return Ok(None),
@@ -162,8 +162,8 @@ pub fn choose(
 mod tests {
     use super::*;
 
-    fn there() -> Vec<AdapterFacts> {
-        let facts = |name: &str, backend, device_type| AdapterFacts {
+    fn there() -> Vec<AdapterInfo> {
+        let facts = |name: &str, backend, device_type| AdapterInfo {
             name: name.to_owned(),
             backend,
             device_type,
@@ -199,15 +199,18 @@ mod tests {
     fn a_card_shows_in_the_folder_of_devices() {
         let devices = tempfile::tempdir().unwrap();
         std::fs::write(devices.path().join("null"), "").unwrap();
-        assert!(!shows_card(devices.path()));
+        assert!(!has_gpu_device_file(devices.path()));
         std::fs::write(devices.path().join("nvidia0"), "").unwrap();
-        assert!(shows_card(devices.path()));
-        assert!(shows_card(&devices.path().join("none")), "an unreadable folder counts as a card");
+        assert!(has_gpu_device_file(devices.path()));
+        assert!(
+            has_gpu_device_file(&devices.path().join("none")),
+            "an unreadable folder counts as a card"
+        );
     }
 
     #[test]
     fn only_software_and_opengl_are_worth_a_word() {
-        let worth: Vec<bool> = there().iter().map(|a| a.caveat().is_some()).collect();
+        let worth: Vec<bool> = there().iter().map(|a| a.warning().is_some()).collect();
         assert_eq!(worth, [false, true, true]);
     }
 }

@@ -1,7 +1,7 @@
 //! Allocations whose out-of-memory errors may arrive later.
 
 use super::error::GpuError;
-use super::poll::ready;
+use super::poll::poll_once;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -11,8 +11,8 @@ type Answer = Pin<Box<dyn Future<Output = Option<wgpu::Error>> + Send>>;
 /// Outcome of an allocation.
 pub(super) struct Allocation {
     /// `None` once the driver has responded.
-    answer: Option<Answer>,
-    refused: GpuError,
+    pending_error: Option<Answer>,
+    out_of_memory_error: GpuError,
 }
 
 impl Allocation {
@@ -26,7 +26,8 @@ impl Allocation {
         // A separate error scope delivers the error here rather than to the fault handler.
         let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let made = allocate();
-        let mut allocation = Self { answer: Some(Box::pin(scope.pop())), refused };
+        let mut allocation =
+            Self { pending_error: Some(Box::pin(scope.pop())), out_of_memory_error: refused };
         // Native backends respond immediately; then nothing is built on an invalid buffer.
         allocation.check()?;
         Ok((made, allocation))
@@ -34,16 +35,16 @@ impl Allocation {
 
     /// Returns the error once if the driver has reported one since the last check.
     pub(super) fn check(&mut self) -> Result<(), GpuError> {
-        let Some(said) = self.answer.as_mut().and_then(ready) else { return Ok(()) };
+        let Some(said) = self.pending_error.as_mut().and_then(poll_once) else { return Ok(()) };
         // Reported once; later frames continue with the existing buffers.
-        self.answer = None;
-        said.map_or(Ok(()), |_| Err(self.refused.clone()))
+        self.pending_error = None;
+        said.map_or(Ok(()), |_| Err(self.out_of_memory_error.clone()))
     }
 }
 
 impl fmt::Debug for Allocation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Allocation").field("is_pending", &self.answer.is_some()).finish()
+        f.debug_struct("Allocation").field("is_pending", &self.pending_error.is_some()).finish()
     }
 }
 
@@ -59,10 +60,10 @@ mod tests {
         let told = answer.clone();
         let refused = GpuError::OutOfMemory { n_splats: 7, mib: 3 };
         let mut allocation = Allocation {
-            answer: Some(Box::pin(std::future::poll_fn(move |_| {
+            pending_error: Some(Box::pin(std::future::poll_fn(move |_| {
                 told.lock().unwrap().take().map_or(Poll::Pending, Poll::Ready)
             }))),
-            refused: refused.clone(),
+            out_of_memory_error: refused.clone(),
         };
         assert_eq!(allocation.check(), Ok(()));
         *answer.lock().unwrap() =

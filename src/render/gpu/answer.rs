@@ -5,14 +5,14 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 /// Timeout after which the GPU counts as lost.
-const PATIENCE: Duration = Duration::from_secs(30);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Waits for a submission and maps buffers. Returns the first `bytes` bytes of `readback` and maps all
 /// `uploads` completely for writing.
 ///
 /// # Errors
 /// Message from wgpu or the driver.
-pub(super) fn answer_of<'a>(
+pub(super) fn wait_for_result<'a>(
     device: &wgpu::Device,
     faults: &GpuFaults,
     submission: wgpu::SubmissionIndex,
@@ -26,7 +26,7 @@ pub(super) fn answer_of<'a>(
 }
 
 /// Releases a mapped result and unmaps its readback buffer.
-pub(super) fn forget(answer: &mut Option<wgpu::BufferView>, readback: &wgpu::Buffer) {
+pub(super) fn release_result(answer: &mut Option<wgpu::BufferView>, readback: &wgpu::Buffer) {
     // The view is dropped first, because a buffer with a live view cannot be unmapped.
     if answer.take().is_some() {
         readback.unmap();
@@ -49,13 +49,13 @@ fn wait_mapped(
         });
     }
     let patiently =
-        wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
+        wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
     device.poll(patiently).map_err(|error| error.to_string())?;
     // All callbacks have run by now, or never will.
     for result in receiver.try_iter() {
         result.map_err(|error| error.to_string())?;
     }
-    match faults.take().into_iter().next() {
+    match faults.take_new().into_iter().next() {
         Some(fault) => Err(fault.message),
         None => Ok(()),
     }

@@ -49,17 +49,17 @@ impl Chooser {
 
     /// Starts measuring, with quads first.
     pub(super) fn measuring() -> Self {
-        Self { state: trying(DrawPath::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
+        Self { state: trial_state(DrawPath::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
     }
 
-    pub(super) fn is_free(&self) -> bool {
+    pub(super) fn is_measured(&self) -> bool {
         !matches!(self.state, State::Fixed(_))
     }
 
     /// Selects quads because tiles cannot draw the current load. A free choice is repeated when the load
     /// changes.
     pub(super) fn rule_out_tiles(&mut self) {
-        self.state = if self.is_free() {
+        self.state = if self.is_measured() {
             State::Chosen(DrawPath::Quads)
         } else {
             State::Fixed(DrawPath::Quads)
@@ -74,17 +74,17 @@ impl Chooser {
     }
 
     /// Restarts the measurement if the load differs greatly from that of the last choice.
-    pub(super) fn note(&mut self, load: Load) {
+    pub(super) fn update_load(&mut self, load: Load) {
         let is_new = differs(load.n_splats, self.load.n_splats, MANY_SPLATS)
             || differs(load.n_pixels, self.load.n_pixels, MANY_PIXELS);
-        if is_new && self.is_free() {
-            self.state = trying(DrawPath::Quads, None);
+        if is_new && self.is_measured() {
+            self.state = trial_state(DrawPath::Quads, None);
             self.load = load;
         }
     }
 
     /// Records the time of an image in milliseconds; the image may be a few frames old.
-    pub(super) fn measured(&mut self, path: DrawPath, total: f64) {
+    pub(super) fn record_time(&mut self, path: DrawPath, total: f64) {
         let State::Trying { path: tried, milliseconds, quads } = &mut self.state else { return };
         // Results arrive some frames late, so the first ones may belong to the other path.
         if path != *tried {
@@ -99,14 +99,14 @@ impl Chooser {
         kept.sort_by(f64::total_cmp);
         let median = kept[kept.len() / 2];
         self.state = match *quads {
-            None => trying(DrawPath::Tiles, Some(median)),
+            None => trial_state(DrawPath::Tiles, Some(median)),
             Some(quads) if quads <= median => State::Chosen(DrawPath::Quads),
             Some(_) => State::Chosen(DrawPath::Tiles),
         };
     }
 }
 
-fn trying(path: DrawPath, quads: Option<f64>) -> State {
+fn trial_state(path: DrawPath, quads: Option<f64>) -> State {
     State::Trying { path, milliseconds: Vec::with_capacity(N_TRIALS), quads }
 }
 
@@ -125,11 +125,11 @@ mod tests {
     fn settle(chooser: &mut Chooser, load: Load, quads: f64, tiles: f64) -> DrawPath {
         let mut under_way = Vec::new();
         for _ in 0..4 * N_TRIALS {
-            chooser.note(load);
+            chooser.update_load(load);
             under_way.push(chooser.path());
             if under_way.len() > 2 {
                 let path = under_way.remove(0);
-                chooser.measured(path, if path == DrawPath::Quads { quads } else { tiles });
+                chooser.record_time(path, if path == DrawPath::Quads { quads } else { tiles });
             }
         }
         chooser.path()
@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn slow_first_images_do_not_count() {
         let mut chooser = Chooser::measuring();
-        chooser.note(LOAD);
+        chooser.update_load(LOAD);
         for path in [DrawPath::Quads, DrawPath::Tiles] {
             for i in 0..N_TRIALS {
                 let total = match (path, i < N_IGNORED) {
@@ -177,7 +177,7 @@ mod tests {
                     (DrawPath::Tiles, true) => 100.0,
                     (DrawPath::Tiles, false) => 1.0,
                 };
-                chooser.measured(path, total);
+                chooser.record_time(path, total);
             }
         }
         assert_eq!(chooser.path(), DrawPath::Tiles);

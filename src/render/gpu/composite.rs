@@ -12,7 +12,7 @@ use crate::render::finish::Finish;
 
 /// Second image of a comparison.
 #[derive(Clone, Copy, Debug)]
-pub struct Second<'a> {
+pub struct SecondImage<'a> {
     /// View of another [`SplatTarget`] or of a [`super::photo::PhotoTexture`].
     pub view: &'a wgpu::TextureView,
     /// Finishing of its pixels; [`Finish::NONE`] for a photograph.
@@ -75,7 +75,7 @@ impl Compositor {
         queue: &wgpu::Queue,
         image: &SplatTarget,
         background: [f32; 3],
-        second: Option<Second<'_>>,
+        second: Option<SecondImage<'_>>,
     ) {
         let uniforms = uniforms(background, image.finish(), second);
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
@@ -113,7 +113,7 @@ impl Compositor {
     }
 }
 
-fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) -> Composite {
+fn uniforms(background: [f32; 3], finish: Finish, second: Option<SecondImage<'_>>) -> Composite {
     let area = second.map_or(Area::FULL, |second| second.area);
     let (mode, amount) = match second.map(|second| second.how) {
         None => (COMPARE_NOTHING, 0.0),
@@ -148,5 +148,5 @@ fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderP
         topology: wgpu::PrimitiveTopology::TriangleList,
         target: format.into(),
     }
-    .made(device)
+    .create(device)
 }

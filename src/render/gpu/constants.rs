@@ -4,16 +4,16 @@
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::MAX_TILE_POINTS;
-use crate::model::scene::points_device::{NO_SEED, OPEN};
+use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, NO_SEED};
 use crate::model::scene::state::QUANTUM;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, TERM_FACTORS};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
-use crate::render::compare::OUTSIDE;
-use crate::render::cpu::photometric::{MIN_WEIGHT, N_IMAGE_SUMS, SEEN};
-use crate::render::paint::{MARK, RAMP};
+use crate::render::compare::OUTSIDE_BRIGHTNESS;
+use crate::render::cpu::photometric::{MIN_COUNTED_COVERAGE, MIN_WEIGHT, N_IMAGE_SUMS};
+use crate::render::paint::{MARKER_COLOR, RAMP};
 use crate::render::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, FLATTEST, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, POINT_SCALE,
-    REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO,
+    POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
 };
 use std::fmt::Write;
 
@@ -106,7 +106,7 @@ const WORDS: [(&str, u32); 33] = [
     ("TILE_POINTS", MAX_TILE_POINTS as u32),
     ("RECORD_WORDS", RECORD_WORDS as u32),
     ("NO_SEED", NO_SEED),
-    ("OPEN", OPEN),
+    ("OPEN", LEFT_TO_PROCESSOR),
     ("N_SUMS", N_SUMS as u32),
     ("SUM_GROUP", SUM_GROUP),
 ];
@@ -120,11 +120,11 @@ const NUMBERS: [(&str, f32); 15] = [
     ("FOOTPRINT", FOOTPRINT_PX2 as f32),
     ("REFERENCE_VARIANCE", REFERENCE_VARIANCE as f32),
     ("SCALE_FLOOR", SCALE_FLOOR as f32),
-    ("FLATTEST", FLATTEST as f32),
+    ("FLATTEST", MAX_SCALE_FLOOR_RATIO as f32),
     ("POINT_SCALE", POINT_SCALE as f32),
     ("GRADIENT_LIMIT", GRADIENT_LIMIT as f32),
-    ("OUTSIDE", OUTSIDE),
-    ("SEEN", SEEN),
+    ("OUTSIDE", OUTSIDE_BRIGHTNESS),
+    ("SEEN", MIN_COUNTED_COVERAGE),
     ("MIN_WEIGHT", MIN_WEIGHT),
     ("MAX_OFFSET", MAX_OFFSET),
     ("QUANTA", (1.0 / QUANTUM) as f32),
@@ -141,7 +141,7 @@ pub fn with_constants(shader: &str) -> String {
     for (name, value) in NUMBERS {
         let _ = writeln!(text, "const {name}: f32 = {value:?}f;");
     }
-    let [r, g, b] = MARK;
+    let [r, g, b] = MARKER_COLOR;
     let _ = writeln!(text, "const MARK = vec3<f32>({r:?}f, {g:?}f, {b:?}f);");
     let _ = writeln!(text, "const RAMP = array<vec3<f32>, {}>(", RAMP.len());
     for [r, g, b] in RAMP {

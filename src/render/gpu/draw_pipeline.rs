@@ -12,7 +12,7 @@ pub(super) struct DrawPipeline<'a> {
 }
 
 impl DrawPipeline<'_> {
-    pub(super) fn made(&self, device: &wgpu::Device) -> wgpu::RenderPipeline {
+    pub(super) fn create(&self, device: &wgpu::Device) -> wgpu::RenderPipeline {
         let Self { label, module, entries: [vertex, fragment], buffers, topology, target } = self;
         device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),

@@ -152,6 +152,6 @@ pub enum GpuError {
 }
 
 /// Wraps the message of a failed pass over a frame.
-pub(super) fn no_pass(reason: String) -> GpuError {
+pub(super) fn pass_failed(reason: String) -> GpuError {
     GpuError::NoPass { reason }
 }

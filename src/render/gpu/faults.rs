@@ -26,7 +26,7 @@ pub struct GpuFault {
     /// Message from wgpu or the driver.
     pub message: String,
     /// Number of occurrences when it was taken.
-    pub n_seen: u64,
+    pub n_occurrences: u64,
 }
 
 /// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats every
@@ -60,7 +60,7 @@ impl GpuFaults {
     }
 
     /// New faults since the last call, oldest first.
-    pub fn take(&self) -> Vec<GpuFault> {
+    pub fn take_new(&self) -> Vec<GpuFault> {
         let mut log = self.lock();
         let fresh = log.faults[log.n_taken..].to_vec();
         log.n_taken = log.faults.len();
@@ -79,10 +79,10 @@ impl GpuFaults {
         // A fault in every frame would flood log and window with one message.
         if let Some(known) = log.faults.iter_mut().find(|f| f.kind == kind && f.message == message)
         {
-            known.n_seen += 1;
+            known.n_occurrences += 1;
         } else if log.faults.len() < MAX_FAULTS {
             tracing::error!(?kind, "GPU: {message}");
-            log.faults.push(GpuFault { kind, message, n_seen: 1 });
+            log.faults.push(GpuFault { kind, message, n_occurrences: 1 });
         }
     }
 
@@ -103,15 +103,15 @@ mod tests {
             faults.record(FaultKind::Validation, "bad bind group".into());
         }
         faults.record(FaultKind::Internal, "bad bind group".into());
-        let taken = faults.take();
-        assert_eq!(taken.iter().map(|f| f.n_seen).collect::<Vec<_>>(), [3, 1]);
+        let taken = faults.take_new();
+        assert_eq!(taken.iter().map(|f| f.n_occurrences).collect::<Vec<_>>(), [3, 1]);
         faults.record(FaultKind::Validation, "bad bind group".into());
-        assert!(faults.take().is_empty() && !faults.is_lost());
+        assert!(faults.take_new().is_empty() && !faults.is_lost());
 
         for i in 0..100 {
             faults.record(FaultKind::Internal, format!("{i}"));
         }
-        assert_eq!(faults.take().len(), MAX_FAULTS - 2);
+        assert_eq!(faults.take_new().len(), MAX_FAULTS - 2);
         faults.record(FaultKind::DeviceLost, "gone".into());
         assert!(faults.is_lost(), "a full log still records the loss");
     }

@@ -2,21 +2,21 @@
 
 use super::context::max_buffer_bytes;
 use super::error::GpuError;
-use super::poll::ready;
+use super::poll::poll_once;
 use wgpu::BufferUsages as Usage;
 
 const MIB: u64 = 1 << 20;
 /// Initial size in bytes; a binding cannot be empty.
-const SMALLEST: u64 = 256;
+const INITIAL_BYTES: u64 = 256;
 
 /// Shader input, filled by copies.
 pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
 /// Shader output, source of copies.
 pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
 /// Staging buffer for uploads.
-pub(super) const WAY_IN: Usage = Usage::MAP_WRITE.union(Usage::COPY_SRC);
+pub(super) const UPLOAD_STAGING: Usage = Usage::MAP_WRITE.union(Usage::COPY_SRC);
 /// Staging buffer for readbacks.
-pub(super) const WAY_OUT: Usage = Usage::MAP_READ.union(Usage::COPY_DST);
+pub(super) const READBACK_STAGING: Usage = Usage::MAP_READ.union(Usage::COPY_DST);
 
 /// Numbered buffers, each as large as the largest size requested so far.
 #[derive(Debug)]
@@ -30,7 +30,7 @@ impl GrowingBuffers {
         buffers: impl IntoIterator<Item = (&'static str, Usage)>,
     ) -> Self {
         let new = |(label, usage)| GrowingBuffer {
-            buffer: made(device, label, usage, SMALLEST),
+            buffer: create_buffer(device, label, usage, INITIAL_BYTES),
             label,
             usage,
         };
@@ -46,13 +46,13 @@ impl GrowingBuffers {
     ///
     /// # Errors
     /// [`GrowthError`]; the buffer is unchanged then.
-    pub(super) fn make_room(
+    pub(super) fn ensure_capacity(
         &mut self,
         device: &wgpu::Device,
         number: usize,
         needed: u64,
     ) -> Result<bool, GrowthError> {
-        self.0[number].make_room(device, needed)
+        self.0[number].ensure_capacity(device, needed)
     }
 
     /// Resizes several buffers, given by number and bytes, for a pass over a frame. Returns true if any was
@@ -60,7 +60,7 @@ impl GrowingBuffers {
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
-    pub(super) fn make_room_for_pass(
+    pub(super) fn ensure_pass_capacity(
         &mut self,
         device: &wgpu::Device,
         needed: impl IntoIterator<Item = (usize, u64)>,
@@ -68,12 +68,13 @@ impl GrowingBuffers {
         let mut is_lost = false;
         for (number, bytes) in needed {
             let what = self.0[number].label;
-            is_lost |= self.make_room(device, number, bytes).map_err(|error| match error {
-                GrowthError::TooLarge { needed_mib, limit_mib } => {
-                    GpuError::PassTooLarge { what, needed_mib, limit_mib }
-                }
-                GrowthError::Refused { mib } => GpuError::NoMemoryForPass { what, mib },
-            })?;
+            is_lost |=
+                self.ensure_capacity(device, number, bytes).map_err(|error| match error {
+                    GrowthError::TooLarge { needed_mib, limit_mib } => {
+                        GpuError::PassTooLarge { what, needed_mib, limit_mib }
+                    }
+                    GrowthError::Refused { mib } => GpuError::NoMemoryForPass { what, mib },
+                })?;
         }
         Ok(is_lost)
     }
@@ -96,7 +97,7 @@ pub(super) enum GrowthError {
 }
 
 impl GrowingBuffer {
-    fn make_room(&mut self, device: &wgpu::Device, needed: u64) -> Result<bool, GrowthError> {
+    fn ensure_capacity(&mut self, device: &wgpu::Device, needed: u64) -> Result<bool, GrowthError> {
         let limits = device.limits();
         let is_bound = self.usage.contains(Usage::STORAGE);
         let most = if is_bound { max_buffer_bytes(&limits) } else { limits.max_buffer_size };
@@ -108,24 +109,28 @@ impl GrowingBuffer {
         if is_small {
             // Larger than needed, because scenes grow frame by frame.
             let bytes = (needed + needed / 2).min(most) / 4 * 4;
-            self.buffer = self.refusable(device, bytes)?;
+            self.buffer = self.create_checked(device, bytes)?;
         }
         Ok(is_small)
     }
 
     /// Creates a buffer. A separate error scope delivers an out-of-memory error here rather than to the fault
     /// handler; an error that arrives later still goes to that handler.
-    fn refusable(&self, device: &wgpu::Device, bytes: u64) -> Result<wgpu::Buffer, GrowthError> {
+    fn create_checked(
+        &self,
+        device: &wgpu::Device,
+        bytes: u64,
+    ) -> Result<wgpu::Buffer, GrowthError> {
         let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let buffer = made(device, self.label, self.usage, bytes);
-        match ready(scope.pop()).flatten() {
+        let buffer = create_buffer(device, self.label, self.usage, bytes);
+        match poll_once(scope.pop()).flatten() {
             None => Ok(buffer),
             Some(_) => Err(GrowthError::Refused { mib: bytes.div_ceil(MIB) }),
         }
     }
 }
 
-fn made(device: &wgpu::Device, label: &str, usage: Usage, size: u64) -> wgpu::Buffer {
+fn create_buffer(device: &wgpu::Device, label: &str, usage: Usage, size: u64) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
         size,

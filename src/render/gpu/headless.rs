@@ -1,17 +1,17 @@
 //! GPU device without a window, for benchmarks, training and rendering without a display.
 
-use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
+use super::adapters::{self, AdapterChoice, AdapterInfo, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
 use super::error::GpuError;
 use super::faults::GpuFaults;
 use super::mixture::GpuMixture;
 use super::photometric::GpuComparer;
 use super::points::GpuPoints;
-use super::poll::ready;
+use super::poll::poll_once;
 use std::time::Duration;
 
 /// Timeout after which the GPU counts as lost.
-const PATIENCE: Duration = Duration::from_secs(30);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Failure to open or use a headless device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -68,7 +68,7 @@ impl HeadlessGpu {
         let adapter = choose(choice)?;
         let name = adapter.get_info().name;
         let refused = |reason: String| HeadlessError::Refused { adapter: name.clone(), reason };
-        let (device, queue) = ready(adapter.request_device(&device_descriptor(&adapter)))
+        let (device, queue) = poll_once(adapter.request_device(&device_descriptor(&adapter)))
             .ok_or_else(|| refused("no response".to_owned()))?
             .map_err(|e| refused(e.to_string()))?;
         let faults = GpuFaults::default();
@@ -101,9 +101,10 @@ impl HeadlessGpu {
         let failed =
             |reason: String| HeadlessError::Failed { adapter: self.caps.adapter.clone(), reason };
         // A lost or hung device never responds; a benchmark must then end with a message.
-        let patiently = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
+        let patiently =
+            wgpu::PollType::Wait { submission_index: None, timeout: Some(WAIT_TIMEOUT) };
         self.device.poll(patiently).map_err(|e| failed(e.to_string()))?;
-        match self.faults.take().into_iter().next() {
+        match self.faults.take_new().into_iter().next() {
             Some(fault) => Err(failed(fault.message)),
             None => Ok(()),
         }
@@ -116,7 +117,7 @@ fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
         AdapterChoice::Auto => adapters::enumerate_in(wgpu::Backends::PRIMARY),
         _ => adapters::enumerate(),
     };
-    let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
+    let facts: Vec<AdapterInfo> = adapters.iter().map(AdapterInfo::new).collect();
     let position = match adapters::choose(choice, &facts)? {
         Some(position) => position,
         None => fastest(&facts)
@@ -126,8 +127,8 @@ fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
 }
 
 /// Index of the first adapter of the most capable kind, excluding software and OpenGL.
-fn fastest(adapters: &[AdapterFacts]) -> Option<usize> {
-    let rank = |adapter: &AdapterFacts| match adapter.device_type {
+fn fastest(adapters: &[AdapterInfo]) -> Option<usize> {
+    let rank = |adapter: &AdapterInfo| match adapter.device_type {
         wgpu::DeviceType::DiscreteGpu => Some(0),
         wgpu::DeviceType::IntegratedGpu => Some(1),
         wgpu::DeviceType::VirtualGpu => Some(2),
@@ -148,8 +149,7 @@ mod tests {
 
     #[test]
     fn left_to_itself_it_takes_the_most_capable_hardware() {
-        let facts =
-            |backend, device_type| AdapterFacts { name: "any".into(), backend, device_type };
+        let facts = |backend, device_type| AdapterInfo { name: "any".into(), backend, device_type };
         let (vulkan, gl) = (wgpu::Backend::Vulkan, wgpu::Backend::Gl);
         let software = facts(vulkan, wgpu::DeviceType::Cpu);
         let integrated = facts(vulkan, wgpu::DeviceType::IntegratedGpu);

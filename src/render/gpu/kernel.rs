@@ -8,7 +8,7 @@ pub(super) struct ComputeKernel(wgpu::ComputePipeline);
 
 /// Kernel with bound buffers, to be dispatched repeatedly.
 #[derive(Clone, Debug)]
-pub(super) struct Bound {
+pub(super) struct BoundKernel {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
 }
@@ -52,7 +52,7 @@ impl ComputeKernel {
         &self,
         device: &wgpu::Device,
         resources: &[(u32, wgpu::BindingResource<'_>)],
-    ) -> Bound {
+    ) -> BoundKernel {
         let entries: Vec<_> = resources
             .iter()
             .map(|(binding, resource)| wgpu::BindGroupEntry {
@@ -65,11 +65,11 @@ impl ComputeKernel {
             layout: &self.0.get_bind_group_layout(0),
             entries: &entries,
         });
-        Bound { pipeline: self.0.clone(), bindings }
+        BoundKernel { pipeline: self.0.clone(), bindings }
     }
 }
 
-impl Bound {
+impl BoundKernel {
     pub(super) fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, grid: Grid) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);

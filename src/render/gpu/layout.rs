@@ -205,7 +205,7 @@ impl GpuView {
             RenderMethod::Projected(Support::Alpha) => (RENDERER_PROJECTED, 0),
             RenderMethod::Exact(exact) => (RENDERER_EXACT, exact.antialias as u32),
         };
-        let (paint, depth_range) = match options.look.paint {
+        let (paint, depth_range) = match options.style.paint {
             Paint::Stored => (PAINT_STORED, [0.0, 1.0]),
             Paint::Depth(ends) => (PAINT_DEPTH, ends),
             Paint::Normal => (PAINT_NORMAL, [0.0, 1.0]),
@@ -217,9 +217,9 @@ impl GpuView {
             // WGSL implementations may assume that infinities do not occur.
             extent_cap: extent_cap.min(f32::MAX),
             forward: axes.z_axis.as_vec3().to_array(),
-            scale: options.look.scale,
+            scale: options.style.scale,
             centre: centre.as_vec3().to_array(),
-            opacity_cut: options.look.opacity_cut,
+            opacity_cut: options.style.opacity_cut,
             // Two f32 hold the camera centre to about f64 precision. Subtracted in turn from a mean, they
             // preserve precision far from the origin.
             centre_rest: (centre - centre.as_vec3().as_dvec3()).as_vec3().to_array(),

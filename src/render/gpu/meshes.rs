@@ -111,7 +111,7 @@ impl MeshPainter {
                 wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL };
             let topology = wgpu::PrimitiveTopology::TriangleList;
             DrawPipeline { label: "meshes", module: &module, entries, buffers, topology, target }
-                .made(device)
+                .create(device)
         };
         let corners = [Some(wgpu::VertexBufferLayout {
             array_stride: size_of::<MeshVertex>() as u64,

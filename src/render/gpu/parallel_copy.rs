@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use wgpu::WriteOnly;
 
 /// Bytes per piece.
-const COPIED: usize = 1 << 14;
+const PIECE_BYTES: usize = 1 << 14;
 
 /// Minimum number of pieces per task: waking a thread takes about as long as copying a few.
 const TASK: usize = 8;
@@ -30,10 +30,10 @@ pub(super) fn copy_pieces<'a>(
 /// Copies every `from` to its `to` of equal length, on all threads.
 pub(super) fn copy_all<'a, 'b>(copies: impl Iterator<Item = (WriteOnly<'a, [u8]>, &'b [u8])>) {
     // Fixed-size pieces, because only those can be sent to other threads.
-    let mut pieces: Vec<(WriteOnly<'_, [u8; COPIED]>, &[u8; COPIED])> = Vec::new();
+    let mut pieces: Vec<(WriteOnly<'_, [u8; PIECE_BYTES]>, &[u8; PIECE_BYTES])> = Vec::new();
     for (to, from) in copies {
-        let (to, mut end) = to.into_chunks::<COPIED>();
-        let (from, left) = from.as_chunks::<COPIED>();
+        let (to, mut end) = to.into_chunks::<PIECE_BYTES>();
+        let (from, left) = from.as_chunks::<PIECE_BYTES>();
         pieces.extend(to.into_iter().zip(from));
         end.copy_from_slice(left);
     }

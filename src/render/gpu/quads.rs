@@ -3,7 +3,7 @@
 use super::constants::module;
 use super::draw_pipeline::DrawPipeline;
 use super::layout::shader;
-use super::scene::{GpuScene, OrderOf};
+use super::scene::{ComparedImage, GpuScene};
 use super::target;
 
 /// Pipelines for drawing a scene into one attachment of the splat image's format.
@@ -31,7 +31,7 @@ impl QuadPath {
         pass: &mut wgpu::RenderPass<'_>,
         view: &wgpu::Buffer,
         scene: &GpuScene,
-        of: OrderOf,
+        of: ComparedImage,
     ) {
         let buffers = [view, scene.splat_buffer(), scene.order_buffer(of)];
         let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
@@ -74,5 +74,5 @@ fn pipeline(
         write_mask: wgpu::ColorWrites::ALL,
     };
     let topology = wgpu::PrimitiveTopology::TriangleStrip;
-    DrawPipeline { label: "quads", module, entries, buffers: &[], topology, target }.made(device)
+    DrawPipeline { label: "quads", module, entries, buffers: &[], topology, target }.create(device)
 }

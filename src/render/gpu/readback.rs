@@ -12,23 +12,23 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 /// Timeout after which the GPU counts as lost.
-const PATIENCE: Duration = Duration::from_secs(30);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Premultiplied, sRGB-encoded colour and coverage after finishing, without background.
-pub fn premultiplied(
+pub fn read_premultiplied(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
     image: &SplatTarget,
 ) -> Result<Image<[f32; 4]>, GpuError> {
     let (width, height) = image.size();
-    let halves = texels::<[u16; 4]>(device, queue, image.texture(), width, height)?;
+    let halves = read_texels::<[u16; 4]>(device, queue, image.texture(), width, height)?;
     let finish = image.finish();
     Ok(halves.map(|texel| finish.apply(texel.map(f32_from_f16))))
 }
 
 /// Bytes as displayed: `image` over an sRGB-encoded background, opaque RGBA. `format` is
 /// `Rgba8Unorm` or `Rgba8UnormSrgb`; both give the same bytes.
-pub fn composited(
+pub fn read_composited(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
     image: &SplatTarget,
@@ -63,11 +63,11 @@ pub fn composited(
     compositor.draw(&mut pass);
     drop(pass);
     queue.submit([encoder.finish()]);
-    texels(device, queue, &screen, width, height)
+    read_texels(device, queue, &screen, width, height)
 }
 
 /// Reads the upper left `width` by `height` texels, each a `T`.
-fn texels<T: bytemuck::AnyBitPattern>(
+fn read_texels<T: bytemuck::AnyBitPattern>(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
     texture: &wgpu::Texture,
@@ -125,7 +125,10 @@ fn wait_for(
         let _ = sender.send(result);
     });
     device
-        .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) })
+        .poll(wgpu::PollType::Wait {
+            submission_index: Some(submission),
+            timeout: Some(WAIT_TIMEOUT),
+        })
         .map_err(|error| error.to_string())?;
     // The callback has run by now, or never will.
     match receiver.try_recv() {

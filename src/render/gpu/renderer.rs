@@ -9,7 +9,7 @@ use super::error::GpuError;
 use super::layout::GpuView;
 use super::path::{DrawPath, GpuTimes};
 use super::quads::QuadPath;
-use super::scene::{GpuScene, OrderOf};
+use super::scene::{ComparedImage, GpuScene};
 use super::target::SplatTarget;
 use super::timer::{GpuStage, StageTimer};
 use crate::math::camera::Camera;
@@ -19,7 +19,7 @@ use crate::render::options::RenderOptions;
 /// Draws scenes into its own image. Several renderers may share a scene.
 #[derive(Debug)]
 pub struct SplatRenderer {
-    of: OrderOf,
+    of: ComparedImage,
     quads: QuadPath,
     /// Created on first use.
     tiles: Option<TilePath>,
@@ -34,7 +34,11 @@ impl SplatRenderer {
     /// Creates the pipelines and an empty image; `of` selects the draw order of the scene. Uses quads on
     /// software adapters and on adapters without timestamps. Otherwise the first images measure both paths
     /// and the faster one is used.
-    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, of: OrderOf) -> Result<Self, GpuError> {
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        of: ComparedImage,
+    ) -> Result<Self, GpuError> {
         let timer = StageTimer::new(device, queue);
         let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         Ok(Self {
@@ -106,7 +110,7 @@ impl SplatRenderer {
         if self.target.is_empty() {
             return Ok(());
         }
-        let slot = self.timer.as_mut().and_then(|timer| timer.begin(path));
+        let slot = self.timer.as_mut().and_then(|timer| timer.reserve_slot(path));
         match path {
             DrawPath::Quads => self.record_quads(device, encoder, scene, slot),
             DrawPath::Tiles => {
@@ -137,18 +141,18 @@ impl SplatRenderer {
 
     fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> DrawPath {
         if let Some(shortage) = self.shortage()
-            && self.chooser.is_free()
+            && self.chooser.is_measured()
         {
             tracing::warn!("{shortage}; drawing quads instead");
             self.chooser.rule_out_tiles();
         }
-        if let Some((path, times)) = self.timer.as_mut().and_then(StageTimer::take) {
-            self.chooser.measured(path, times.total());
+        if let Some((path, times)) = self.timer.as_mut().and_then(StageTimer::take_latest) {
+            self.chooser.record_time(path, times.total());
         }
         // Quads without an order draw nothing, so their time would be meaningless.
         if scene.n_drawn(self.of) > 0 {
             let n_pixels = width as usize * height as usize;
-            self.chooser.note(Load { n_splats: scene.n_splats(), n_pixels });
+            self.chooser.update_load(Load { n_splats: scene.n_splats(), n_pixels });
         }
         self.chooser.path()
     }

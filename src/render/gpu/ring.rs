@@ -38,7 +38,10 @@ impl ReadbackRing {
 
     /// Passes all arrived results to `read`, oldest first, with their slots. Returns a free slot; `None` if
     /// the GPU is behind.
-    pub(super) fn turn(&mut self, mut read: impl FnMut(usize, &[u8])) -> Option<usize> {
+    pub(super) fn collect_and_reserve(
+        &mut self,
+        mut read: impl FnMut(usize, &[u8]),
+    ) -> Option<usize> {
         for age in 0..N_SLOTS {
             let slot = (self.next + age) % N_SLOTS;
             let Slot { buffer, mapped } = &self.slots[slot];

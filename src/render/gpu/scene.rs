@@ -24,7 +24,7 @@ const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 /// Image that a draw order belongs to. The two images of a comparison may use different renderers, which
 /// sort differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OrderOf {
+pub enum ComparedImage {
     /// The image, or the first of two.
     First,
     /// The image compared with the first.
@@ -133,7 +133,7 @@ impl GpuScene {
     pub fn set_order(
         &mut self,
         queue: &wgpu::Queue,
-        of: OrderOf,
+        of: ComparedImage,
         order: &[u32],
     ) -> Result<(), GpuError> {
         self.buffers.allocation.check()?;
@@ -160,7 +160,7 @@ impl GpuScene {
     }
 
     /// Number of splats in the order, which is the number of drawn instances.
-    pub fn n_drawn(&self, of: OrderOf) -> usize {
+    pub fn n_drawn(&self, of: ComparedImage) -> usize {
         self.n_order[of as usize]
     }
 
@@ -182,7 +182,7 @@ impl GpuScene {
         self.buffers.appearance.as_ref()
     }
 
-    pub(super) fn order_buffer(&self, of: OrderOf) -> &wgpu::Buffer {
+    pub(super) fn order_buffer(&self, of: ComparedImage) -> &wgpu::Buffer {
         &self.buffers.orders[of as usize]
     }
 
@@ -193,7 +193,7 @@ impl GpuScene {
     fn upload_whole(&mut self, queue: &wgpu::Queue, splats: SplatView<'_>) -> u64 {
         self.set_length(splats.splats().len());
         let records: Vec<GpuSplat> =
-            (0..self.n_splats).map(|id| self.note(id, record(splats, id))).collect();
+            (0..self.n_splats).map(|id| self.track_validity(id, record(splats, id))).collect();
         let bytes: &[u8] = bytemuck::cast_slice(&records);
         queue.write_buffer(&self.buffers.splats, 0, bytes);
         let mut n_bytes = bytes.len() as u64;
@@ -218,7 +218,7 @@ impl GpuScene {
         let records: Vec<SparseSplat> = ids
             .iter()
             .map(|&id| SparseSplat {
-                splat: self.note(id, record(splats, id)),
+                splat: self.track_validity(id, record(splats, id)),
                 index: id as u32,
                 padding: [0; 3],
             })
@@ -233,7 +233,7 @@ impl GpuScene {
     }
 
     /// Updates the count of invalid splats. An invalid record becomes all zeros.
-    fn note(&mut self, id: usize, record: Option<GpuSplat>) -> GpuSplat {
+    fn track_validity(&mut self, id: usize, record: Option<GpuSplat>) -> GpuSplat {
         self.n_invalid -= usize::from(self.is_invalid[id]);
         self.is_invalid[id] = record.is_none();
         self.n_invalid += usize::from(self.is_invalid[id]);

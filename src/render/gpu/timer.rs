@@ -60,9 +60,9 @@ impl StageTimer {
 
     /// Collects arrived results and reserves a slot for an image drawn by `path`; `None` if the GPU is
     /// behind.
-    pub(super) fn begin(&mut self, path: DrawPath) -> Option<usize> {
+    pub(super) fn reserve_slot(&mut self, path: DrawPath) -> Option<usize> {
         let Self { ring, paths, latest, is_new, .. } = self;
-        let slot = ring.turn(|slot, bytes| {
+        let slot = ring.collect_and_reserve(|slot, bytes| {
             if let Some(times) = times(paths[slot], bytes, self.milliseconds_per_tick) {
                 *latest = Some((paths[slot], times));
                 *is_new = true;
@@ -115,7 +115,7 @@ impl StageTimer {
     }
 
     /// Most recent measurement and its path, if not taken before.
-    pub(super) fn take(&mut self) -> Option<(DrawPath, GpuTimes)> {
+    pub(super) fn take_latest(&mut self) -> Option<(DrawPath, GpuTimes)> {
         // The choice of path must count each measurement once.
         std::mem::take(&mut self.is_new).then_some(self.latest).flatten()
     }

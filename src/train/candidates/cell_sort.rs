@@ -39,7 +39,7 @@ impl CellSort {
         ids: &mut [u32],
     ) {
         if rayon::current_num_threads() < MANY {
-            return sort_alone(cell_of_id, 0, n_cells, start, |to, id| ids[to] = id as u32);
+            return counting_sort(cell_of_id, 0, n_cells, start, |to, id| ids[to] = id as u32);
         }
         start.resize(n_cells + 1, 0);
         let (cells, end) = start.split_at_mut(n_cells);
@@ -58,7 +58,7 @@ impl CellSort {
 
 /// Sorts the indices of `cells` by range of `2^shift` cells; indices in a range ascend. Calls
 /// `put(to, index)` for each. Fills `start` with the first entry of each range, then the total.
-fn sort_alone(
+fn counting_sort(
     cells: &[u32],
     shift: u32,
     n_ranges: usize,
@@ -70,7 +70,7 @@ fn sort_alone(
     // range's start to its final value.
     start.resize(n_ranges + 2, 0);
     cells.iter().for_each(|&cell| start[(cell >> shift) as usize + 2] += 1);
-    sum_up(0, start);
+    prefix_sum(0, start);
     for (place, &cell) in cells.iter().enumerate() {
         let next = &mut start[(cell >> shift) as usize + 1];
         put(*next as usize, place);
@@ -85,7 +85,7 @@ impl Part {
         let Self { entries, starts } = self;
         entries.resize(cells.len(), (0, 0));
         let put = |to: usize, place: usize| entries[to] = (cells[place], first + place as u32);
-        sort_alone(cells, shift, RANGES, starts, put);
+        counting_sort(cells, shift, RANGES, starts, put);
     }
 
     fn of_ranges(&self, ranges: Range<usize>) -> &[(u32, u32)] {
@@ -125,7 +125,7 @@ impl Ranges<'_> {
         let place = |cell: u32| cell as usize - range * self.width;
         start.fill(0);
         entries().for_each(|&(cell, _)| start[place(cell)] += 1);
-        sum_up(first, start);
+        prefix_sum(first, start);
         // Holds the ends of cells, which become starts as cells are filled from the back.
         entries().rev().for_each(|&(cell, id)| {
             let next = &mut start[place(cell)];
@@ -136,7 +136,7 @@ impl Ranges<'_> {
 }
 
 /// Replaces each number by the running total, which starts at `sum`.
-fn sum_up(mut sum: u32, numbers: &mut [u32]) {
+fn prefix_sum(mut sum: u32, numbers: &mut [u32]) {
     for number in numbers {
         sum += *number;
         *number = sum;

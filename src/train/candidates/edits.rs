@@ -7,7 +7,7 @@ pub(in crate::train) struct Edits {
     /// Cell, component, and true for an insertion, false for a removal.
     moves: Vec<(u32, u32, bool)>,
     /// Old entry to remove (`None`) or to insert a component before (`Some`).
-    places: Vec<(u32, Option<u32>)>,
+    insertions_and_removals: Vec<(u32, Option<u32>)>,
 }
 
 impl Edits {
@@ -20,7 +20,7 @@ impl Edits {
         cell_of: impl Fn(u32) -> u32,
         cell: impl Fn(u32) -> (u32, &'a [u32]),
     ) {
-        let Self { moves, places } = self;
+        let Self { moves, insertions_and_removals: places } = self;
         moves.clear();
         for &id in moved {
             let now = cell_of(id);
@@ -55,7 +55,7 @@ impl Edits {
     /// component.
     pub fn apply<T: Copy>(&self, old: &[T], new: &mut [T], of: impl Fn(u32) -> T) {
         let (mut from, mut to) = (0, 0);
-        for &(at, comes) in &self.places {
+        for &(at, comes) in &self.insertions_and_removals {
             let kept = at as usize - from;
             new[to..to + kept].copy_from_slice(&old[from..from + kept]);
             (from, to) = (from + kept, to + kept);

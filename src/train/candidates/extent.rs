@@ -25,13 +25,13 @@ pub(super) struct Extent {
     /// Largest distance of a point from the centre.
     reach: f32,
     /// Part of the margin that does not depend on the radius.
-    slack: f32,
+    absolute_margin: f32,
 }
 
 impl Extent {
     /// Computes the extent of entries `range` of `points`.
     #[inline(always)]
-    pub fn of<V: Vector>(points: &Columns, range: Range<usize>) -> Self {
+    pub fn of_points<V: Vector>(points: &Columns, range: Range<usize>) -> Self {
         let [lo, hi] = bounding_box::<V>(points, range.clone());
         // Halved before adding: the sum of two large corners would overflow.
         let mut centre = [0.0; 3];
@@ -41,7 +41,7 @@ impl Extent {
         let reach2 = reach2::<V>(points, range, centre);
         let largest = lo.iter().chain(&hi).fold(0f32, |largest, v| largest.max(v.abs()));
         let slack = COORDINATE_MARGIN * largest + MIN_MARGIN;
-        Self { lo, hi, centre, reach: reach2.sqrt(), slack }
+        Self { lo, hi, centre, reach: reach2.sqrt(), absolute_margin: slack }
     }
 
     /// Longest edge of the box.
@@ -53,29 +53,29 @@ impl Extent {
     /// True if coordinates are finite and their squares do not overflow.
     #[inline]
     pub fn is_finite(&self) -> bool {
-        self.reach.is_finite() && self.slack.is_finite()
+        self.reach.is_finite() && self.absolute_margin.is_finite()
     }
 
     /// Upper bound on the distance from the box to its points' neighbours, given that of the centre's
     /// neighbours from the centre.
     #[inline(always)]
-    pub fn reach_of(&self, nearest: f32) -> f32 {
-        (nearest + self.reach) * RELATIVE_MARGIN + self.slack
+    pub fn neighbour_radius(&self, nearest: f32) -> f32 {
+        (nearest + self.reach) * RELATIVE_MARGIN + self.absolute_margin
     }
 
     /// Upper bound on the distance from the box to anything within `reach` of one of its points.
     #[inline(always)]
-    pub fn radius_of(&self, reach: f32) -> f32 {
-        reach * RELATIVE_MARGIN + self.slack
+    pub fn radius_for_reach(&self, reach: f32) -> f32 {
+        reach * RELATIVE_MARGIN + self.absolute_margin
     }
 
     /// Upper bound on the distance from the centre to its points' nearest entries, given the squared
     /// distance of the centre's nearest; `None` if squares might overflow.
     #[inline(always)]
-    pub fn limit(&self, nearest2: f32) -> Option<f32> {
+    pub fn centre_radius(&self, nearest2: f32) -> Option<f32> {
         // Twice the reach: a point's neighbours are bounded from the centre's, then measured from the
         // centre again.
-        let limit = (nearest2.sqrt() + 2.0 * self.reach) * RELATIVE_MARGIN + self.slack;
+        let limit = (nearest2.sqrt() + 2.0 * self.reach) * RELATIVE_MARGIN + self.absolute_margin;
         // A point lies up to `reach` off the centre, and the kernel needs finite squared distances.
         (self.is_finite() && limit + self.reach < MAX_RADIUS).then_some(limit)
     }

@@ -71,7 +71,7 @@ impl MeanGrid {
 
     /// Updates the cells of components whose means have moved, each listed once. The result equals
     /// [`MeanGrid::fill`]. Parallel tables can be updated with [`MeanGrid::edits`].
-    pub(in crate::train) fn shift(&mut self, moved: &[u32], means: &[[f32; 3]]) {
+    pub(in crate::train) fn move_means(&mut self, moved: &[u32], means: &[[f32; 3]]) {
         let Self { shape, start, means: sorted, cell_of_id, edits, shifted, .. } = self;
         edits.find(
             moved,
@@ -327,7 +327,7 @@ mod tests {
                     _ => at(),
                 };
             }
-            grid.shift(&moved, &means);
+            grid.move_means(&moved, &means);
             let mut sorted = MeanGrid::default();
             sorted.fill(grid.shape, &means);
             assert_eq!((&grid.start, &grid.cell_of_id), (&sorted.start, &sorted.cell_of_id));

@@ -53,7 +53,7 @@ pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> 
             (low, high) = (v.min(low), v.max(high));
             at += LANES;
         }
-        (lo[axis], hi[axis]) = (least(low.to_array()), largest(high.to_array()));
+        (lo[axis], hi[axis]) = (lane_min(low.to_array()), lane_max(high.to_array()));
     }
     [lo, hi]
 }
@@ -78,7 +78,7 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
     }
     // The maximum may drop a NaN; the sum does not.
     let sum: f32 = sum.to_array().into_iter().sum();
-    if sum.is_finite() { largest(reach.to_array()) } else { sum }
+    if sum.is_finite() { lane_max(reach.to_array()) } else { sum }
 }
 
 /// Writes the squared distances of all entries to `centre`, padding included. Returns the minima over
@@ -114,7 +114,7 @@ pub(super) fn distances<V: Vector>(
 
 /// Returns the `rank`-th smallest (1 to 16) of sixteen values.
 #[inline(always)]
-pub(super) fn ranked(values: [f32; STEP], rank: usize) -> f32 {
+pub(super) fn nth_smallest(values: [f32; STEP], rank: usize) -> f32 {
     let mut sorted = [f32::INFINITY; STEP];
     let sorted = &mut sorted[..rank];
     for mut value in values {
@@ -156,13 +156,13 @@ pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, n
 }
 
 #[inline(always)]
-fn least(v: [f32; LANES]) -> f32 {
+fn lane_min(v: [f32; LANES]) -> f32 {
     let min = |a: f32, b: f32| if a < b { a } else { b };
     min(min(min(v[0], v[1]), min(v[2], v[3])), min(min(v[4], v[5]), min(v[6], v[7])))
 }
 
 #[inline(always)]
-fn largest(v: [f32; LANES]) -> f32 {
+fn lane_max(v: [f32; LANES]) -> f32 {
     let max = |a: f32, b: f32| if a > b { a } else { b };
     max(max(max(v[0], v[1]), max(v[2], v[3])), max(max(v[4], v[5]), max(v[6], v[7])))
 }
@@ -191,10 +191,10 @@ pub(super) fn neighbours<V: Vector, const KEYS: usize>(
     if chunk.len() > LANES {
         let both = [first, load_position(points, chunk.start + LANES)];
         let keys = sorted_keys::<V, 2, KEYS>(near, both, entry_bits);
-        found.keep(&keys[0], 0, entry_bits);
-        found.keep(&keys[1], LANES, entry_bits);
+        found.store_keys(&keys[0], 0, entry_bits);
+        found.store_keys(&keys[1], LANES, entry_bits);
     } else {
-        found.keep(&sorted_keys::<V, 1, KEYS>(near, [first], entry_bits)[0], 0, entry_bits);
+        found.store_keys(&sorted_keys::<V, 1, KEYS>(near, [first], entry_bits)[0], 0, entry_bits);
     }
     found
 }
@@ -202,11 +202,11 @@ pub(super) fn neighbours<V: Vector, const KEYS: usize>(
 impl<const KEYS: usize> Neighbours<KEYS> {
     /// Stores the keys of the eight points that start at index `first` of the chunk.
     #[inline(always)]
-    fn keep<V: Vector>(&mut self, keys: &[V; KEYS], first: usize, entry_bits: u32) {
+    fn store_keys<V: Vector>(&mut self, keys: &[V; KEYS], first: usize, entry_bits: u32) {
         let (mut set_uncertain, mut order_uncertain) = (0, 0);
         // The last pair decides which entries are found, the others only their order.
         for pair in keys.windows(2) {
-            set_uncertain = pair[0].agrees(pair[1], !entry_bits);
+            set_uncertain = pair[0].bits_equal(pair[1], !entry_bits);
             order_uncertain |= set_uncertain;
         }
         self.set_uncertain |= set_uncertain << first;
@@ -230,7 +230,7 @@ fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
     for (entry, ((&x, &y), &z)) in (0u32..).zip(columns) {
         let position = splat_position([x, y, z]);
         for i in 0..N {
-            let mut key = distance2(position, points[i]).tag(!entry_bits, entry);
+            let mut key = distance2(position, points[i]).replace_low_bits(!entry_bits, entry);
             for kept in &mut keys[i] {
                 // Both use the old value: with the new one, ties would evict the wrong id (`train.md`,
                 // Pitfalls).

@@ -5,7 +5,7 @@
 
 use super::columns::{CHUNK, Columns, STEP};
 use super::extent::{Extent, RELATIVE_MARGIN};
-use super::kernel::{Neighbours, distances, neighbours, ranked, select};
+use super::kernel::{Neighbours, distances, neighbours, nth_smallest, select};
 use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;
@@ -33,7 +33,7 @@ pub(in crate::train) struct Lists {
     /// Squared distance in the high half, component in the low half; then the grid's entry.
     keys: Vec<(u64, u32)>,
     /// Squared distance in f64, and component.
-    wide: Vec<(f64, u32)>,
+    f64_keys: Vec<(f64, u32)>,
 }
 
 /// Nearest entry of a point, with a bound on all others.
@@ -66,7 +66,7 @@ impl Default for Lists {
             distance2: vec![0.0; USUAL_LEN],
             sorted: Vec::new(),
             keys: Vec::with_capacity(USUAL_LEN),
-            wide: Vec::new(),
+            f64_keys: Vec::new(),
         }
     }
 }
@@ -86,7 +86,7 @@ impl Lists {
     pub(super) fn raw_bound2<V: Vector>(&mut self, centre: [f32; 3], rank: usize) -> f32 {
         let least = distances::<V>(&self.raw, centre, &mut self.distance2);
         if rank <= STEP {
-            return ranked(least, rank);
+            return nth_smallest(least, rank);
         }
         self.sorted.clear();
         self.sorted.extend_from_slice(&self.distance2[..self.raw.len]);
@@ -96,7 +96,7 @@ impl Lists {
     /// Fills the near list with a superset of the `rank` nearest entries of a chunk's points. Returns true
     /// if it is short enough for [`Lists::neighbours`].
     #[inline(always)]
-    pub(super) fn shorten<V: Vector>(
+    pub(super) fn fill_near<V: Vector>(
         &mut self,
         points: &Columns,
         chunk: Range<usize>,
@@ -104,9 +104,9 @@ impl Lists {
     ) -> bool {
         // Until the list is filled it covers nothing, so `covering` returns the raw list.
         self.near_limit = 0.0;
-        let extent = Extent::of::<V>(points, chunk);
+        let extent = Extent::of_points::<V>(points, chunk);
         let bound2 = self.raw_bound2::<V>(extent.centre, rank);
-        let Some(limit) = extent.limit(bound2) else { return false };
+        let Some(limit) = extent.centre_radius(bound2) else { return false };
         let Self { raw, near, distance2, .. } = self;
         select::<V>(raw, distance2, limit * limit, near);
         (self.near_centre, self.near_limit) = (extent.centre, limit);
@@ -142,7 +142,7 @@ impl Lists {
     ) -> [Nearest; CHUNK] {
         let mut nearest = [Nearest { entry: self.raw.tag[0], second2: f32::NEG_INFINITY }; CHUNK];
         // With a single mean there is no second: its key remains infinite, which is a correct bound.
-        if !self.shorten::<V>(points, chunk.clone(), self.raw.len.min(2)) {
+        if !self.fill_near::<V>(points, chunk.clone(), self.raw.len.min(2)) {
             return nearest;
         }
         let place_bits = self.place_bits();
@@ -161,7 +161,7 @@ impl Lists {
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
-        among: Among,
+        among: ListKind,
         position: [f32; 3],
         ids: &[u32],
         rank: usize,
@@ -169,12 +169,12 @@ impl Lists {
     ) -> &[(u64, u32)] {
         let Self { raw, near, distance2, keys, .. } = self;
         let list = match among {
-            Among::Raw => &*raw,
-            Among::Near => &*near,
+            ListKind::Raw => &*raw,
+            ListKind::Near => &*near,
         };
         let least = distances::<V>(list, position, distance2);
         // Sixteen lane minima are distances of sixteen entries, so they bound at most sixteen neighbours.
-        let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
+        let limit = if rank <= STEP { nth_smallest(least, rank) } else { f32::INFINITY };
         keys.clear();
         let mut take = |place: usize| {
             let entry = list.tag[place];
@@ -205,26 +205,26 @@ impl Lists {
 
     /// Selects a list that is complete within a squared distance of a point of the chunk.
     #[inline(always)]
-    pub fn covering(&self, position: [f32; 3], distance2: f32) -> Among {
+    pub fn complete_list_for(&self, position: [f32; 3], distance2: f32) -> ListKind {
         // The near list is complete within a ball about the chunk's centre, not about the point.
         let off = squared_distance(position, self.near_centre).sqrt();
         let reach = (off + distance2.sqrt()) * RELATIVE_MARGIN;
-        if reach < self.near_limit { Among::Near } else { Among::Raw }
+        if reach < self.near_limit { ListKind::Near } else { ListKind::Raw }
     }
 
     /// Finds the components nearest to one point by squared distances `of(component)`, in order of
     /// (squared distance, component).
     pub(super) fn rank_by(
         &mut self,
-        among: Among,
+        among: ListKind,
         ids: &[u32],
         rank: usize,
         of: impl Fn(u32) -> f64,
     ) -> impl ExactSizeIterator<Item = u32> {
-        let Self { raw, near, wide, .. } = self;
+        let Self { raw, near, f64_keys: wide, .. } = self;
         let list = match among {
-            Among::Raw => &*raw,
-            Among::Near => &*near,
+            ListKind::Raw => &*raw,
+            ListKind::Near => &*near,
         };
         let components = list.tag[..list.len].iter().map(|&entry| ids[entry as usize]);
         wide.clear();
@@ -241,7 +241,7 @@ impl Lists {
 
 /// Choice of candidate list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::train) enum Among {
+pub(in crate::train) enum ListKind {
     /// Candidates of the group.
     Raw,
     /// Candidates of the chunk.

@@ -28,7 +28,7 @@ pub use error::IndexError;
 pub use grid::MeanGrid;
 pub(in crate::train) use grid::grid_shape;
 pub use kd_tree::KdTree;
-pub(in crate::train) use lists::{Among, Lists, Nearest};
+pub(in crate::train) use lists::{ListKind, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
 pub(in crate::train) use reach::AnyWithin;
 pub use search::CandidateSearch;

@@ -7,7 +7,7 @@
 use super::columns::Columns;
 use super::grid::MeanGrid;
 use super::kernel::Neighbours;
-use super::lists::{Among, Lists};
+use super::lists::{ListKind, Lists};
 use super::search::{CandidateSearch, VisitChunk};
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -96,8 +96,8 @@ struct NarrowVisitor<'a> {
 impl VisitChunk for NarrowVisitor<'_> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
-        if !lists.shorten::<V>(points, chunk.clone(), self.rank) {
-            return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
+        if !lists.fill_near::<V>(points, chunk.clone(), self.rank) {
+            return chunk.for_each(|i| self.rank::<V>(lists, ListKind::Raw, points, i));
         }
         // One extra key shows whether the last neighbour has a tie. Sizes are constants so that keys stay
         // in registers.
@@ -111,7 +111,7 @@ impl VisitChunk for NarrowVisitor<'_> {
             7 => self.visit_near::<V, 8>(lists, points, chunk),
             8 => self.visit_near::<V, 9>(lists, points, chunk),
             // The kernel is not measured beyond eight; `benches/candidates.rs` times 8 and 9.
-            _ => chunk.for_each(|i| self.rank::<V>(lists, Among::Near, points, i)),
+            _ => chunk.for_each(|i| self.rank::<V>(lists, ListKind::Near, points, i)),
         }
     }
 }
@@ -130,7 +130,7 @@ impl NarrowVisitor<'_> {
         let found: Neighbours<KEYS> = lists.neighbours::<V, KEYS>(points, chunk.clone());
         for (i, point) in chunk.enumerate() {
             if (found.set_uncertain | found.order_uncertain) >> i & 1 == 1 {
-                self.rank::<V>(lists, Among::Near, points, point);
+                self.rank::<V>(lists, ListKind::Near, points, point);
                 continue;
             }
             let place = points.tag[point] as usize * rank;
@@ -142,7 +142,13 @@ impl NarrowVisitor<'_> {
     }
 
     #[inline(always)]
-    fn rank<V: Vector>(&mut self, lists: &mut Lists, among: Among, points: &Columns, point: usize) {
+    fn rank<V: Vector>(
+        &mut self,
+        lists: &mut Lists,
+        among: ListKind,
+        points: &Columns,
+        point: usize,
+    ) {
         let (position, all) = (points.position(point), self.grid.ids());
         let found = lists.rank::<V>(among, position, all, self.rank, f32::INFINITY);
         self.found.clear();
@@ -187,9 +193,9 @@ struct WideVisitor<'a, R, P> {
 impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
-        let is_short = lists.shorten::<V>(points, chunk.clone(), self.rank);
+        let is_short = lists.fill_near::<V>(points, chunk.clone(), self.rank);
         // The near list is incomplete if bounds overflow.
-        let among = if is_short { Among::Near } else { Among::Raw };
+        let among = if is_short { ListKind::Near } else { ListKind::Raw };
         for i in chunk {
             let place = points.tag[i] as usize;
             let point = (self.position)(place).map(R::to_f64);

@@ -26,9 +26,9 @@ impl Kernel for AnyWithin<'_> {
     fn run<V: Vector>(self) -> bool {
         let Self { places, near, tile, points: [x, y, z], reach2 } = self;
         tile.load([x, y, z]);
-        let extent = Extent::of::<V>(tile, 0..x.len());
+        let extent = Extent::of_points::<V>(tile, 0..x.len());
         let farthest = reach2.iter().fold(0f32, |farthest, &r| farthest.max(r));
-        let radius = extent.radius_of(farthest.sqrt());
+        let radius = extent.radius_for_reach(farthest.sqrt());
         if !(extent.is_finite() && radius.is_finite()) {
             return true;
         }

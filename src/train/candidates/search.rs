@@ -58,7 +58,7 @@ impl CandidateSearch {
         self.tile.points.load(tile);
         self.pending.push(0..tile[0].len());
         while let Some(group) = self.pending.pop() {
-            let extent = Extent::of::<V>(&self.tile.points, group.clone());
+            let extent = Extent::of_points::<V>(&self.tile.points, group.clone());
             let middle = if group.len() > CHUNK && extent.length() > MAX_GROUP_CELLS * grid.cell() {
                 self.tile.split(group.clone(), &extent)
             } else {
@@ -88,7 +88,7 @@ impl CandidateSearch {
             return grid.gather_all(lists.raw_mut());
         }
         // Any initial radius is correct: every list is a superset and gives the same neighbours.
-        let mut radius = extent.reach_of(NEAREST_GUESS * *nearest);
+        let mut radius = extent.neighbour_radius(NEAREST_GUESS * *nearest);
         // For the first group, or after distances that overflowed.
         if !(radius > 0.0 && radius < MAX_RADIUS) {
             radius = grid.cell();
@@ -102,7 +102,7 @@ impl CandidateSearch {
             radius = (2.0 * radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
         }
         *nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();
-        let needed = extent.reach_of(*nearest);
+        let needed = extent.neighbour_radius(*nearest);
         if needed > radius {
             grid.gather(extent.lo, extent.hi, needed, lists.raw_mut());
         }

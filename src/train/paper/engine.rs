@@ -2,7 +2,7 @@
 
 use super::config::{PaperConfig, Precision};
 use super::init::InitialDraw;
-use super::learner::{InWorld, PaperLearner};
+use super::learner::{NormalizedTrainer, PaperLearner};
 use super::scalar::PaperScalar;
 use super::trainer::PaperTrainer;
 use crate::math::normalization::Normalization;
@@ -62,5 +62,5 @@ fn in_world<R: PaperScalar>(
     trainer: PaperTrainer<R>,
     normalization: Normalization,
 ) -> Box<dyn PaperLearner> {
-    Box::new(InWorld { trainer, normalization, widened: Points::new() })
+    Box::new(NormalizedTrainer { trainer, normalization, widened: Points::new() })
 }

@@ -14,9 +14,9 @@ use crate::math::simd::{Kernel, Vector};
 use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
 use crate::observation::points::Points;
 use crate::train::candidates::{
-    Among, CHUNK, CandidateSearch, Columns, Lists, MeanGrid, Nearest, VisitChunk,
+    CHUNK, CandidateSearch, Columns, ListKind, Lists, MeanGrid, Nearest, VisitChunk,
 };
-use crate::train::component_elbo::{NOBODY, largest};
+use crate::train::component_elbo::{NO_OWNER, owner_of_shares};
 use crate::train::estep::{Scoring, squared_distance};
 use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
@@ -44,7 +44,7 @@ impl FusedInputs<'_> {
     /// Squared distance beyond which no component affects a point of effective distance `q`, including
     /// rounding. Uses twice the hard gap: components between may be among the nearest or not, but receive
     /// nothing in either case.
-    pub fn reach2(&self, q: f64) -> f32 {
+    pub fn influence_radius2(&self, q: f64) -> f32 {
         let gap = 2.0 * self.scoring.hard_gap() as f32;
         ((q as f32 + self.max_weight) + gap) * (1.0 + 1e-5)
     }
@@ -133,7 +133,7 @@ impl Kernel for FusedTiles<'_> {
             let q = &mut q[range.start - first_point..range.end - first_point];
             let xyz =
                 [&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]];
-            let mut assign = Assign::new(&inputs, tile_memory, range.start, q, clock);
+            let mut assign = OwnerAssigner::new(&inputs, tile_memory, range.start, q, clock);
             search.visit_tile::<V>(inputs.grid, xyz, inputs.rank, &mut assign);
             if !owners.is_empty() {
                 let (own, later) = owners.split_at_mut(range.len());
@@ -158,7 +158,7 @@ impl TileMemory {
         self.shared.clear();
         self.shares.clear();
         self.owners.clear();
-        self.owners.resize(n_points, NOBODY);
+        self.owners.resize(n_points, NO_OWNER);
     }
 
     /// Writes the component of largest responsibility of each point.
@@ -167,12 +167,12 @@ impl TileMemory {
         for (of_point, &owner) in owners.iter_mut().zip(&self.owners) {
             *of_point = if owner & SHARED == 0 {
                 id(owner)
-            } else if owner == NOBODY {
-                NOBODY
+            } else if owner == NO_OWNER {
+                NO_OWNER
             } else {
                 let shares = self.shared[(owner & !SHARED) as usize].clone();
                 let shares = &self.shares[shares.start as usize..shares.end as usize];
-                largest(shares.iter().map(|&(slot, r)| (id(slot), r.into())))
+                owner_of_shares(shares.iter().map(|&(slot, r)| (id(slot), r.into())))
             };
         }
     }
@@ -187,7 +187,7 @@ impl TileMemory {
             let (space, color) = (points.position(i), points.color(i));
             if owner & SHARED == 0 {
                 self.add(owner, 1.0, space, color, sums);
-            } else if owner != NOBODY {
+            } else if owner != NO_OWNER {
                 let shares = self.shared[(owner & !SHARED) as usize].clone();
                 for &(slot, r) in &self.shares[shares.start as usize..shares.end as usize] {
                     self.add(slot, r, space, color, sums);
@@ -223,7 +223,7 @@ fn emit(
 }
 
 /// Assigns owners to the points of a chunk.
-struct Assign<'a> {
+struct OwnerAssigner<'a> {
     inputs: &'a FusedInputs<'a>,
     memory: &'a mut TileMemory,
     first_point: usize,
@@ -233,7 +233,7 @@ struct Assign<'a> {
     hard_gap: f32,
 }
 
-impl VisitChunk for Assign<'_> {
+impl VisitChunk for OwnerAssigner<'_> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let nearest: [Nearest; CHUNK] = lists.nearest::<V>(points, chunk.clone());
@@ -244,18 +244,18 @@ impl VisitChunk for Assign<'_> {
                 (points.position(i), self.inputs.points.color(self.first_point + place));
             let slot = self.slot(nearest.entry);
             let q = self.distance(slot, space, color);
-            if self.wins(slot, space, q, nearest.second2) {
+            if self.is_sole_owner(slot, space, q, nearest.second2) {
                 self.memory.owners[place] = slot as u32;
                 self.q[place] = q.into();
             } else {
-                self.share::<V>(lists, place, q, space, color);
+                self.assign_shares::<V>(lists, place, q, space, color);
             }
         }
         self.clock.lap(Lap::EStep);
     }
 }
 
-impl<'a> Assign<'a> {
+impl<'a> OwnerAssigner<'a> {
     #[inline(always)]
     fn new(
         inputs: &'a FusedInputs<'a>,
@@ -298,7 +298,7 @@ impl<'a> Assign<'a> {
     /// `second2 − w_max`, also in f32, since rounding is monotone. For a single candidate it suffices to
     /// be nearer.
     #[inline(always)]
-    fn wins(&self, slot: usize, space: [f32; 3], q: f32, second2: f32) -> bool {
+    fn is_sole_owner(&self, slot: usize, space: [f32; 3], q: f32, second2: f32) -> bool {
         if self.inputs.rank == 1 {
             return second2 > squared_distance(space, self.memory.components[slot].space);
         }
@@ -314,7 +314,7 @@ impl<'a> Assign<'a> {
     /// Scores a point against all candidates that may come within the hard gap of `q`, in ascending order of
     /// components. The omitted ones would receive nothing.
     #[inline(always)]
-    fn share<V: Vector>(
+    fn assign_shares<V: Vector>(
         &mut self,
         lists: &mut Lists,
         place: usize,
@@ -326,8 +326,8 @@ impl<'a> Assign<'a> {
         // Beyond this distance `is_out_of_reach` holds, including rounding.
         let reach2 = ((q + self.inputs.max_weight) + self.hard_gap) * (1.0 + 1e-5);
         let (among, within2) = match rank {
-            1 => (Among::Raw, f32::INFINITY),
-            _ => (lists.covering(space, reach2), reach2),
+            1 => (ListKind::Raw, f32::INFINITY),
+            _ => (lists.complete_list_for(space, reach2), reach2),
         };
         let found = lists.rank::<V>(among, space, ids, rank, within2);
         // Taken out of `self` because `slot` borrows it mutably; put back at the end.

@@ -31,7 +31,7 @@ pub struct Index {
     /// Components that moved in the last renewal.
     moved: Vec<u32>,
     /// True if only these have moved since the last sort, few of them, and cells are unchanged.
-    is_shift: bool,
+    is_incremental: bool,
     /// Number of moves since the cells were chosen.
     n_moved: usize,
     /// Number of renewals.
@@ -66,7 +66,7 @@ impl Index {
             sorted: OnceLock::new(),
             spare: Mutex::default(),
             moved: Vec::new(),
-            is_shift: false,
+            is_incremental: false,
             n_moved: 0,
             revision: 0,
         };
@@ -76,7 +76,7 @@ impl Index {
     }
 
     /// Registers that components of a model have moved. On error the index is unchanged.
-    pub fn renew<R: PaperScalar>(
+    pub fn update_moved<R: PaperScalar>(
         &mut self,
         model: &InitialModel<R>,
         moved: impl Iterator<Item = u32> + Clone,
@@ -91,7 +91,7 @@ impl Index {
         }
         self.shape = shape;
         self.n_moved = if keeps_cells { self.n_moved + n } else { 0 };
-        self.is_shift = keeps_cells && FEW * n <= model.len() && self.sorted.get().is_some();
+        self.is_incremental = keeps_cells && FEW * n <= model.len() && self.sorted.get().is_some();
         if let Some(sorted) = self.sorted.take() {
             *self.spare.get_mut().unwrap_or_else(PoisonError::into_inner) = sorted;
         }
@@ -120,7 +120,7 @@ impl Index {
         self.sorted.get_or_init(|| {
             let mut sorted =
                 std::mem::take(&mut *self.spare.lock().unwrap_or_else(PoisonError::into_inner));
-            match self.is_shift {
+            match self.is_incremental {
                 true => sorted.shift(&self.moved, model),
                 false => sorted.fill(self.shape, model),
             }
@@ -129,11 +129,15 @@ impl Index {
     }
 
     /// Returns the means for a device that holds those of revision `known`.
-    pub fn cells<'a>(&'a self, model: &'a InitialModel<f32>, known: Option<u64>) -> MeanCells<'a> {
+    pub fn means_for_device<'a>(
+        &'a self,
+        model: &'a InitialModel<f32>,
+        known: Option<u64>,
+    ) -> MeanCells<'a> {
         let InitialModel { space, color, weight, .. } = model;
         let is_last = known.is_some_and(|known| known + 1 == self.revision);
         let moved = is_last.then_some(&self.moved[..]);
-        MeanCells { shape: self.shape, space, color, weight, moved }
+        MeanCells { shape: self.shape, space, color, weight, changed_components: moved }
     }
 
     /// Revision number, incremented whenever means move.
@@ -164,7 +168,7 @@ impl SortedMeans {
     /// Updates the order after few components have moved.
     fn shift<R: PaperScalar>(&mut self, moved: &[u32], model: &InitialModel<R>) {
         let Self { grid, appearance, narrowed, shifted } = self;
-        grid.shift(moved, R::narrow_rows(&model.space, narrowed));
+        grid.move_means(moved, R::narrow_rows(&model.space, narrowed));
         let Some(model) = R::narrow_model(model) else { return };
         shifted.resize(model.len(), [0.0; 4]);
         grid.edits().apply(appearance, shifted, |id| appearance_of(model, id));
@@ -203,8 +207,8 @@ mod tests {
                 let at = id as f32 * 1e-3 - 0.01 * turn as f32;
                 model.replace_mean(id as usize, ([at, at.sin(), 0.3], [at; 3]));
             }
-            index.renew(&model, moved).unwrap();
-            *(if index.is_shift { &mut n_shifts } else { &mut n_sorts }) += 1;
+            index.update_moved(&model, moved).unwrap();
+            *(if index.is_incremental { &mut n_shifts } else { &mut n_sorts }) += 1;
             let mut all = SortedMeans::default();
             all.fill(index.shape, &model);
             let sorted = index.sorted(&model);
@@ -223,18 +227,21 @@ mod tests {
         let mut index = Index::new(&model, config.index).unwrap();
         let begun = index.revision();
         model.replace_mean(7, ([0.5; 3], [0.1; 3]));
-        index.renew(&model, [7].into_iter()).unwrap();
-        assert_eq!(index.cells(&model, Some(begun)).moved, Some(&[7][..]));
-        assert_eq!(index.cells(&model, None).moved, None);
+        index.update_moved(&model, [7].into_iter()).unwrap();
+        assert_eq!(index.means_for_device(&model, Some(begun)).changed_components, Some(&[7][..]));
+        assert_eq!(index.means_for_device(&model, None).changed_components, None);
         model.replace_mean(9, ([-0.5; 3], [0.1; 3]));
-        index.renew(&model, [9].into_iter()).unwrap();
-        assert_eq!(index.cells(&model, Some(begun)).moved, None);
+        index.update_moved(&model, [9].into_iter()).unwrap();
+        assert_eq!(index.means_for_device(&model, Some(begun)).changed_components, None);
         let sorted = index.sorted(&model);
         let place = sorted.grid.ids().iter().position(|&id| id == 9).unwrap();
         assert_eq!(sorted.grid.mean(place as u32), [-0.5; 3]);
         assert_eq!(sorted.appearance[place][..3], [0.1; 3]);
         model.replace_mean(3, ([f32::NAN; 3], [0.0; 3]));
-        assert!(index.renew(&model, [3].into_iter()).is_err());
-        assert_eq!(index.cells(&model, Some(begun + 1)).moved, Some(&[9][..]));
+        assert!(index.update_moved(&model, [3].into_iter()).is_err());
+        assert_eq!(
+            index.means_for_device(&model, Some(begun + 1)).changed_components,
+            Some(&[9][..])
+        );
     }
 }

@@ -38,20 +38,20 @@ pub trait PaperLearner: Learns<Points<f32>> {
 }
 
 /// A trainer with the normalisation of its points.
-pub(super) struct InWorld<R: PaperScalar> {
+pub(super) struct NormalizedTrainer<R: PaperScalar> {
     pub trainer: PaperTrainer<R>,
     pub normalization: Normalization,
     /// Points of the frame converted to the trainer's precision, if it differs.
     pub widened: Points<R>,
 }
 
-impl<R: PaperScalar> Learns<Points<f32>> for InWorld<R> {
+impl<R: PaperScalar> Learns<Points<f32>> for NormalizedTrainer<R> {
     fn learn(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
         self.trainer.train(R::points(points, &mut self.widened))
     }
 }
 
-impl<R: PaperScalar> PaperLearner for InWorld<R> {
+impl<R: PaperScalar> PaperLearner for NormalizedTrainer<R> {
     fn point_elbo(&self) -> Vec<f64> {
         self.trainer.elbo()
     }
@@ -65,7 +65,7 @@ impl<R: PaperScalar> PaperLearner for InWorld<R> {
     }
 }
 
-impl<R: PaperScalar> Learner for InWorld<R> {
+impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
     fn stages(&self) -> &'static [TrainStage] {
         &PAPER_STAGES
     }
@@ -83,10 +83,10 @@ impl<R: PaperScalar> Learner for InWorld<R> {
     }
 
     fn changed(&self) -> Changed<'_> {
-        Changed::Listed(self.trainer.touched())
+        Changed::Listed(self.trainer.changed_components())
     }
 
-    fn changes_unseen(&self) -> bool {
+    fn changes_unlisted_components(&self) -> bool {
         false
     }
 
@@ -138,7 +138,7 @@ impl<R: PaperScalar> Learner for InWorld<R> {
         Vec::new()
     }
 
-    fn stored(&self) -> StoredModel {
+    fn checkpoint_model(&self) -> StoredModel {
         StoredModel::Mixture {
             normalization: self.normalization,
             hyper: self.trainer.config().hyper(),

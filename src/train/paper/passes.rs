@@ -15,7 +15,7 @@ use crate::model::paper::mixture_device::{
     MAX_DEVICE_CANDIDATES, MixtureDevice, PassRule, PointColumns,
 };
 use crate::observation::points::Points;
-use crate::train::device_trial::{DIFFERING, DevicePolicy, DeviceTrial, Turn};
+use crate::train::device_trial::{DIFFERING, DeviceChoice, DevicePolicy, DeviceTrial};
 use crate::train::estep::Scoring;
 use crate::train::pass_use::PassUse;
 use crate::train::timing::{Lap, StageClock, Stopwatch};
@@ -48,11 +48,11 @@ struct PassDevice {
     device: Box<dyn MixtureDevice>,
     trial: DeviceTrial,
     /// True once its results were found equal to the CPU's.
-    is_proved: bool,
+    is_verified: bool,
     /// True if the last fit ran on the device.
     is_chosen: bool,
     /// True if its last pass left tiles open; consecutive frames are similar.
-    left_open: bool,
+    had_open_tiles: bool,
     /// Revision of the means on the device.
     revision: Option<u64>,
     /// True if the frame's points are on the device.
@@ -72,15 +72,15 @@ impl Passes {
         model: &InitialModel<R>,
     ) -> Result<(), DeviceError> {
         let Some(model) = R::narrow_model(model) else { return Ok(()) };
-        device.set_means(&index.cells(model, None))?;
+        device.set_means(&index.means_for_device(model, None))?;
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.tiles, self.open_tiles) = (0, 0);
         self.device = Some(PassDevice {
             device,
             trial: DeviceTrial::new(policy),
-            is_proved: false,
+            is_verified: false,
             is_chosen: false,
-            left_open: false,
+            had_open_tiles: false,
             revision: Some(index.revision()),
             has_points: false,
         });
@@ -88,14 +88,14 @@ impl Passes {
     }
 
     /// Devices used for passes; `None` if the settings do not allow a device.
-    pub fn used<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> Option<PassUse> {
+    pub fn usage<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> Option<PassUse> {
         let open_share = self.open_tiles as f64 / self.tiles.max(1) as f64;
         device_inputs(inputs, &Points::new()).map(|_| PassUse { open_share, ..self.used.clone() })
     }
 
     /// True if the next pass will probably run on the device, which sorts means itself.
-    pub fn is_devices(&self) -> bool {
-        self.device.as_ref().is_some_and(|device| device.is_proved && device.is_chosen)
+    pub fn is_next_on_device(&self) -> bool {
+        self.device.as_ref().is_some_and(|device| device.is_verified && device.is_chosen)
     }
 
     /// Begins a frame: the device's points are outdated.
@@ -109,7 +109,7 @@ impl Passes {
     /// device runs both passes faster, or if totals are f32 and thus retain tiny shares.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
         let keeps_all = inputs.config.operations.update == UpdateWidth::F32;
-        !self.is_devices() && !keeps_all && fused_rank(inputs).is_some()
+        !self.is_next_on_device() && !keeps_all && fused_rank(inputs).is_some()
     }
 
     /// Runs those tiles of the last fit again that are within reach of places that means left or moved to.
@@ -139,12 +139,12 @@ impl Passes {
         let asked = device_inputs(inputs, points).filter(|_| owners.is_none());
         let turn = match (&mut self.device, asked) {
             (Some(device), Some(_)) => device.turn(output, points.len()),
-            _ => Turn::Processor,
+            _ => DeviceChoice::Processor,
         };
         let device_ms = asked
-            .filter(|_| turn != Turn::Processor)
+            .filter(|_| turn != DeviceChoice::Processor)
             .and_then(|asked| self.run_on_device(inputs, points, asked, output, q));
-        let is_devices = turn == Turn::Device && device_ms.is_some();
+        let is_devices = turn == DeviceChoice::Device && device_ms.is_some();
         if output == Output::ElboAndSums {
             let PassUse { device_frames, processor_frames, .. } = &mut self.used;
             *(if is_devices { device_frames } else { processor_frames }) += 1;
@@ -153,15 +153,15 @@ impl Passes {
             return;
         }
         // During a trial, `q` and the records are still the device's.
-        let found = device_ms.map(|ms| (ms, q.clone(), self.processor.kept_records()));
+        let found = device_ms.map(|ms| (ms, q.clone(), self.processor.effective_records()));
         let mut clock = Stopwatch::start();
         self.processor.run(inputs, points, output, q, owners);
         let processor_ms = clock.lap_ms();
         if let Some((device_ms, found_q, records)) = found {
             let is_equal = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
-            let is_proved =
-                found_q.iter().zip(&*q).all(is_equal) && records == self.processor.kept_records();
-            self.judge(is_proved, [processor_ms, device_ms]);
+            let is_proved = found_q.iter().zip(&*q).all(is_equal)
+                && records == self.processor.effective_records();
+            self.evaluate_trial(is_proved, [processor_ms, device_ms]);
         }
     }
 
@@ -179,13 +179,13 @@ impl Passes {
         let Self { processor, device, .. } = self;
         let device = device.as_mut()?;
         q.resize(points.len(), 0.0);
-        processor.begin_answer(inputs.statistics);
+        processor.begin_device_pass(inputs.statistics);
         let mut clock = StageClock::default();
         clock.begin_tile(true);
         let is_fit = output == Output::ElboAndSums;
         let rule = rule(inputs.scoring, asked.candidates);
-        let handed_over = device.hand_over(&asked, inputs.index);
-        let PassDevice { device, left_open, .. } = device;
+        let handed_over = device.upload_changes(&asked, inputs.index);
+        let PassDevice { device, had_open_tiles: left_open, .. } = device;
         let answer = || handed_over.and_then(|()| device.pass(&rule, is_fit));
         let answer = match *left_open {
             false => answer(),
@@ -194,7 +194,7 @@ impl Passes {
         };
         match answer {
             Ok(found) => {
-                processor.take_over(inputs.statistics.shard_bits(), &found, q);
+                processor.adopt_device_pass(inputs.statistics.shard_bits(), &found, q);
                 // The device's stages are one step; nearly all of its time is the search.
                 clock.lap(Lap::Candidates);
                 *left_open = !found.open.is_empty();
@@ -204,60 +204,60 @@ impl Passes {
                     open.sort_unstable();
                     processor.run_some(&fused, &open, output, q, &mut []);
                 }
-                processor.book(clock);
+                processor.add_clock(clock);
                 self.tiles += points.n_tiles() as u64;
                 self.open_tiles += found.open.len() as u64;
                 Some(watch.lap_ms())
             }
             Err(error) => {
-                self.give_up(error.reason);
+                self.fall_back(error.reason);
                 None
             }
         }
     }
 
     /// Evaluates a trial: records both times, or falls back to the CPU if the device's results differ.
-    fn judge(&mut self, is_proved: bool, [processor, device_ms]: [f64; 2]) {
+    fn evaluate_trial(&mut self, is_proved: bool, [processor, device_ms]: [f64; 2]) {
         let Some(device) = &mut self.device else { return };
         if !is_proved {
-            return self.give_up(DIFFERING.to_owned());
+            return self.fall_back(DIFFERING.to_owned());
         }
-        device.is_proved = true;
-        device.trial.measured(processor, device_ms);
+        device.is_verified = true;
+        device.trial.record_times(processor, device_ms);
         self.used.trial = device.trial.medians;
     }
 
     /// Stops using the device and logs a warning.
-    fn give_up(&mut self, reason: String) {
-        self.used.give_up(reason);
+    fn fall_back(&mut self, reason: String) {
+        self.used.record_fallback(reason);
         self.device = None;
     }
 }
 
 impl PassDevice {
     /// Chooses where to run a pass over `n_points` points.
-    fn turn(&mut self, output: Output, n_points: usize) -> Turn {
+    fn turn(&mut self, output: Output, n_points: usize) -> DeviceChoice {
         if output == Output::Elbo {
             // Scoring passes run where the last fit ran: only fits are measured.
-            return if self.is_chosen { Turn::Device } else { Turn::Processor };
+            return if self.is_chosen { DeviceChoice::Device } else { DeviceChoice::Processor };
         }
-        let turn = match self.trial.turn(n_points) {
-            Turn::Device if !self.is_proved => Turn::Both,
+        let turn = match self.trial.choose(n_points) {
+            DeviceChoice::Device if !self.is_verified => DeviceChoice::Both,
             turn => turn,
         };
-        self.is_chosen = turn == Turn::Device;
+        self.is_chosen = turn == DeviceChoice::Device;
         turn
     }
 
     /// Uploads the means and points that changed since the last pass.
-    fn hand_over(
+    fn upload_changes(
         &mut self,
         &DeviceInputs { model, points, .. }: &DeviceInputs<'_>,
         index: &Index,
     ) -> Result<(), DeviceError> {
         if self.revision != Some(index.revision()) {
             let known = self.revision.take();
-            self.device.set_means(&index.cells(model, known))?;
+            self.device.set_means(&index.means_for_device(model, known))?;
             self.revision = Some(index.revision());
         }
         if !self.has_points {
@@ -292,7 +292,7 @@ fn rule(scoring: &Scoring, candidates: usize) -> PassRule {
     PassRule {
         candidates,
         color_ratio: scoring.color_ratio as f32,
-        open_gap: (OPEN_GAPS * scoring.hard_gap()) as f32,
+        certain_gap: (OPEN_GAPS * scoring.hard_gap()) as f32,
         equal_share: std::array::from_fn(|i| of_equals(i + 1)[0]),
         equal_gain: std::array::from_fn(|i| of_equals(i + 1)[1]),
     }

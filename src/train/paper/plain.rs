@@ -15,7 +15,7 @@ use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
 use crate::model::paper::mixture::InitialModel;
 use crate::observation::points::Points;
 use crate::train::candidates::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
-use crate::train::component_elbo::largest;
+use crate::train::component_elbo::owner_of_shares;
 use crate::train::estep::Scoring;
 use std::num::NonZero;
 use std::ops::Range;
@@ -124,7 +124,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
         for ((ids, responsibilities), owner) in of_points.zip(owners) {
-            *owner = largest(ids.iter().copied().zip(responsibilities.iter().copied()));
+            *owner = owner_of_shares(ids.iter().copied().zip(responsibilities.iter().copied()));
         }
     }
 

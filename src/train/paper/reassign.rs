@@ -73,11 +73,11 @@ impl DestinationChooser {
     /// replacement from the points of lowest ELBO, that is of largest effective distance `q`.
     ///
     /// Points with a NaN `q` are never selected. `stream` gives every point its random number.
-    pub fn destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
+    pub fn choose_destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
         let Self { lowest, draws, marks, points } = self;
         let mut chosen = find_lowest(lowest, q, quota.low_elbo);
         if chosen.len() > quota.moves {
-            chosen = draw(draws, chosen, quota.moves, stream);
+            chosen = draw_by_race(draws, chosen, quota.moves, stream);
         }
         // In point order, so that neighbouring points get components close in memory. Reading the marks in
         // order avoids sorting.
@@ -106,7 +106,7 @@ impl DestinationChooser {
 
 fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked] {
     lowest.find(q.len(), n, SCORES, |point, bound| {
-        let order = largest_first(q[point]);
+        let order = descending_key(q[point]);
         (order <= bound && !q[point].is_nan()).then(|| Ranked::new(order, point as u32))
     })
 }
@@ -114,7 +114,7 @@ fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked
 /// Selects `n` candidates by an exponential race: taking the smallest `−ln u_i / p_i` has the
 /// distribution of successive draws with probabilities `p_i` (`train.md`, Sampling without
 /// replacement). Candidates of probability zero come last, in uniform order.
-fn draw<'a>(
+fn draw_by_race<'a>(
     draws: &'a mut Smallest,
     candidates: &[Ranked],
     n: usize,
@@ -124,13 +124,13 @@ fn draw<'a>(
     let best = last.map_or(f64::INFINITY, distance);
     draws.find(candidates.len(), n, DRAWS, |i, bound| {
         let candidate = candidates[i];
-        let order = order_of_draw(candidate, best, bound, stream)?;
+        let order = arrival_key(candidate, best, bound, stream)?;
         (order <= bound).then(|| Ranked::new(order, candidate.point()))
     })
 }
 
 /// Sort key of a candidate's arrival time; `None` if it certainly exceeds `bound`.
-fn order_of_draw(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
+fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
     const LAST: u64 = 1 << 63;
     let uniform = stream.uniform_at(candidate.point().into());
     // Differences of `q` replace those of the ELBO: a common factor does not change the race.
@@ -146,7 +146,7 @@ fn order_of_draw(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Opti
 }
 
 /// Sort key that orders distances from largest to smallest.
-fn largest_first(distance: f64) -> u64 {
+fn descending_key(distance: f64) -> u64 {
     let bits = distance.to_bits();
     if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
 }
@@ -203,9 +203,12 @@ mod tests {
         let q = [1.0, 50.0, 2.0, 60.0, 70.0, 0.0];
         let stream = Rng::new(1, Purpose::Reassign, 0);
         let mut chooser = DestinationChooser::default();
-        let points = chooser.destinations(&q, Quota { moves: 2, low_elbo: 3 }, &stream);
+        let points = chooser.choose_destinations(&q, Quota { moves: 2, low_elbo: 3 }, &stream);
         assert_eq!(points, [3, 4], "the best explained candidate has probability zero");
-        assert_eq!(chooser.destinations(&q, Quota { moves: 6, low_elbo: 3 }, &stream), [1, 3, 4]);
+        assert_eq!(
+            chooser.choose_destinations(&q, Quota { moves: 6, low_elbo: 3 }, &stream),
+            [1, 3, 4]
+        );
     }
 
     #[test]
@@ -220,12 +223,12 @@ mod tests {
             let best = distance(candidates.iter().map(|c| c.order()).max().unwrap());
             let mut race: Vec<(u64, u32)> = candidates
                 .iter()
-                .map(|&c| (order_of_draw(c, best, u64::MAX, &stream).unwrap(), c.point()))
+                .map(|&c| (arrival_key(c, best, u64::MAX, &stream).unwrap(), c.point()))
                 .collect();
             race.sort_unstable();
             let mut expected: Vec<u32> = race[..quota.moves].iter().map(|draw| draw.1).collect();
             expected.sort_unstable();
-            assert_eq!(chooser.destinations(&q, quota, &stream), expected, "{frame}");
+            assert_eq!(chooser.choose_destinations(&q, quota, &stream), expected, "{frame}");
         }
     }
 
@@ -236,7 +239,7 @@ mod tests {
         for seed in 0..4000 {
             let stream = Rng::new(seed, Purpose::Reassign, 0);
             let mut chooser = DestinationChooser::default();
-            counts[chooser.destinations(&q, quota, &stream)[0] as usize] += 1;
+            counts[chooser.choose_destinations(&q, quota, &stream)[0] as usize] += 1;
         }
         assert_eq!(counts[0], 0);
         for (count, p) in counts.iter().zip([0.0, 0.125, 0.25, 0.625]) {

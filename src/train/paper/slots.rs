@@ -4,7 +4,7 @@
 #[derive(Debug, Default)]
 pub(super) struct Slots {
     /// By key: the tile that used it last, and its slot there.
-    seen: Vec<(u32, u32)>,
+    stamps: Vec<(u32, u32)>,
     tile: u32,
     n: u32,
 }
@@ -14,9 +14,9 @@ impl Slots {
     #[inline(always)]
     pub fn begin(&mut self, bound: usize) {
         // When the stamp wraps, slots of early tiles could be mistaken for this one's, so it is reset.
-        if self.seen.len() < bound || self.tile == u32::MAX {
-            self.seen.clear();
-            self.seen.resize(bound, (0, 0));
+        if self.stamps.len() < bound || self.tile == u32::MAX {
+            self.stamps.clear();
+            self.stamps.resize(bound, (0, 0));
             self.tile = 0;
         }
         self.tile += 1;
@@ -26,7 +26,7 @@ impl Slots {
     /// Returns the slot of `key`, assigning the next one if it is new.
     #[inline(always)]
     pub fn find(&mut self, key: u32) -> usize {
-        let seen = &mut self.seen[key as usize];
+        let seen = &mut self.stamps[key as usize];
         if seen.0 != self.tile {
             *seen = (self.tile, self.n);
             self.n += 1;

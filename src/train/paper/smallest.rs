@@ -8,7 +8,7 @@ use rayon::prelude::*;
 const PARTS: usize = 16;
 /// Safety margin of the bound in standard deviations of the sample's count. About one frame in 30,000 needs a
 /// second search.
-const SURE: f64 = 4.0;
+const BOUND_MARGIN_SIGMAS: f64 = 4.0;
 
 /// A point with its sort key in the upper bits: one comparison of integers orders both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -62,7 +62,7 @@ impl Smallest {
     ) -> &[Ranked] {
         // If all items may be selected, no bound is needed.
         let bound =
-            if n < items { self.likely_bound(items, n, sampled, &ranked) } else { u64::MAX };
+            if n < items { self.estimate_bound(items, n, sampled, &ranked) } else { u64::MAX };
         self.collect(items, bound, &ranked);
         if self.found.len() < n && bound < u64::MAX {
             // The sample was not representative of the frame.
@@ -77,7 +77,7 @@ impl Smallest {
     }
 
     /// Estimates an order that at least `n` items, and not many more, do not exceed.
-    fn likely_bound(
+    fn estimate_bound(
         &mut self,
         items: usize,
         n: usize,
@@ -90,7 +90,7 @@ impl Smallest {
         sample.clear();
         sample.extend((0..items).step_by(step).filter_map(any).map(Ranked::order));
         let expected = n as f64 / step as f64;
-        let rank = (expected + SURE * (expected.sqrt() + 1.0)) as usize;
+        let rank = (expected + BOUND_MARGIN_SIGMAS * (expected.sqrt() + 1.0)) as usize;
         if rank < sample.len() { *sample.select_nth_unstable(rank).1 } else { u64::MAX }
     }
 

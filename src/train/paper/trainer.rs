@@ -135,7 +135,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     /// Candidates of the scoring pass before the fit.
-    fn scored_by(&self) -> Candidates {
+    fn scoring_candidates(&self) -> Candidates {
         match self.config.reassign {
             ReassignPolicy::Dense => Candidates::Dense,
             _ => self.config.candidates,
@@ -162,7 +162,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             && quota.moves <= points.n_tiles()
             && self.passes.can_run_again(&self.inputs(self.config.candidates));
         let output = if is_fit { Output::ElboAndSums } else { Output::Elbo };
-        self.run_pass(points, self.scored_by(), output, ms);
+        self.run_pass(points, self.scoring_candidates(), output, ms);
         let reassigned = self.reassign(points, Some(quota), ms)?;
         if is_fit {
             self.run_reached(points, ms);
@@ -197,7 +197,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     fn commit(&mut self, ms: &mut StageMs) {
         let mut clock = Stopwatch::start();
         self.passes.processor.commit(&mut self.statistics, self.config.operations.moments);
-        self.component_elbo.count(&self.q, self.model.len());
+        self.component_elbo.accumulate(&self.q, self.model.len());
         ms.add(PaperStage::Update as usize, clock.lap_ms());
     }
 
@@ -259,7 +259,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let mut clock = Stopwatch::start();
         // Derived from the frame number, so that a resumed run draws the same numbers.
         let stream = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
-        let destinations = self.chooser.destinations(&self.q, quota, &stream);
+        let destinations = self.chooser.choose_destinations(&self.q, quota, &stream);
         let mut moves = std::mem::take(&mut self.moves);
         moves.clear();
         // The lowest ids; the reference uses the order of an unstable sort of equals.
@@ -287,13 +287,14 @@ impl<R: PaperScalar> PaperTrainer<R> {
             let mean = (points.position(point as usize), points.color(point as usize));
             self.displaced.push(self.model.replace_mean(component as usize, mean));
         }
-        let rebuilt = self.index.renew(&self.model, moves.iter().map(|&(component, _)| component));
+        let rebuilt =
+            self.index.update_moved(&self.model, moves.iter().map(|&(component, _)| component));
         if rebuilt.is_err() {
             // In reverse, in case a component moves twice.
             for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
                 self.model.replace_mean(component as usize, mean);
             }
-        } else if !self.passes.is_devices() {
+        } else if !self.passes.is_next_on_device() {
             // Sorted here, so that its time counts as reassignment and not as part of the next pass.
             self.index.sorted(&self.model);
         }
@@ -335,7 +336,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     /// Devices used for passes; `None` if the settings do not allow a device.
     pub fn pass_use(&self) -> Option<PassUse> {
-        self.passes.used(&self.inputs(self.config.candidates))
+        self.passes.usage(&self.inputs(self.config.candidates))
     }
 
     /// Restores a model after `frames` frames.
@@ -429,7 +430,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     /// Components whose statistics the last frame changed, each once.
-    pub fn touched(&self) -> &[u32] {
+    pub fn changed_components(&self) -> &[u32] {
         self.statistics.touched()
     }
 

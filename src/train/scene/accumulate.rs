@@ -10,17 +10,17 @@ use super::grid::NONE;
 use super::point_parts::{PARTS, PointParts};
 use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
-use crate::math::pieces::pieces;
+use crate::math::pieces::split_by_sizes;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
-use crate::model::scene::kept::Taught;
+use crate::model::scene::kept::FrameContribution;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points of a frame with their assignment and corrections.
 #[derive(Clone, Copy)]
-pub struct Matched<'a> {
+pub struct AssignedPoints<'a> {
     /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
     /// Component of each point; values beyond the last component mean none.
@@ -32,10 +32,10 @@ pub struct Matched<'a> {
     /// Pixels per point.
     pub weight: u32,
     /// True if the added sums are to be returned.
-    pub is_noted: bool,
+    pub returns_contribution: bool,
 }
 
-impl Matched<'_> {
+impl AssignedPoints<'_> {
     #[inline(always)]
     fn terms<R: Real>(&self, i: usize, seed: [f32; 3], h: f64) -> [R; N_SUMS] {
         let (point, shift) = (&self.points[i], self.shifts[i]);
@@ -68,11 +68,11 @@ impl Matched<'_> {
 pub fn accumulate<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,
-    frame: Matched<'_>,
+    frame: AssignedPoints<'_>,
     h: f64,
     rule: VisibilityRule,
     touched: &mut Vec<u32>,
-) -> Option<Taught> {
+) -> Option<FrameContribution> {
     // Threads finish in any order: results are sorted by their first component afterwards.
     let received = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     let parts = PointParts::new(frame.owners, component_sums.len());
@@ -89,7 +89,7 @@ pub fn accumulate<W: SumScalar>(
     touched.clear();
     received.iter().for_each(|(_, part)| touched.extend(&part.ids));
     let is_narrow = received.iter().all(|(_, part)| part.wide.is_empty());
-    let taught = (frame.is_noted && is_narrow).then(|| taught(touched, &received));
+    let taught = (frame.returns_contribution && is_narrow).then(|| taught(touched, &received));
     for (id, sums) in received.into_iter().flat_map(|(_, part)| part.wide) {
         // Wide rows are shared, so they are updated after all threads have finished.
         component_sums.add_wide(id, sums);
@@ -98,16 +98,16 @@ pub fn accumulate<W: SumScalar>(
 }
 
 /// Concatenates the sums of all parts.
-fn taught(ids: &[u32], received: &[(usize, Received)]) -> Taught {
+fn taught(ids: &[u32], received: &[(usize, PartResult)]) -> FrameContribution {
     let mut sums = vec![[0; N_SUMS]; ids.len()];
-    let parts = pieces(&mut sums, received.iter().map(|(_, part)| part.sums.len()));
+    let parts = split_by_sizes(&mut sums, received.iter().map(|(_, part)| part.sums.len()));
     let parts = parts.into_par_iter().zip(received);
     parts.for_each(|(to, (_, part))| to.copy_from_slice(&part.sums));
-    Taught { ids: ids.to_vec(), sums }
+    FrameContribution { ids: ids.to_vec(), sums }
 }
 
 #[derive(Default)]
-struct Received {
+struct PartResult {
     /// Components with points, ascending.
     ids: Vec<u32>,
     /// Sums of components whose points exceed the range of a row.
@@ -122,13 +122,13 @@ struct Part<'a, W, P> {
     /// Points of these components, ascending.
     points: P,
     seed_positions: SeedPositions<'a>,
-    frame: Matched<'a>,
+    frame: AssignedPoints<'a>,
     h: f64,
     rule: VisibilityRule,
 }
 
 /// Component that receives points of this frame.
-struct Taker {
+struct Receiver {
     /// Row within the part.
     row: u32,
     n: u32,
@@ -141,16 +141,16 @@ struct Taker {
 
 impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
     /// Returns the index of each row's taker, and the takers in the order of their first point.
-    fn takers(&self) -> (Vec<u32>, Vec<Taker>) {
+    fn receivers(&self) -> (Vec<u32>, Vec<Receiver>) {
         let Self { first, rows, points, seed_positions, frame, .. } = self;
-        let (mut places, mut takers) = (vec![NONE; rows.len()], Vec::<Taker>::new());
+        let (mut places, mut takers) = (vec![NONE; rows.len()], Vec::<Receiver>::new());
         for &point in points.clone().flatten() {
             let id = frame.owners[point as usize] as usize;
             let place = &mut places[id - first];
             if *place == NONE {
                 *place = takers.len() as u32;
                 let (row, seed) = ((id - first) as u32, seed_positions.of(id));
-                takers.push(Taker { row, n: 0, seed, returns: 0.0, wide: None });
+                takers.push(Receiver { row, n: 0, seed, returns: 0.0, wide: None });
             }
             takers[*place as usize].n += 1;
         }
@@ -159,13 +159,13 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
 }
 
 impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, W, P> {
-    type Output = Received;
+    type Output = PartResult;
 
     #[inline(always)]
-    fn run<V: Vector>(self) -> Received {
-        let (places, mut takers) = self.takers();
+    fn run<V: Vector>(self) -> PartResult {
+        let (places, mut takers) = self.receivers();
         let Self { first, rows, points, seed_positions, frame, h, rule } = self;
-        let mut received = Received::default();
+        let mut received = PartResult::default();
         for taker in &mut takers {
             // A wall close to the camera can put a whole frame into one component.
             if f64::from(taker.n) * f64::from(frame.weight) > W::FULL {
@@ -173,9 +173,12 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
                 received.wide.push(((first as u32) + taker.row, [0.0; N_SUMS]));
             }
         }
-        let before = |taker: &Taker| rows[taker.row as usize].sums;
-        let before: Vec<_> =
-            if frame.is_noted { takers.iter().map(before).collect() } else { Vec::new() };
+        let before = |taker: &Receiver| rows[taker.row as usize].sums;
+        let before: Vec<_> = if frame.returns_contribution {
+            takers.iter().map(before).collect()
+        } else {
+            Vec::new()
+        };
         // Nested loops, since `next` of a flattened iterator is not inlined.
         for points in points {
             for &point in points {
@@ -195,9 +198,9 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
         let mut order: Vec<usize> = (0..takers.len()).collect();
         order.sort_unstable_by_key(|&taker| takers[taker].row);
         for place in order {
-            let Taker { row, n, returns, wide, .. } = takers[place];
+            let Receiver { row, n, returns, wide, .. } = takers[place];
             let (id, row) = (first + row as usize, &mut rows[row as usize]);
-            if frame.is_noted && wide.is_none() {
+            if frame.returns_contribution && wide.is_none() {
                 received.sums.push(std::array::from_fn(|i| row.sums[i].since(before[place][i])));
             }
             if rule == VisibilityRule::Returned {
@@ -236,7 +239,7 @@ fn clamp<R: Real>(value: R, most: f32) -> R {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::kept_motion::values;
+    use crate::model::scene::kept_motion::quanta_to_values;
     use crate::model::scene::state::WHOLE;
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
@@ -260,24 +263,24 @@ mod tests {
     fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums<i32> {
         let most = frames.iter().map(|points| points.len()).max().unwrap();
         let (owners, shifts) = (vec![0; most], vec![0.0; most]);
-        let frames: Vec<Matched<'_>> = frames
+        let frames: Vec<AssignedPoints<'_>> = frames
             .iter()
-            .map(|points| Matched {
+            .map(|points| AssignedPoints {
                 points,
                 owners: &owners[..points.len()],
                 shifts: &shifts[..points.len()],
                 gain: [1.0; 3],
                 weight: 1,
-                is_noted: true,
+                returns_contribution: true,
             })
             .collect();
         sum_of(&frames)
     }
 
-    fn sum_of(frames: &[Matched<'_>]) -> ComponentSums<i32> {
+    fn sum_of(frames: &[AssignedPoints<'_>]) -> ComponentSums<i32> {
         let mut grid = SeedGrid::new(1.0);
         let mut components = Components::default();
-        components.born(grid.insert([0.0; 3]), WHOLE);
+        components.add_seed(grid.insert([0.0; 3]), WHOLE);
         let seed_positions = SeedPositions { grid: &grid, components: &components };
         let mut component_sums = ComponentSums::<i32>::default();
         component_sums.grow(1);
@@ -295,9 +298,10 @@ mod tests {
             assert_eq!(touched, [0]);
             // The returned sums are those added, unless they exceed the range of a row.
             let fits = frame.points.len() as u32 * frame.weight <= 4096;
-            assert_eq!(taught.is_some(), frame.is_noted && fits);
+            assert_eq!(taught.is_some(), frame.returns_contribution && fits);
             if let Some(taught) = taught {
-                let (added, after) = (values(taught.of(0).unwrap()), component_sums.sums(0));
+                let (added, after) =
+                    (quanta_to_values(taught.of(0).unwrap()), component_sums.sums(0));
                 assert!((0..N_SUMS).all(|i| before[i] + added[i] == after[i]));
             }
             component_sums.spill_to_wide_rows(&touched);
@@ -310,13 +314,13 @@ mod tests {
         let points = points(100_000);
         let mut expected = [0i64; N_SUMS];
         let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
-        let frame = Matched {
+        let frame = AssignedPoints {
             points: &points,
             owners: &owners,
             shifts: &shifts,
             gain: [1.0; 3],
             weight: 1,
-            is_noted: false,
+            returns_contribution: false,
         };
         for i in 0..points.len() {
             let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
@@ -339,7 +343,14 @@ mod tests {
         let of = |weight: u32, points: &[SurfacePoint]| {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
             let (owners, shifts, gain) = (&owners, &shifts, [1.0; 3]);
-            let frame = Matched { points, owners, shifts, gain, weight, is_noted: false };
+            let frame = AssignedPoints {
+                points,
+                owners,
+                shifts,
+                gain,
+                weight,
+                returns_contribution: false,
+            };
             sum_of(&[frame])
         };
         // 1,500 points of weight 4 exceed the range of a row; 1,000 do not.

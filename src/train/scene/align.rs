@@ -20,7 +20,7 @@ use super::known_planes::{ColoredPlane, KnownPlanes};
 use super::near_seeds::GROUP;
 use super::rigid_equations::{Motion, RigidEquations};
 use super::sum_scalar::SumScalar;
-use crate::model::scene::kept::Shown;
+use crate::model::scene::kept::ComponentObservation;
 use crate::model::scene::sums::outer;
 use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DQuat, DVec3};
@@ -30,19 +30,19 @@ use rayon::prelude::*;
 const LOOKED_AT: usize = 8192;
 /// One of this many groups of neighbours is used until the pose has nearly converged (`scene.md`, Pose
 /// alignment).
-pub const FEW: usize = 4;
+pub const GROUP_STRIDE: usize = 4;
 /// Maximum number of rounds, each an assignment followed by Gauss–Newton steps.
 pub const ROUNDS: usize = 24;
 /// Mean movement of a point in a round, units of the structural scale, below which the pose has converged.
-const SETTLED: f64 = 0.02;
+const CONVERGED: f64 = 0.02;
 /// Minimum number of components that determine a motion.
 const MIN_COMPONENTS: usize = 6;
 /// Number of components from which the prior's full deviation applies.
 const MANY_COMPONENTS: f64 = 500.0;
 /// Maximum number of neighbouring components that count as one, since their errors correlate.
-const ALIKE: f64 = 10.0;
+const MAX_CORRELATED: f64 = 10.0;
 /// Minimum number of patches with independent errors in a whole picture.
-const PATCHES: f64 = MANY_COMPONENTS / ALIKE;
+const PATCHES: f64 = MANY_COMPONENTS / MAX_CORRELATED;
 /// Smallest factor on the deviation of the recorded position, for few components.
 const HELD: f64 = 0.3;
 /// Variance of a component's mean colour between frames.
@@ -73,7 +73,7 @@ pub struct Match<'p> {
     /// Predicted plane and colours.
     pub plane: &'p ColoredPlane,
     /// Means of the frame's points.
-    pub shown: Shown,
+    pub observation: ComponentObservation,
 }
 
 /// Result of one round of alignment.
@@ -81,9 +81,9 @@ pub struct Improvement {
     /// Improved motion.
     pub motion: Motion,
     /// True if the motion has converged.
-    pub has_settled: bool,
+    pub has_converged: bool,
     /// Means of the frame's points by component, from the last round only.
-    pub shown: Vec<Shown>,
+    pub shown: Vec<ComponentObservation>,
 }
 
 /// Matches of a frame and their coverage.
@@ -104,7 +104,7 @@ pub struct RecordedPose {
 }
 
 /// Returns the frame with an evenly spaced subset of its points for alignment.
-pub fn looked_at(frame: &Observation) -> Observation {
+pub fn alignment_subset(frame: &Observation) -> Observation {
     let every = (frame.points.len() / LOOKED_AT).max(1);
     // Parallel: the points are far apart in memory and were just written by another core.
     let chosen = (0..frame.points.len().div_ceil(every)).into_par_iter().with_min_len(512);
@@ -113,8 +113,8 @@ pub fn looked_at(frame: &Observation) -> Observation {
 
 /// Returns the frame with one of every [`FEW`] groups of points. Groups are searched together, so neighbours
 /// stay together.
-pub fn a_few(frame: &Observation) -> Observation {
-    let groups = frame.points.chunks(GROUP).step_by(FEW);
+pub fn first_groups(frame: &Observation) -> Observation {
+    let groups = frame.points.chunks(GROUP).step_by(GROUP_STRIDE);
     with_points(frame, groups.flatten().copied().collect())
 }
 
@@ -132,7 +132,7 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 impl PoseAlignment<'_> {
     /// Returns a more probable motion than `before`, under which `owners` were assigned; `None` if too few
     /// components are known. `is_last` requests the means of the points even without convergence.
-    pub fn improved<W: SumScalar>(
+    pub fn improve<W: SumScalar>(
         &self,
         before: &Motion,
         planes: &mut KnownPlanes<'_, W>,
@@ -141,33 +141,36 @@ impl PoseAlignment<'_> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
-        let motion = RecordedPose { centre, deviations }.stepped(&found, before)?;
+        let motion = RecordedPose { centre, deviations }.step(&found, before)?;
         let matches = &found.matches;
-        let reach = matches.iter().map(|m| (m.shown.place - centre).length()).sum::<f64>();
+        let reach = matches.iter().map(|m| (m.observation.position - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
         let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
-        let has_settled = moved < SETTLED * self.h;
+        let has_settled = moved < CONVERGED * self.h;
         let shown = if is_last || has_settled { &matches[..] } else { &[] };
-        let shown = shown.iter().map(|matched| matched.shown).collect();
-        Some(Improvement { motion, has_settled, shown })
+        let shown = shown.iter().map(|matched| matched.observation).collect();
+        Some(Improvement { motion, has_converged: has_settled, shown })
     }
 
     /// Averages the points by component, in the order of each component's first point. Runs on one thread, so
     /// that rounding depends neither on the machine nor on the numbering of components.
     fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> FrameMatches<'p> {
-        planes.learn(self.owners);
+        planes.compute_missing(self.owners);
         let planes = &*planes;
         let mut at = vec![NONE; planes.len()];
         let mut sums: Vec<(f64, Match<'p>)> = Vec::new();
         for (point, &component) in self.frame.points.iter().zip(self.owners) {
-            let Some((number, plane)) = planes.of(component) else { continue };
+            let Some((number, plane)) = planes.plane_of(component) else { continue };
             if at[number] == NONE {
                 at[number] = sums.len() as u32;
-                sums.push((0.0, Match { plane, shown: Shown::nothing(component) }));
+                sums.push((
+                    0.0,
+                    Match { plane, observation: ComponentObservation::empty(component) },
+                ));
             }
-            let (n, Match { shown, .. }) = &mut sums[at[number] as usize];
+            let (n, Match { observation: shown, .. }) = &mut sums[at[number] as usize];
             *n += 1.0;
-            shown.place += point.position_vector() - plane.seed;
+            shown.position += point.position_vector() - plane.seed;
             shown.color += self.exposed(point);
             shown.noise += f64::from(point.noise);
         }
@@ -186,8 +189,8 @@ impl PoseAlignment<'_> {
 impl Match<'_> {
     /// Converts sums about the seed over `n` points to means.
     fn mean_of(mut self, n: f64) -> Self {
-        let Self { plane, shown } = &mut self;
-        shown.place = plane.seed + shown.place / n;
+        let Self { plane, observation: shown } = &mut self;
+        shown.position = plane.seed + shown.position / n;
         shown.color /= n;
         shown.noise /= n;
         self
@@ -197,27 +200,27 @@ impl Match<'_> {
 impl FrameMatches<'_> {
     /// Number of neighbouring matches that count as one: the fewer components a surface has, the larger each
     /// is.
-    fn alike(&self) -> f64 {
-        (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, ALIKE)
+    fn n_correlated(&self) -> f64 {
+        (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, MAX_CORRELATED)
     }
 
     /// Factor on the prior deviation of the recorded position. Large components describe texture badly, and
     /// their errors pull the camera along a wall that does not constrain it.
-    fn freedom(&self) -> f64 {
+    fn prior_factor(&self) -> f64 {
         (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
     }
 }
 
 impl RecordedPose {
     /// Returns a more probable motion than `before`; `None` with too few matches.
-    pub fn stepped(&self, found: &FrameMatches<'_>, before: &Motion) -> Option<Motion> {
+    pub fn step(&self, found: &FrameMatches<'_>, before: &Motion) -> Option<Motion> {
         let matches = &found.matches;
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
-        let alike = found.alike();
+        let alike = found.n_correlated();
         let [turn, shift] = self.deviations;
-        let deviations = [turn, shift * found.freedom()];
+        let deviations = [turn, shift * found.prior_factor()];
         let mut motion = *before;
         for _ in 0..STEPS {
             // The prior stays about the recorded pose: about the last motion, rounds could drift away.
@@ -231,7 +234,7 @@ impl RecordedPose {
             };
             // Parts of fixed size, added in order: rounding is independent of the number of threads.
             let parts: Vec<_> = matches.par_chunks(PART).map(part).collect();
-            parts.iter().for_each(|part| normal.join(part));
+            parts.iter().for_each(|part| normal.add_equations(part));
             let [turn, shift] = normal.solution()?;
             motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
             motion.shift += shift;
@@ -242,9 +245,9 @@ impl RecordedPose {
 
 impl RigidEquations {
     fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion, alike: f64) {
-        let Match { plane, shown } = matched;
+        let Match { plane, observation: shown } = matched;
         // Rotates about the camera centre, so that a rotation leaves the camera's position unchanged.
-        let arm = motion.turn * (shown.place - centre);
+        let arm = motion.turn * (shown.position - centre);
         let offset = centre + arm + motion.shift - plane.mean;
         let distance = plane.normal.dot(offset);
         // Not divided by the number of points: errors of neighbouring pixels do not average out.

@@ -132,7 +132,7 @@ fn all_that_was_learnt_moves_with_the_world() {
     let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::new(0.5, 0.0, 0.0));
     trainer.train(&room(DQuat::IDENTITY, DVec3::ZERO));
     let turn = DQuat::from_scaled_axis(DVec3::new(0.3, -0.2, 0.5));
-    let motion = Pose::IDENTITY.attached(DVec3::new(0.4, -0.3, 0.2), turn);
+    let motion = Pose::IDENTITY.attached_camera(DVec3::new(0.4, -0.3, 0.2), turn);
     let moved = moved::<i32>(trainer.state(), &motion).unwrap();
     let moved = SceneTrainer::<i32>::restore(&config, moved, 1).unwrap();
     let (before, after) = (trainer.splats(), moved.splats());

@@ -9,7 +9,7 @@ use super::ray_search::SearchRays;
 use super::seed_groups::SeedGroups;
 use super::spacing::Spacing;
 use crate::math::simd::Isa;
-use crate::model::scene::points_device::OPEN;
+use crate::model::scene::points_device::LEFT_TO_PROCESSOR;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
@@ -50,7 +50,9 @@ pub fn assign_known(
     owners: &mut [u32],
 ) {
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each(|(owners, points)| {
-        for (owner, point) in owners.iter_mut().zip(points).filter(|(owner, _)| **owner == OPEN) {
+        for (owner, point) in
+            owners.iter_mut().zip(points).filter(|(owner, _)| **owner == LEFT_TO_PROCESSOR)
+        {
             *owner = grid.nearest(point.position).unwrap_or(NONE);
         }
         keep_components(grid, components, spacing, points, owners);
@@ -66,8 +68,8 @@ fn keep_components(
     points: &[SurfacePoint],
     owners: &mut [u32],
 ) {
-    if !spacing.is_even() {
-        keep_within(grid, spacing, points, owners);
+    if !spacing.is_uniform() {
+        drop_out_of_reach(grid, spacing, points, owners);
     }
     if spacing.searches_rays() {
         Isa::best().run(SearchRays { grid, spacing, points, seeds: owners });
@@ -78,7 +80,12 @@ fn keep_components(
 }
 
 /// Drops seeds that are too far from their point for the resolution of its view.
-fn keep_within(grid: &SeedGrid, spacing: Spacing, points: &[SurfacePoint], owners: &mut [u32]) {
+fn drop_out_of_reach(
+    grid: &SeedGrid,
+    spacing: Spacing,
+    points: &[SurfacePoint],
+    owners: &mut [u32],
+) {
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner != NONE) {
         if !grid.is_within(*owner, point.position, spacing.reach(point)) {
             *owner = NONE;
@@ -114,7 +121,7 @@ mod tests {
         let mut owners = Vec::new();
         let mut components = Components::default();
         for seed in 0..grid.len() as u32 {
-            components.born(seed, WHOLE);
+            components.add_seed(seed, WHOLE);
         }
         assign(&grid, &components, Spacing::new(0.1, None), &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {

@@ -30,7 +30,7 @@ pub struct Limits {
 
 /// Assigns an owner to the points with [`NONE`]: the component of a seed born in this frame within reach,
 /// else a new component within the limits, else that of any seed within the structural scale.
-pub fn give_birth(
+pub fn create_components(
     rule: BirthRule,
     spacing: Spacing,
     grid: &mut SeedGrid,
@@ -55,14 +55,14 @@ pub fn give_birth(
         *owner = match nearest.filter(|&seed| grid.is_within(seed, place, spacing.reach(point))) {
             Some(seed) => components.of_seed(seed),
             // Checked before the budget: such a place has no grid cell for a seed.
-            None if !grid.reaches(place) => {
+            None if !grid.has_cell(place) => {
                 births.out_of_reach += 1;
                 NONE
             }
             None if components.used() < limits.components && grid.len() < limits.seeds => {
                 births.born += 1;
                 fresh.insert(place);
-                components.born(grid.insert(place), spacing.share(point))
+                components.add_seed(grid.insert(place), spacing.share(point))
             }
             None => {
                 let near = (rule == BirthRule::Seeds).then(|| grid.nearest(place)).flatten();

@@ -2,7 +2,7 @@
 
 use super::component_sums::ComponentSums;
 use super::sum_scalar::SumScalar;
-use crate::model::scene::state::{MOST_COARSENED, QUANTUM, SceneState, WHOLE};
+use crate::model::scene::state::{MAX_COARSENING_STEPS, QUANTUM, SceneState, WHOLE};
 use crate::model::scene::sums::N_SUMS;
 use std::f64::consts::SQRT_2;
 
@@ -17,10 +17,10 @@ pub fn factor(steps: u32) -> f64 {
 /// represent the same surface; sums are rounded to whole quanta. `None` if sums have another form, or the
 /// scale is already wider.
 pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneState> {
-    if steps > MOST_COARSENED {
+    if steps > MAX_COARSENING_STEPS {
         return None;
     }
-    let by = factor(steps.checked_sub(state.coarsened)?);
+    let by = factor(steps.checked_sub(state.coarsening_steps)?);
     if by == 1.0 {
         return Some(state);
     }
@@ -36,7 +36,14 @@ pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneSta
     let shares = Some(shares.into_iter().map(narrower).collect());
     // Stored contributions of frames use the old unit: they are dropped, and those frames stay where they
     // are.
-    Some(SceneState { coarsened: steps, shares, sums, visibility, kept: Vec::new(), ..state })
+    Some(SceneState {
+        coarsening_steps: steps,
+        shares,
+        sums,
+        visibility,
+        stored_frames: Vec::new(),
+        ..state
+    })
 }
 
 /// Converts sums to offsets in units `by` times as long, in whole quanta.
@@ -74,7 +81,7 @@ mod tests {
         let (sums, visibility) = sums.state(&[0, 1]);
         SceneState {
             origin: [0.0; 3],
-            coarsened: 0,
+            coarsening_steps: 0,
             seeds: vec![[0.0; 3], [1.0, 0.0, 0.0]],
             shares: None,
             components: None,
@@ -84,7 +91,7 @@ mod tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
-            kept: Vec::new(),
+            stored_frames: Vec::new(),
         }
     }
 
@@ -96,9 +103,9 @@ mod tests {
     #[test]
     fn a_wider_scale_describes_the_same_points() {
         let before = scene();
-        for steps in 1..=MOST_COARSENED {
+        for steps in 1..=MAX_COARSENING_STEPS {
             let after = coarsened::<i32>(before.clone(), steps).unwrap();
-            assert_eq!((after.coarsened, &after.seeds), (steps, &before.seeds));
+            assert_eq!((after.coarsening_steps, &after.seeds), (steps, &before.seeds));
             for id in 0..2 {
                 let (h, wider) = (0.05, 0.05 * factor(steps));
                 let [a, b] = [(&before, h), (&after, wider)]
@@ -122,9 +129,9 @@ mod tests {
         assert_eq!(twice.shares, Some(vec![32; 2]));
         assert_eq!(coarsened::<i32>(twice.clone(), 2), Some(twice.clone()));
         assert_eq!(coarsened::<i32>(twice.clone(), 1), None);
-        assert_eq!(coarsened::<i32>(twice, MOST_COARSENED + 1), None);
+        assert_eq!(coarsened::<i32>(twice, MAX_COARSENING_STEPS + 1), None);
         assert_eq!(coarsened::<f64>(once, 2), None, "another form");
-        let far = coarsened::<i32>(scene(), MOST_COARSENED).unwrap();
+        let far = coarsened::<i32>(scene(), MAX_COARSENING_STEPS).unwrap();
         assert_eq!(far.shares, Some(vec![1; 2]));
         assert_eq!([0, 1, 2, 5, 12].map(factor), [1.0, SQRT_2, 2.0, 4.0 * SQRT_2, 64.0]);
     }

@@ -7,9 +7,9 @@
 
 use super::sum_scalar::SumScalar;
 use super::wide_sums::WideSums;
-use crate::math::pieces::pieces;
+use crate::math::pieces::split_by_sizes;
 use crate::math::sym3::Sym3;
-use crate::model::scene::bounds::{make_definite, restrain};
+use crate::model::scene::bounds::{clamp_moments, repair_scatter};
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use crate::model::splat::observed_cone::ObservedCone;
@@ -209,7 +209,8 @@ impl<W: SumScalar> ComponentSums<W> {
     ) {
         let ends = firsts.iter().skip(1).copied().chain([self.rows.len()]);
         let sizes = ends.zip(firsts).map(|(end, first)| end.saturating_sub(*first));
-        let runs = pieces(&mut self.rows, sizes).into_par_iter().zip(firsts).with_max_len(1);
+        let runs =
+            split_by_sizes(&mut self.rows, sizes).into_par_iter().zip(firsts).with_max_len(1);
         runs.for_each(|(rows, &first)| f(first, rows, WideRows(&self.wide)));
     }
 
@@ -238,12 +239,12 @@ impl<W: SumScalar> ComponentSums<W> {
 
     /// Adds changes of earlier contributions to the given components (ascending), with equal counts, in parts
     /// of equal numbers. Exact, except for second moments that no set of points could have any more.
-    pub fn change(&mut self, ids: &[u32], changes: &[[i32; N_SUMS]], parts: usize) {
+    pub fn apply_changes(&mut self, ids: &[u32], changes: &[[i32; N_SUMS]], parts: usize) {
         self.add_quanta(ids, changes, parts);
         let mended = |&id: &u32| {
             let mut sums = self.sums(id as usize);
-            let is_restrained = restrain(&mut sums, W::SLACK);
-            (make_definite(&mut sums) || is_restrained).then_some((id as usize, sums))
+            let is_restrained = clamp_moments(&mut sums, W::SLACK);
+            (repair_scatter(&mut sums) || is_restrained).then_some((id as usize, sums))
         };
         let mended: Vec<_> = ids.par_iter().with_min_len(256).filter_map(mended).collect();
         mended.into_iter().for_each(|(id, sums)| self.replace(id, &sums));
@@ -277,15 +278,15 @@ impl<W: SumScalar> ComponentSums<W> {
             self.add_wide(kept as u32, sums);
         }
         let mut union = self.sums(kept);
-        let is_restrained = restrain(&mut union, W::SLACK);
-        if make_definite(&mut union) || is_restrained {
+        let is_restrained = clamp_moments(&mut union, W::SLACK);
+        if repair_scatter(&mut union) || is_restrained {
             self.replace(kept, &union);
         }
     }
 
     /// Empties all components except the `most` with the most points (ties: lower numbers); returns those
     /// emptied.
-    pub fn keep_fullest(&mut self, most: usize) -> Vec<u32> {
+    pub fn retain_fullest(&mut self, most: usize) -> Vec<u32> {
         let count = |id: &u32| self.sums(*id as usize)[0];
         let mut ids: Vec<u32> = (0..self.rows.len() as u32).filter(|id| count(id) > 0.0).collect();
         ids.sort_by(|a, b| count(b).total_cmp(&count(a)));
@@ -302,8 +303,8 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn push(&mut self, sums: &[f64; N_SUMS], visibility: VisibilityCounts) {
         let id = self.rows.len();
         let mut sums = *sums;
-        restrain(&mut sums, W::SLACK);
-        make_definite(&mut sums);
+        clamp_moments(&mut sums, W::SLACK);
+        repair_scatter(&mut sums);
         self.rows.push(SumRow { sums: [W::default(); N_SUMS], visibility });
         if sums[0] < W::FULL {
             self.rows[id].sums = sums.map(W::of_sum);
@@ -313,11 +314,11 @@ impl<W: SumScalar> ComponentSums<W> {
     }
 
     /// Rotates all sums by `turn`, about the same seeds.
-    pub fn turn(&mut self, turn: DMat3) {
+    pub fn rotate(&mut self, turn: DMat3) {
         let turned = |sums: &[f64; N_SUMS]| {
-            let mut turned = SceneSums::new(sums, 1.0).turned(turn).to_array();
-            restrain(&mut turned, W::SLACK);
-            make_definite(&mut turned);
+            let mut turned = SceneSums::new(sums, 1.0).rotated(turn).to_array();
+            clamp_moments(&mut turned, W::SLACK);
+            repair_scatter(&mut turned);
             turned
         };
         let wide = self.wide.ids();

@@ -86,7 +86,7 @@ impl Components {
 
     /// Returns the seed to which a component's sums refer.
     #[inline(always)]
-    pub fn reference(&self, component: usize) -> usize {
+    pub fn reference_seed(&self, component: usize) -> usize {
         self.sharing.as_ref().map_or(component, |s| s.reference[component] as usize)
     }
 
@@ -112,7 +112,7 @@ impl Components {
     }
 
     /// Adds a seed, which must be the next number, with its share; returns its new component.
-    pub fn born(&mut self, seed: u32, share: u8) -> u32 {
+    pub fn add_seed(&mut self, seed: u32, share: u8) -> u32 {
         if share != WHOLE || !self.shares.is_empty() {
             self.shares.resize(seed as usize, WHOLE);
             self.shares.push(share);
@@ -176,21 +176,21 @@ mod tests {
     fn merged_components_give_their_rows_to_new_seeds() {
         let mut components = Components::default();
         for seed in 0..5 {
-            assert_eq!(components.born(seed, WHOLE), seed);
+            assert_eq!(components.add_seed(seed, WHOLE), seed);
         }
         assert_eq!(components.bytes(), 0, "one to one needs no bookkeeping");
         components.merge(&[(0, 3), (1, 2)]);
         assert_eq!((components.used(), components.n_rows()), (3, 5));
         assert_eq!([0, 1, 2, 3, 4].map(|seed| components.of_seed(seed)), [0, 1, 1, 0, 4]);
-        assert_eq!((components.reference(0), components.surface(0)), (0, 2.0));
-        assert_eq!(components.born(5, WHOLE), 2);
-        assert_eq!(components.born(6, WHOLE), 3);
-        assert_eq!(components.born(7, WHOLE), 5);
-        assert_eq!((components.reference(2), components.reference(5)), (5, 7));
+        assert_eq!((components.reference_seed(0), components.surface(0)), (0, 2.0));
+        assert_eq!(components.add_seed(5, WHOLE), 2);
+        assert_eq!(components.add_seed(6, WHOLE), 3);
+        assert_eq!(components.add_seed(7, WHOLE), 5);
+        assert_eq!((components.reference_seed(2), components.reference_seed(5)), (5, 7));
         let shared = components.shared().unwrap().to_vec();
         let again = Components::restore(shared.clone(), components.n_rows(), Vec::new()).unwrap();
         assert_eq!(again.shared().unwrap(), shared);
-        assert_eq!((again.reference(0), again.reference(2), again.used()), (0, 5, 6));
+        assert_eq!((again.reference_seed(0), again.reference_seed(2), again.used()), (0, 5, 6));
         assert!(Components::restore(vec![0, 9], 2, Vec::new()).is_none());
     }
 
@@ -198,11 +198,11 @@ mod tests {
     fn surfaces_are_those_of_the_seeds_that_were_joined() {
         let mut components = Components::default();
         for share in [WHOLE, 32, 16, WHOLE] {
-            components.born(components.n_rows() as u32, share);
+            components.add_seed(components.n_rows() as u32, share);
         }
         assert_eq!([0, 1, 2, 3].map(|id| components.surface(id)), [1.0, 0.25, 0.0625, 1.0]);
         components.merge(&[(1, 2), (0, 3)]);
-        components.born(4, 48);
+        components.add_seed(4, 48);
         assert_eq!([0, 1, 2].map(|id| components.surface(id)), [2.0, 0.3125, 0.5625]);
         let shared = components.shared().unwrap().to_vec();
         let shares = components.shares().unwrap().to_vec();

@@ -178,7 +178,7 @@ impl SceneConfig {
     /// True if frames are aligned a second time and moved with their contributions (`scene.md`, A second
     /// look): if both poses and exposures are corrected. Without gains, frames drift along with their
     /// brightness.
-    pub fn looks_twice(&self) -> bool {
+    pub fn aligns_twice(&self) -> bool {
         self.align && !self.track && self.gain
     }
 

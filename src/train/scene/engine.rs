@@ -74,12 +74,12 @@ fn fused<W: SumScalar>(
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
     // Converts all to the coarsest scale that a budget required.
-    let steps = scenes.iter().map(|scene| scene.coarsened).max()?;
+    let steps = scenes.iter().map(|scene| scene.coarsening_steps).max()?;
     let start = match start {
-        Some(start) => Some(alike::<W>(start, steps)?),
+        Some(start) => Some(at_scale::<W>(start, steps)?),
         None => None,
     };
-    let scenes: Option<Vec<_>> = scenes.iter().map(|scene| alike::<W>(scene, steps)).collect();
+    let scenes: Option<Vec<_>> = scenes.iter().map(|scene| at_scale::<W>(scene, steps)).collect();
     let scenes = scenes?;
     let scenes: Vec<&SceneState> = scenes.iter().map(AsRef::as_ref).collect();
     let state = fusion::fuse::<W>(config, start.as_deref(), &scenes)?;
@@ -92,8 +92,8 @@ fn fused<W: SumScalar>(
 }
 
 /// Converts a scene to the scale after `steps` steps.
-fn alike<W: SumScalar>(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
-    match scene.coarsened == steps {
+fn at_scale<W: SumScalar>(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
+    match scene.coarsening_steps == steps {
         true => Some(Cow::Borrowed(scene)),
         false => coarsened::<W>(scene.clone(), steps).map(Cow::Owned),
     }

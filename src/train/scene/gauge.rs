@@ -26,14 +26,14 @@ pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Po
         // A rotation of the world rotates every camera and moves it in proportion to its distance from the
         // middle.
         let turned = Motion { turn: apart.turn, shift: DVec3::ZERO };
-        normal.join(&RigidEquations::prior(&turned, [turn, f64::INFINITY]));
+        normal.add_equations(&RigidEquations::prior(&turned, [turn, f64::INFINITY]));
         let weight = shift.powi(-2);
         let arm = real.centre() - middle;
         normal.add_all(DMat3::from_diagonal(DVec3::splat(weight)), weight * apart.shift, arm);
     }
     let [turn, shift] = normal.solution()?;
     let turn = DQuat::from_scaled_axis(turn);
-    Some(Pose::IDENTITY.attached(middle + shift - turn * middle, turn))
+    Some(Pose::IDENTITY.attached_camera(middle + shift - turn * middle, turn))
 }
 
 /// Moves a seed, given in world units from `origin`, with the world.
@@ -47,7 +47,7 @@ pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
 pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneState> {
     let origin = DVec3::from_array(state.origin);
     let mut sums = ComponentSums::<W>::restore(state.sums, state.visibility)?;
-    sums.turn(motion.rotation());
+    sums.rotate(motion.rotation());
     let order: Vec<u32> = (0..sums.len() as u32).collect();
     let (sums, visibility) = sums.state(&order);
     let mut photometric = state.photometric;
@@ -61,7 +61,11 @@ pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneStat
         exposures: state.exposures.iter().map(|frame| frame.moved(motion)).collect(),
         poses: state.poses.iter().map(|frame| frame.moved(motion)).collect::<Option<_>>()?,
         photometric,
-        kept: state.kept.into_iter().map(|kept| kept.turned(motion.rotation())).collect(),
+        stored_frames: state
+            .stored_frames
+            .into_iter()
+            .map(|kept| kept.rotated(motion.rotation()))
+            .collect(),
         ..state
     })
 }
@@ -79,16 +83,16 @@ mod tests {
     #[test]
     fn what_all_frames_err_by_is_told_from_what_each_errs_by() {
         let turn = DQuat::from_scaled_axis(DVec3::new(0.01, -0.02, 0.015));
-        let by = Pose::IDENTITY.attached(DVec3::new(0.02, -0.01, 0.03), turn);
+        let by = Pose::IDENTITY.attached_camera(DVec3::new(0.02, -0.01, 0.03), turn);
         let frame = |i: usize| {
             let own = if i.is_multiple_of(2) { 0.004 } else { -0.004 };
-            let real = recorded(i / 2).moved(&by);
-            FramePose::new(&recorded(i / 2), &real.attached(DVec3::X * own, DQuat::IDENTITY))
+            let real = recorded(i / 2).transformed_by(&by);
+            FramePose::new(&recorded(i / 2), &real.attached_camera(DVec3::X * own, DQuat::IDENTITY))
         };
         let frames: Vec<FramePose> = (0..32).map(frame).collect();
         let motion = common_motion(&frames, [0.01, 0.02]).unwrap();
         for i in 0..16 {
-            let back = recorded(i).moved(&by).moved(&motion);
+            let back = recorded(i).transformed_by(&by).transformed_by(&motion);
             // The solution is linear in rotations of a hundredth.
             assert!((back.centre() - recorded(i).centre()).length() < 1e-3);
             assert!((back.forward() - recorded(i).forward()).length() < 1e-3);

@@ -7,7 +7,7 @@
 //! few seeds each: insertion moves nothing, growth relinks, and seeds keep their numbers. Nodes hold
 //! positions beside numbers, so that eight seeds are tested against a box at a time.
 
-use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector};
+use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector};
 use crate::model::scene::points_device::{NO_SEED, Seeds};
 
 /// Marks no seed or no component.
@@ -95,7 +95,7 @@ impl SeedGrid {
 
     /// True if a position is close enough to the origin to have a cell.
     #[inline(always)]
-    pub fn reaches(&self, position: [f32; 3]) -> bool {
+    pub fn has_cell(&self, position: [f32; 3]) -> bool {
         position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
@@ -111,7 +111,7 @@ impl SeedGrid {
 
     /// True if a place may lie within `radius` world units of a seed, including places just outside the grid.
     #[inline(always)]
-    pub fn comes_near(&self, position: [f32; 3], radius: f32) -> bool {
+    pub fn may_reach_seed(&self, position: [f32; 3], radius: f32) -> bool {
         position.iter().all(|x| (x.abs() - radius) * self.per_cell < MAX_CELLS)
     }
 
@@ -141,7 +141,7 @@ impl SeedGrid {
         let Self { cell, per_cell, block_bits, .. } = *self;
         let mut moved = Self { cell, per_cell, block_bits, ..Self::new(1.0) };
         for position in self.positions.iter().map(|&position| place(position)) {
-            if !moved.reaches(position) {
+            if !moved.has_cell(position) {
                 return None;
             }
             moved.insert(position);
@@ -229,7 +229,7 @@ impl SeedGrid {
     /// [`NONE`] without one.
     #[inline(always)]
     pub fn nearest_within<V: Vector>(&self, position: [f32; 3], reach: f32) -> u32 {
-        if !self.reaches(position) {
+        if !self.has_cell(position) {
             return NONE;
         }
         let [x, y, z] = position;
@@ -261,7 +261,7 @@ impl SeedGrid {
 
     /// Returns the seed at exactly this position.
     pub fn at(&self, position: [f32; 3]) -> Option<u32> {
-        if !self.reaches(position) {
+        if !self.has_cell(position) {
             return None;
         }
         let cell = self.cell_of(position);
@@ -358,13 +358,13 @@ impl Kernel for Gather<'_> {
         let [low, high] = corners;
         for mut next in grid.heads_of(grid.cells_between(corners)) {
             while let Some(node) = grid.nodes.get(next as usize) {
-                let mut inside = V::splat(EVERY_BIT);
+                let mut inside = V::splat(SET_LANE);
                 for axis in 0..3 {
                     let at = V::load(&node.along[axis]);
                     let above = V::splat(low[axis]).mask_at_most(at);
                     inside = inside.and(above).and(at.mask_at_most(V::splat(high[axis])));
                 }
-                let mut inside = inside.signs();
+                let mut inside = inside.sign_bits();
                 while inside != 0 {
                     let i = inside.trailing_zeros() as usize % NODE;
                     found.push((node.ids[i], node.position(i)));

@@ -77,7 +77,7 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
     }
 
     /// Computes the missing planes of the given owners, as far as they existed before the frame.
-    pub fn learn(&mut self, owners: &[u32]) {
+    pub fn compute_missing(&mut self, owners: &[u32]) {
         let mut new = Vec::new();
         for &id in owners {
             if let Some(place) = self.places.get_mut(id as usize).filter(|place| **place == NONE) {
@@ -100,7 +100,7 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
 
     /// Returns the plane of a requested component and its index; `None` if it has no plane.
     #[inline]
-    pub fn of(&self, component: u32) -> Option<(usize, &ColoredPlane)> {
+    pub fn plane_of(&self, component: u32) -> Option<(usize, &ColoredPlane)> {
         let place = *self.places.get(component as usize)? as usize;
         Some((place, self.planes.get(place)?.as_ref()?))
     }

@@ -49,7 +49,7 @@ impl SceneConfig {
             None => [0; 2],
         };
         let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
-        let kept = match self.looks_twice() {
+        let kept = match self.aligns_twice() {
             // Twice, as a checkpoint holds a copy.
             true => 2 * (MOST_KEPT_FRAMES * pixels * KEPT_PIXEL_BYTES).min(MOST_KEPT_BYTES),
             false => 0,

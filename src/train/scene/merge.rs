@@ -61,7 +61,7 @@ pub fn merge_down<W: SumScalar>(
             component_sums.merge(
                 kept as usize,
                 dropped as usize,
-                &b.sums.moved(b.seed - a.seed).to_array(),
+                &b.sums.about_shifted_seed(b.seed - a.seed).to_array(),
             );
         }
         components.merge(&pairs);
@@ -131,7 +131,7 @@ fn best_partner(
     let mean = (own.seed + own.sums.mean_offset()) * h;
     // After earlier merges means lie up to 1.5 `h` from their seeds; neighbours are those of the mean.
     let mean = mean.as_vec3().to_array();
-    if !grid.reaches(mean) {
+    if !grid.has_cell(mean) {
         return None;
     }
     let cell = grid.cell_of(mean);
@@ -143,7 +143,7 @@ fn best_partner(
             return;
         }
         // The older one is retained: its sums already refer to its seed.
-        let is_older = components.reference(id) < components.reference(other_id as usize);
+        let is_older = components.reference_seed(id) < components.reference_seed(other_id as usize);
         let (a, b) = if is_older { (own, other) } else { (other, own) };
         let Some(cost) = cost(a, b) else { return };
         let pair = if is_older { (cost, id as u32, other_id) } else { (cost, other_id, id as u32) };
@@ -157,7 +157,7 @@ fn best_partner(
 
 /// Returns the increase of the residual by merging; `None` if the union would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
-    let union = a.sums + b.sums.moved(b.seed - a.seed);
+    let union = a.sums + b.sums.about_shifted_seed(b.seed - a.seed);
     let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
         && union.mean_offset().length() <= MAX_OFFSET;
     is_small.then(|| error(&union) - a.error - b.error)
@@ -208,8 +208,11 @@ mod tests {
     fn sums_are_the_same_about_any_seed() {
         let color = |p: DVec3| p * 0.3 + DVec3::splat(0.2);
         let (a, b) = (at(DVec3::ZERO, color), at(DVec3::X * 0.5, color));
-        let union = a.sums + b.sums.moved(b.seed - a.seed);
-        let back = b.sums.moved(DVec3::new(0.3, -1.0, 2.0)).moved(-DVec3::new(0.3, -1.0, 2.0));
+        let union = a.sums + b.sums.about_shifted_seed(b.seed - a.seed);
+        let back = b
+            .sums
+            .about_shifted_seed(DVec3::new(0.3, -1.0, 2.0))
+            .about_shifted_seed(-DVec3::new(0.3, -1.0, 2.0));
         assert!((back.first - b.sums.first).length() < 1e-12);
         assert!((back.second.trace() - b.sums.second.trace()).abs() < 1e-9);
         assert!((union.mean_offset().x - 0.45).abs() < 1e-12);

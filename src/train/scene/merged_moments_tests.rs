@@ -4,7 +4,7 @@ use super::component_sums::ComponentSums;
 use super::sum_scalar::SumScalar;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::sym3::Sym3;
-use crate::model::scene::bounds::restrain;
+use crate::model::scene::bounds::clamp_moments;
 use crate::model::scene::state::QUANTUM;
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use glam::DVec3;
@@ -41,11 +41,11 @@ fn merges_stay_bounded<W: SumScalar>(term: impl Fn(f64) -> W::Term) {
         }
         for (id, seed) in seeds.iter().enumerate().skip(1) {
             let own = SceneSums::new(&component_sums.sums(id), 1.0);
-            let moved = own.moved(*seed - seeds[0]).to_array();
+            let moved = own.about_shifted_seed(*seed - seeds[0]).to_array();
             let count = component_sums.sums(0)[0] + moved[0];
             component_sums.merge(0, id, &moved);
             let mut union = component_sums.sums(0);
-            assert!(!restrain(&mut union, W::SLACK), "case {case}, merge {id}: {union:?}");
+            assert!(!clamp_moments(&mut union, W::SLACK), "case {case}, merge {id}: {union:?}");
             assert_eq!(union[0], count, "no point is lost");
         }
     }
@@ -114,11 +114,11 @@ proptest! {
             let kept = left[kept.index(left.len())];
             let seed = |id: usize| DVec3::from_array(components[id].0);
             let own = SceneSums::new(&component_sums.sums(dropped), 1.0);
-            let moved = own.moved(seed(dropped) - seed(kept)).to_array();
+            let moved = own.about_shifted_seed(seed(dropped) - seed(kept)).to_array();
             component_sums.merge(kept, dropped, &moved);
             let union = component_sums.sums(kept);
             prop_assert!(are_moments_of_points(&union), "{:?}", &union[..10]);
-            prop_assert!(!restrain(&mut union.clone(), i32::SLACK));
+            prop_assert!(!clamp_moments(&mut union.clone(), i32::SLACK));
             prop_assert_eq!(count(&component_sums), all);
         }
     }

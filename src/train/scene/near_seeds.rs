@@ -54,7 +54,7 @@ impl<'a> NearSeeds<'a> {
         let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK));
         let parts = parts.zip(&mut self.chunks).map(|((owners, points), chunk)| {
             chunk.move_to(points.iter().map(&place));
-            if chunk.has_left(MARGIN * reach) {
+            if chunk.has_moved_beyond(MARGIN * reach) {
                 chunk.gather(grid, reach);
             }
             chunk.groups.nearest(grid, reach, &chunk.places, owners);
@@ -74,7 +74,7 @@ impl Chunk {
     }
 
     /// True if a point moved more than `margin` since the last gathering, or none has taken place.
-    fn has_left(&self, margin: f32) -> bool {
+    fn has_moved_beyond(&self, margin: f32) -> bool {
         let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
             squared_distance(*place, *gathered) <= margin * margin
         };
@@ -106,11 +106,11 @@ mod tests {
         let mut components = Components::default();
         for _ in 0..3000 {
             let seed = grid.insert(place(1.0));
-            components.born(seed, WHOLE);
+            components.add_seed(seed, WHOLE);
         }
         // At the boundary of the grid.
         let rim = 0.1 * (1 << 20) as f32;
-        components.born(grid.insert([rim - 0.05, 0.0, 0.0]), WHOLE);
+        components.add_seed(grid.insert([rim - 0.05, 0.0, 0.0]), WHOLE);
         let at = |position| SurfacePoint { position, ..SurfacePoint::default() };
         let mut points: Vec<SurfacePoint> = (0..1000).map(|_| at(place(1.0))).collect();
         // Points outside the grid, and points that enter or leave it.

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 const PARTS: usize = 64;
 
 /// View of the scene from a frame's camera.
-pub struct Viewer<'a> {
+pub struct FrameView<'a> {
     frame: &'a Observation,
     rotation: DMat3,
     centre: DVec3,
@@ -28,7 +28,7 @@ pub fn observe<W: SumScalar>(
     camera: &Camera,
     h: f64,
 ) {
-    let viewer = Viewer::new(frame, camera, h);
+    let viewer = FrameView::new(frame, camera, h);
     component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
             let (n, sum, normal) = wide.plane(id, row);
@@ -47,7 +47,7 @@ pub fn observe<W: SumScalar>(
     });
 }
 
-impl<'a> Viewer<'a> {
+impl<'a> FrameView<'a> {
     /// Creates the view of a frame taken by `camera`; `h` is the structural scale, world units.
     pub fn new(frame: &'a Observation, camera: &Camera, h: f64) -> Self {
         let pose = &camera.pose;
@@ -57,7 +57,7 @@ impl<'a> Viewer<'a> {
 
     /// True if the frame measured something behind a surface at `mean` (world units from the origin), false
     /// if it measured the surface; `None` if it is hidden, out of view or unknown.
-    pub fn sees_through(&self, mean: DVec3) -> Option<bool> {
+    pub fn measures_through(&self, mean: DVec3) -> Option<bool> {
         let (visibility, _) = self.visibility(mean, DVec3::ZERO)?;
         Some(visibility == Visibility::Miss)
     }

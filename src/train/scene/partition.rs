@@ -1,7 +1,7 @@
 //! Grouping of points by nearest seed, without a model.
 
 use super::assign::assign;
-use super::births::{Limits, give_birth};
+use super::births::{Limits, create_components};
 use super::components::Components;
 use super::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use super::grid::{NONE, SeedGrid};
@@ -43,7 +43,7 @@ impl Partition {
         let Self { spacing, grid, components, owners } = self;
         assign(grid, components, *spacing, points, owners);
         let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
-        give_birth(BirthRule::Seeds, *spacing, grid, components, points, owners, limits);
+        create_components(BirthRule::Seeds, *spacing, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 

@@ -4,7 +4,7 @@
 //! on which it fails is computed by the processor, and the device is not used again. The same holds if its
 //! arithmetic differs: the first frame is computed by both and compared.
 
-use super::accumulate::{Matched, accumulate};
+use super::accumulate::{AssignedPoints, accumulate};
 use super::assign::{assign, assign_known};
 use super::component_sums::ComponentSums;
 use super::components::Components;
@@ -16,11 +16,11 @@ use super::seed_positions::SeedPositions;
 use super::spacing::Spacing;
 use super::sum_scalar::SumScalar;
 use crate::model::device_error::DeviceError;
-use crate::model::scene::kept::Taught;
-use crate::model::scene::points_device::{OPEN, PointsDevice, SlotSums};
+use crate::model::scene::kept::FrameContribution;
+use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;
 use crate::observation::surface::SurfacePoint;
-use crate::train::device_trial::{DIFFERING, DevicePolicy, DeviceTrial, Turn};
+use crate::train::device_trial::{DIFFERING, DeviceChoice, DevicePolicy, DeviceTrial};
 use crate::train::pass_use::PassUse;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
@@ -43,13 +43,13 @@ struct PointFitter {
     device: Box<dyn PointsDevice>,
     trial: DeviceTrial,
     /// True once its results were verified against the processor's.
-    is_proved: bool,
+    is_verified: bool,
     /// True if it has the seeds of the current grid.
     has_seeds: bool,
     /// True if it has the points of the current frame.
     has_points: bool,
     /// Device for the current frame.
-    turn: Turn,
+    turn: DeviceChoice,
     /// Milliseconds of the frame on processor and device, while both are timed.
     ms: [f64; 2],
     owners: Vec<u32>,
@@ -63,10 +63,10 @@ impl PointFits {
         self.device = Some(PointFitter {
             device,
             trial: DeviceTrial::new(policy),
-            is_proved: false,
+            is_verified: false,
             has_seeds: false,
             has_points: false,
-            turn: Turn::Processor,
+            turn: DeviceChoice::Processor,
             ms: [0.0; 2],
             owners: Vec::new(),
         });
@@ -83,17 +83,17 @@ impl PointFits {
         let Some(fitter) = &mut self.device else { return };
         fitter.has_points = false;
         fitter.ms = [0.0; 2];
-        fitter.turn = match fitter.trial.turn(n_points) {
-            _ if !SCALES.contains(&h) => Turn::Processor,
-            Turn::Device if !fitter.is_proved => Turn::Both,
+        fitter.turn = match fitter.trial.choose(n_points) {
+            _ if !SCALES.contains(&h) => DeviceChoice::Processor,
+            DeviceChoice::Device if !fitter.is_verified => DeviceChoice::Both,
             turn => turn,
         };
     }
 
     /// Begins a frame whose points are assigned but not summed, which the processor does.
-    pub fn begin_look(&mut self) {
+    pub fn begin_untimed_frame(&mut self) {
         if let Some(fitter) = &mut self.device {
-            fitter.turn = Turn::Processor;
+            fitter.turn = DeviceChoice::Processor;
         }
     }
 
@@ -118,7 +118,7 @@ impl PointFits {
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
-            if fitter.turn == Turn::Device {
+            if fitter.turn == DeviceChoice::Device {
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
@@ -126,7 +126,7 @@ impl PointFits {
         let Some(fitter) = self.device.as_mut().filter(|_| is_found) else { return };
         fitter.ms[0] += clock.lap_ms();
         if fitter.owners != *owners {
-            self.give_up(DIFFERING.to_owned());
+            self.drop_device(DIFFERING.to_owned());
         }
     }
 
@@ -138,7 +138,8 @@ impl PointFits {
         spacing: Spacing,
         points: &[SurfacePoint],
     ) -> bool {
-        let Some(fitter) = self.device.as_mut().filter(|fitter| fitter.turn != Turn::Processor)
+        let Some(fitter) =
+            self.device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
         else {
             return false;
         };
@@ -150,7 +151,7 @@ impl PointFits {
                 true
             }
             Err(error) => {
-                self.give_up(error.reason);
+                self.drop_device(error.reason);
                 false
             }
         }
@@ -162,35 +163,37 @@ impl PointFits {
         &mut self,
         component_sums: &mut ComponentSums<W>,
         seed_positions: SeedPositions<'_>,
-        frame: Matched<'_>,
+        frame: AssignedPoints<'_>,
         h: f64,
         rule: VisibilityRule,
         touched: &mut Vec<u32>,
-    ) -> Option<Taught> {
+    ) -> Option<FrameContribution> {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
         let mut on_trial = None;
-        if let Some(fitter) = device.as_mut().filter(|fitter| fitter.turn != Turn::Processor) {
+        if let Some(fitter) =
+            device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
+        {
             slots.fill::<W>(component_sums.len(), seed_positions, frame);
-            let is_alone = fitter.turn == Turn::Device;
+            let is_alone = fitter.turn == DeviceChoice::Device;
             match fitter.sums(slots, frame, h) {
                 Ok(sums) if is_alone => {
                     component_sums.add_quanta(&slots.ids, sums, PARTS);
-                    let mut taught = frame.is_noted.then(Taught::default);
+                    let mut taught = frame.returns_contribution.then(FrameContribution::default);
                     touched.clear();
                     if !slots.left.is_empty() {
-                        let frame = Matched { owners: &slots.left, ..frame };
+                        let frame = AssignedPoints { owners: &slots.left, ..frame };
                         taught =
                             accumulate(component_sums, seed_positions, frame, h, rule, touched);
                     }
                     taught.iter_mut().for_each(|taught| taught.append(&slots.ids, sums));
                     touched.extend_from_slice(&slots.ids);
                     touched.sort_unstable();
-                    self.count(frame.points.len());
-                    return taught.map(Taught::in_order);
+                    self.count_device_frame(frame.points.len());
+                    return taught.map(FrameContribution::sorted);
                 }
                 Ok(sums) => on_trial = Some(component_sums.rows_with(&slots.ids, sums)),
-                Err(error) => self.give_up(error.reason),
+                Err(error) => self.drop_device(error.reason),
             }
         }
         let device_ms = clock.lap_ms();
@@ -198,33 +201,33 @@ impl PointFits {
         let taught = accumulate(component_sums, seed_positions, frame, h, rule, touched);
         if let Some(expected) = on_trial {
             let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
-            self.judge(found.eq(expected), [clock.lap_ms(), device_ms]);
+            self.conclude_trial(found.eq(expected), [clock.lap_ms(), device_ms]);
         }
         taught
     }
 
     /// Counts a frame of `n_points` points computed by the device.
-    fn count(&mut self, n_points: usize) {
+    fn count_device_frame(&mut self, n_points: usize) {
         self.points += n_points as u64;
         self.open_points += self.slots.n_left as u64;
         self.used.device_frames += 1;
     }
 
     /// Accepts or drops a device after a trial, given the milliseconds of the sums on processor and device.
-    fn judge(&mut self, is_equal: bool, [processor, on_device]: [f64; 2]) {
+    fn conclude_trial(&mut self, is_equal: bool, [processor, on_device]: [f64; 2]) {
         if !is_equal {
-            return self.give_up(DIFFERING.to_owned());
+            return self.drop_device(DIFFERING.to_owned());
         }
         let Some(fitter) = &mut self.device else { return };
-        fitter.is_proved = true;
+        fitter.is_verified = true;
         let [of_processor, of_device] = fitter.ms;
-        fitter.trial.measured(of_processor + processor, of_device + on_device);
+        fitter.trial.record_times(of_processor + processor, of_device + on_device);
         self.used.trial = fitter.trial.medians;
     }
 
     /// Drops the device, with one warning.
-    fn give_up(&mut self, reason: String) {
-        self.used.give_up(reason);
+    fn drop_device(&mut self, reason: String) {
+        self.used.record_fallback(reason);
         self.device = None;
     }
 }
@@ -246,14 +249,14 @@ impl PointFitter {
         let found = self.device.nearest()?;
         self.owners.clear();
         self.owners.extend_from_slice(found);
-        Ok(found.par_iter().filter(|seed| **seed == OPEN).count())
+        Ok(found.par_iter().filter(|seed| **seed == LEFT_TO_PROCESSOR).count())
     }
 
     /// Returns the sums of the points by slot, in whole quanta.
     fn sums(
         &mut self,
         slots: &PointSlots,
-        frame: Matched<'_>,
+        frame: AssignedPoints<'_>,
         h: f64,
     ) -> Result<&[[i32; N_SUMS]], DeviceError> {
         self.device.sums(&SlotSums {

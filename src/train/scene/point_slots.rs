@@ -1,6 +1,6 @@
 //! Compact list of a frame's components, for a device that sums their points: it needs memory only for those.
 
-use super::accumulate::Matched;
+use super::accumulate::AssignedPoints;
 use super::grid::NONE;
 use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
@@ -40,7 +40,7 @@ impl PointSlots {
         &mut self,
         n_components: usize,
         seed_positions: SeedPositions<'_>,
-        frame: Matched<'_>,
+        frame: AssignedPoints<'_>,
     ) {
         self.count(n_components, frame);
         self.ids.clear();
@@ -61,7 +61,7 @@ impl PointSlots {
     }
 
     /// Counts the pixels of every component.
-    fn count(&mut self, n_components: usize, frame: Matched<'_>) {
+    fn count(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         let counts = &mut self.of_components;
         counts.clear();
         counts.resize_with(n_components, AtomicU32::default);
@@ -79,7 +79,7 @@ impl PointSlots {
     }
 
     /// Lists the points with their slots, and those left to the processor.
-    fn list(&mut self, frame: Matched<'_>, any_left: bool) {
+    fn list(&mut self, frame: AssignedPoints<'_>, any_left: bool) {
         let slots = &self.of_components;
         let slot = |owner: u32| slots.get(owner as usize).map(|slot| slot.load(Ordering::Relaxed));
         let listed = frame.owners.par_iter().zip(frame.shifts).with_min_len(1024);

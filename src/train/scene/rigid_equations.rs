@@ -25,7 +25,10 @@ impl Motion {
     }
 
     /// Returns a function that moves a frame's points, relative to [`Observation::origin`], world units.
-    pub fn places(&self, frame: &Observation) -> impl Fn(&SurfacePoint) -> [f32; 3] + Sync + use<> {
+    pub fn point_mover(
+        &self,
+        frame: &Observation,
+    ) -> impl Fn(&SurfacePoint) -> [f32; 3] + Sync + use<> {
         let (turn, shift) = (DMat3::from_quat(self.turn), self.shift);
         let centre = frame.camera.pose.centre() - frame.origin;
         move |point| array(centre + turn * (point.position_vector() - centre) + shift)
@@ -34,7 +37,7 @@ impl Motion {
     /// Moves the frame's points into `points` and returns the moved camera.
     pub fn apply(&self, frame: &Observation, points: &mut Vec<SurfacePoint>) -> Camera {
         let Camera { intrinsics, pose } = frame.camera;
-        let (turn, place) = (DMat3::from_quat(self.turn), self.places(frame));
+        let (turn, place) = (DMat3::from_quat(self.turn), self.point_mover(frame));
         let moved = |point: &SurfacePoint| SurfacePoint {
             position: place(point),
             normal: array(turn * point.normal_vector()),
@@ -42,14 +45,14 @@ impl Motion {
             ..*point
         };
         frame.points.par_iter().with_min_len(1024).map(moved).collect_into_vec(points);
-        Camera { intrinsics, pose: self.of_pose(&pose) }
+        Camera { intrinsics, pose: self.apply_to_pose(&pose) }
     }
 
     /// Returns the moved pose of a camera at `pose`.
-    pub fn of_pose(&self, pose: &Pose) -> Pose {
+    pub fn apply_to_pose(&self, pose: &Pose) -> Pose {
         let world_from_camera = DQuat::from_mat3(&pose.rotation());
         let turn = world_from_camera.inverse() * self.turn * world_from_camera;
-        pose.attached(world_from_camera.inverse() * self.shift, turn)
+        pose.attached_camera(world_from_camera.inverse() * self.shift, turn)
     }
 }
 
@@ -118,7 +121,7 @@ impl RigidEquations {
     }
 
     /// Adds the equations of other residuals.
-    pub fn join(&mut self, part: &Self) {
+    pub fn add_equations(&mut self, part: &Self) {
         for (sums, more) in self.rows.iter_mut().zip(&part.rows) {
             sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         }

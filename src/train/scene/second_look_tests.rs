@@ -4,8 +4,8 @@ use super::align_tests::room;
 use super::config::{BirthRule, SceneConfig};
 use super::trainer::SceneTrainer;
 use crate::math::pose::Pose;
-use crate::model::scene::kept::KeptFrame;
-use crate::model::scene::kept_motion::values;
+use crate::model::scene::kept::StoredFrame;
+use crate::model::scene::kept_motion::quanta_to_values;
 use crate::model::scene::state::{SceneState, StoredSums};
 use crate::model::scene::sums::N_SUMS;
 use crate::observation::surface::Observation;
@@ -30,19 +30,19 @@ fn rows(state: &SceneState) -> &[[i32; N_SUMS]] {
     rows
 }
 
-fn change(trainer: &mut SceneTrainer<i32>, kept: KeptFrame, motion: Pose) {
-    let change = trainer.change_by(kept, motion);
-    trainer.change(&change);
+fn change(trainer: &mut SceneTrainer<i32>, kept: StoredFrame, motion: Pose) {
+    let change = trainer.change_under_motion(kept, motion);
+    trainer.apply_change(&change);
 }
 
 /// Contributions of a frame as they would be if it had been added at a different pose.
-fn elsewhere(trainer: &SceneTrainer<i32>, kept: &KeptFrame, motion: &Pose) -> KeptFrame {
+fn elsewhere(trainer: &SceneTrainer<i32>, kept: &StoredFrame, motion: &Pose) -> StoredFrame {
     let mut kept = kept.clone();
     let shift = |id: u32| {
         let seed = trainer.splat_context(id as usize).seed;
         (motion.transform_point(seed) - seed) / 0.05
     };
-    let change = kept.taught.clone().change_of(motion.rotation(), shift);
+    let change = kept.taught.clone().change_under_motion(motion.rotation(), shift);
     for (sums, change) in kept.taught.sums.iter_mut().zip(&change.sums) {
         sums.iter_mut().zip(change).for_each(|(sum, change)| *sum += change);
     }
@@ -53,22 +53,22 @@ fn elsewhere(trainer: &SceneTrainer<i32>, kept: &KeptFrame, motion: &Pose) -> Ke
 fn a_frame_that_was_learnt_wrong_is_put_right_with_all_that_it_taught() {
     let mut trainer = trained(&config(), 6);
     let right = trainer.state();
-    let kept = right.kept[2].clone();
-    assert_eq!((kept.frame, kept.logged), (3, 3), "the first is aligned to nothing");
-    assert!(trainer.second_look(&kept).is_none(), "it is aligned already");
+    let kept = right.stored_frames[2].clone();
+    assert_eq!((kept.frame, kept.log_index), (3, 3), "the first is aligned to nothing");
+    assert!(trainer.align_again(&kept).is_none(), "it is aligned already");
     let turn = DQuat::from_scaled_axis(DVec3::new(0.003, -0.002, 0.004));
-    let motion = Pose::IDENTITY.attached(DVec3::new(0.004, -0.006, 0.003), turn);
+    let motion = Pose::IDENTITY.attached_camera(DVec3::new(0.004, -0.006, 0.003), turn);
     let wrong = elsewhere(&trainer, &kept, &motion);
     change(&mut trainer, kept.clone(), motion);
     let moved = trainer.state();
     assert_ne!(moved.sums, right.sums);
     let real = |state: &SceneState| state.poses[3].poses().unwrap()[1];
-    let expected = real(&right).moved(&motion);
+    let expected = real(&right).transformed_by(&motion);
     assert!((real(&moved).centre() - expected.centre()).length() < 1e-12);
     let others = |state: &SceneState| [0, 1, 2, 4, 5].map(|frame: usize| state.poses[frame]);
     assert_eq!(others(&moved), others(&right));
 
-    let back = trainer.second_look(&wrong).unwrap();
+    let back = trainer.align_again(&wrong).unwrap();
     change(&mut trainer, wrong, back);
     let again = trainer.state();
     let apart = (real(&again).centre() - real(&right).centre()).length();
@@ -76,7 +76,7 @@ fn a_frame_that_was_learnt_wrong_is_put_right_with_all_that_it_taught() {
     assert!((real(&again).forward() - real(&right).forward()).length() < 4e-4);
     // No points were lost, and their sums are about the same.
     for (again, right) in rows(&again).iter().zip(rows(&right)) {
-        let [again, right] = [values(again), values(right)];
+        let [again, right] = [quanta_to_values(again), quanta_to_values(right)];
         assert_eq!(again[0], right[0]);
         let apart = (1..4).map(|i| (again[i] - right[i]).abs()).fold(0.0, f64::max);
         // The error of one frame in six, in structural scales.
@@ -89,9 +89,9 @@ fn a_frame_that_was_learnt_wrong_is_put_right_with_all_that_it_taught() {
 fn there_and_back_is_where_it_was() {
     let mut trainer = trained(&config(), 4);
     let right = trainer.state();
-    let kept = right.kept[1].clone();
-    let motion = Pose::IDENTITY.attached(DVec3::new(0.01, -0.02, 0.005), DQuat::IDENTITY);
-    let back = Pose::IDENTITY.attached(-motion.centre(), DQuat::IDENTITY);
+    let kept = right.stored_frames[1].clone();
+    let motion = Pose::IDENTITY.attached_camera(DVec3::new(0.01, -0.02, 0.005), DQuat::IDENTITY);
+    let back = Pose::IDENTITY.attached_camera(-motion.centre(), DQuat::IDENTITY);
     let wrong = elsewhere(&trainer, &kept, &motion);
     change(&mut trainer, kept, motion);
     change(&mut trainer, wrong, back);
@@ -119,7 +119,7 @@ fn whoever_goes_on_looks_again_at_the_same_frames() {
     }
     let state = trainer.state();
     // The newest aligned frames.
-    assert!(state.kept.iter().map(|kept| kept.frame).eq(3..19));
+    assert!(state.stored_frames.iter().map(|kept| kept.frame).eq(3..19));
     let mut gone_on = SceneTrainer::<i32>::restore(&config(), state, 19).unwrap();
     for frame in frames {
         trainer.train(&frame);
@@ -137,8 +137,8 @@ fn frames_are_kept_by_the_numbers_that_components_are_stored_by() {
         trainer.train(&frame);
     }
     let state = trainer.state();
-    assert!(!state.kept.is_empty());
-    for kept in &state.kept {
+    assert!(!state.stored_frames.is_empty());
+    for kept in &state.stored_frames {
         assert!(kept.taught.ids.is_sorted_by(|a, b| a < b));
         // No component has fewer points than one of the frames added.
         for (id, taught) in kept.taught.iter() {
@@ -158,28 +158,28 @@ fn frames_are_kept_by_the_numbers_that_components_are_stored_by() {
 #[test]
 fn poses_that_are_exact_or_tracked_or_of_unknown_exposure_are_left_alone() {
     let exact = SceneConfig { align: false, ..config() };
-    assert!(trained(&exact, 3).state().kept.is_empty());
-    assert!(config().looks_twice());
+    assert!(trained(&exact, 3).state().stored_frames.is_empty());
+    assert!(config().aligns_twice());
     for blind in [SceneConfig { track: true, ..config() }, SceneConfig { gain: false, ..config() }]
     {
-        assert!(!blind.looks_twice());
+        assert!(!blind.aligns_twice());
     }
 }
 
 #[test]
 fn components_that_became_parts_of_others_are_let_go_of() {
     let mut trainer = trained(&config(), 3);
-    let before = trainer.state().kept;
+    let before = trainer.state().stored_frames;
     let merged = trainer.merge_to(trainer.state().visibility.len() / 2);
     assert!(merged > 100, "{merged}");
     let after = trainer.state();
-    for (before, after_frame) in before.iter().zip(&after.kept) {
+    for (before, after_frame) in before.iter().zip(&after.stored_frames) {
         assert!(after_frame.taught.ids.len() < before.taught.ids.len());
         let has_points = |&id: &u32| rows(&after)[id as usize][0] > 0;
         assert!(after_frame.taught.ids.iter().all(has_points));
     }
     // The remaining contributions can still be moved.
-    let motion = Pose::IDENTITY.attached(DVec3::X * 0.01, DQuat::IDENTITY);
-    change(&mut trainer, after.kept[0].clone(), motion);
+    let motion = Pose::IDENTITY.attached_camera(DVec3::X * 0.01, DQuat::IDENTITY);
+    change(&mut trainer, after.stored_frames[0].clone(), motion);
     assert_eq!(trainer.state().visibility, after.visibility);
 }

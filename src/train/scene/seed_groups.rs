@@ -4,7 +4,7 @@
 //! This gives straight SIMD loops, while a lookup per point would follow chains of buckets.
 
 use super::grid::{NONE, SeedGrid, squared_distance};
-use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector, load_rows};
+use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector, load_rows};
 
 /// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
 const MAX_CELLS: f64 = 512.0;
@@ -35,7 +35,7 @@ impl SeedGroups {
 
     /// Halves a group that spans a depth edge until it is compact; a single point always covers few cells.
     fn gather_halves(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
-        let near = points.iter().copied().filter(|point| grid.comes_near(*point, radius));
+        let near = points.iter().copied().filter(|point| grid.may_reach_seed(*point, radius));
         if let Some(corners) = corners(near, radius) {
             if grid.cells_between(corners).n_cells() > MAX_CELLS && points.len() > 1 {
                 let (first, second) = points.split_at(points.len() / 2);
@@ -91,7 +91,7 @@ impl Kernel for Nearest<'_> {
                 // NaN marks unused lanes and places outside the grid, so that they find no seed.
                 let mut along = [[f32::NAN; LANES]; 3];
                 for (lane, point) in points.iter().enumerate() {
-                    if self.grid.reaches(*point) {
+                    if self.grid.has_cell(*point) {
                         for (along, x) in along.iter_mut().zip(point) {
                             along[lane] = *x;
                         }
@@ -122,7 +122,7 @@ fn nearest_of<V: Vector>(
         let squared = x * x + y * y + z * z;
         let is_closer = squared.mask_at_most(best);
         let is_farther = best.mask_at_most(squared);
-        doubtful = V::select(is_closer.and(is_farther), V::splat(EVERY_BIT), doubtful);
+        doubtful = V::select(is_closer.and(is_farther), V::splat(SET_LANE), doubtful);
         best = squared.min(best);
         found = V::select(is_closer, V::splat(f32::from_bits(id)), found);
     }
@@ -131,7 +131,7 @@ fn nearest_of<V: Vector>(
         *nearest = found.to_bits();
     }
     // Ties are resolved for the older seed, independently of the order of blocks.
-    let mut doubtful = doubtful.signs();
+    let mut doubtful = doubtful.sign_bits();
     while doubtful != 0 {
         let lane = doubtful.trailing_zeros() as usize % LANES;
         doubtful &= doubtful - 1;

@@ -17,12 +17,12 @@ impl SeedPositions<'_> {
     /// Returns the seed of a component's sums, world units from the scene's origin.
     #[inline(always)]
     pub fn of(self, component: usize) -> [f32; 3] {
-        self.grid.position(self.components.reference(component))
+        self.grid.position(self.components.reference_seed(component))
     }
 
     /// Returns the maximum distance of a component's points from its seed, in structural scales.
     pub fn share(self, component: usize) -> f64 {
-        let share = self.components.share(self.components.reference(component));
+        let share = self.components.share(self.components.reference_seed(component));
         f64::from(share) / f64::from(WHOLE)
     }
 }

@@ -59,7 +59,7 @@ impl Spacing {
     }
 
     /// True if the spacing is uniform.
-    pub fn is_even(self) -> bool {
+    pub fn is_uniform(self) -> bool {
         self.near.is_none()
     }
 

@@ -28,7 +28,7 @@ impl StructuralScale {
 
     /// Returns the minimum length, world units, if depths within `tolerance` are one surface. A length given
     /// in world units may be as small as half the tolerance.
-    pub fn least(self, tolerance: f64, are_rays_searched: bool) -> f64 {
+    pub fn min_length(self, tolerance: f64, are_rays_searched: bool) -> f64 {
         match self {
             Self::Pixels(_) if are_rays_searched => ALONG_RAYS * tolerance,
             Self::Pixels(_) => tolerance,

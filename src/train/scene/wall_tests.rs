@@ -80,7 +80,7 @@ impl Wall {
                 deviation * (drift + fast.normal() / 2f64.sqrt())
             }))
         });
-        Self::real(i).attached(shift, DQuat::from_scaled_axis(turn))
+        Self::real(i).attached_camera(shift, DQuat::from_scaled_axis(turn))
     }
 
     fn frame(&self, i: usize) -> Observation {

@@ -35,7 +35,7 @@ pub struct About {
     /// Name in files.
     pub field: &'static str,
     /// Former name (one word), still accepted in files and as an option.
-    pub old: Option<&'static str>,
+    pub former_name: Option<&'static str>,
     /// Form on the command line.
     pub spelling: Spelling,
     /// Label in the window; `None` if not shown there.
@@ -71,7 +71,7 @@ impl About {
     ) -> Self {
         Self {
             field,
-            old,
+            former_name: old,
             spelling,
             label,
             default,
@@ -116,7 +116,7 @@ pub struct Conflict {
     /// Stored value, if any.
     pub stored: Option<String>,
     /// Requested value.
-    pub asked: String,
+    pub requested: String,
 }
 
 /// Table row of one setting of layer `L`.
@@ -178,12 +178,12 @@ pub trait SettingLayer: Default + Sized + 'static {
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| {
             let (stored, asked) = (setting.differs)(self, run)?;
-            Some(Conflict { setting: setting.about.name(), stored, asked })
+            Some(Conflict { setting: setting.about.name(), stored, requested: asked })
         })
     }
 
     /// Returns the first set value that `Other` has no option for.
-    fn foreign_to<Other: SettingLayer>(&self) -> Option<(&'static About, String)> {
+    fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static About, String)> {
         Self::TABLE.iter().find_map(|setting| {
             let key = setting.about.key();
             let is_shared = Other::TABLE.iter().any(|other| other.about.key() == key);

@@ -29,7 +29,9 @@ impl Shade {
                     gradient: appearance.gradient * camera.pose.rotation(),
                 }
             }
-            _ if splat.color == DVec3::from_array(paint::MARK.map(f64::from)) => flat(splat.color),
+            _ if splat.color == DVec3::from_array(paint::MARKER_COLOR.map(f64::from)) => {
+                flat(splat.color)
+            }
             (Paint::Depth(ends), _) => {
                 let [near, far] = ends.map(f64::from);
                 let share = (to_mean.length() - near) / (far - near);

@@ -115,7 +115,7 @@ impl Placed {
             Lens::Pinhole => mean.z,
             Lens::Fisheye => mean.length(),
         };
-        let look = &options.look;
+        let look = &options.style;
         if depth <= options.near.max(0.0) || splat.opacity < f64::from(look.opacity_cut) {
             return None;
         }

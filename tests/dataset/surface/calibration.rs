@@ -183,7 +183,7 @@ fn pixels_of_photographs_know_how_far_their_surface_is() {
         let calibration = Calibration { color_camera, ..Calibration::NONE };
         let settings = SurfaceSettings { photograph: true, ..with(calibration) };
         let out = prepare(&edge, &settings).1;
-        let pixels = out.photograph.unwrap().exposed([1.0; 3], out.tolerance.margin);
+        let pixels = out.photograph.unwrap().measured_pixels([1.0; 3], out.tolerance.margin);
         let depth = |pixel: &MeasuredPixel| (pixel.per_tolerance > 0.0).then_some(pixel.depth);
         (pixels.data[18 * WIDTH].per_tolerance, pixels.map(depth))
     };

@@ -46,7 +46,7 @@ pub fn frame(kind: DepthKind, z: impl Fn(usize, usize) -> f64) -> Frame {
         codes: DepthCodes::Linear16 { codes, unit: UNIT },
         kind,
         trusted: [0.0, f64::INFINITY],
-        metre: 1.0,
+        units_per_metre: 1.0,
     };
     Frame {
         color_camera: None,

@@ -133,7 +133,7 @@ fn tiny_frames_are_prepared() {
         let codes = Image::from_vec(width, height, vec![10_000; n]);
         let codes = DepthCodes::Linear16 { codes, unit: 1e-4 };
         let trusted = [0.0, f64::INFINITY];
-        frame.depth = Some(Depth { codes, kind: DepthKind::Z, trusted, metre: 1.0 });
+        frame.depth = Some(Depth { codes, kind: DepthKind::Z, trusted, units_per_metre: 1.0 });
         let counts = counts(&frame, &settings(Sensor::Kinect));
         // Eight neighbours on more than one line are a plane; nothing here has wider windows.
         assert_eq!((counts.kept > 0, counts.dropped_flying < n), (n == 18, n == 18), "{counts:?}");

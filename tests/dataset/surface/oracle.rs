@@ -57,7 +57,7 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
                 value * calibration.depth_scale + profile.offset + calibration.depth_offset;
             if alpha != 255 {
                 statuses.data[i] = PixelStatus::Alpha;
-            } else if !depth.trusts(value) || length <= 0.0 {
+            } else if !depth.is_trusted(value) || length <= 0.0 {
                 statuses.data[i] = PixelStatus::Range;
             } else if !LENGTHS.contains(&length) {
                 statuses.data[i] = PixelStatus::Far;
@@ -273,7 +273,7 @@ impl<'a> Painter<'a> {
                 let (column, row) = (i % frame.color.width, i / frame.color.width);
                 let point = frame.camera.intrinsics.ray(column, row) * *z;
                 if let Some(at) = camera.project(point) {
-                    let depth = camera.turned(point).z;
+                    let depth = camera.to_color_frame(point).z;
                     let nearest = nearest.entry(cell(at)).or_insert(depth);
                     *nearest = nearest.min(depth);
                 }
@@ -292,7 +292,7 @@ impl<'a> Painter<'a> {
             None => self.texel(column, row),
             Some(camera) => {
                 let at = camera.project(point)?;
-                let depth = camera.turned(point).z;
+                let depth = camera.to_color_frame(point).z;
                 let margin = self.margin[0] + self.margin[1] * depth;
                 if self.nearest.get(&cell(at)).is_some_and(|nearest| depth > nearest + margin) {
                     return None;

@@ -23,7 +23,7 @@ fn saves_fall_due_by_frames_or_by_time() {
     let mut autosave = Autosave::new(path.clone(), every(4), &session);
     let mut saved = Vec::new();
     while !matches!(session.step().unwrap(), Step::Finished) {
-        assert!(autosave.between_frames(&session).is_none(), "waited for below");
+        assert!(autosave.poll(&session).is_none(), "waited for below");
         saved.extend(autosave.wait().map(|outcome| outcome.unwrap().frames));
     }
     assert_eq!(saved, [4, 8], "at multiples");
@@ -32,12 +32,12 @@ fn saves_fall_due_by_frames_or_by_time() {
     let soon = AutosaveInterval { frames: None, time: Some(Duration::from_millis(1)) };
     autosave.set_interval(soon);
     std::thread::sleep(Duration::from_millis(2));
-    assert!(autosave.between_frames(&session).is_none());
+    assert!(autosave.poll(&session).is_none());
     let Some(Ok(last)) = autosave.wait() else { panic!("the last two frames were not saved") };
     let bytes = std::fs::metadata(&path).unwrap().len();
     assert_eq!(last, Autosaved { frames: 10, bytes });
     std::thread::sleep(Duration::from_millis(2));
-    autosave.between_frames(&session);
+    autosave.poll(&session);
     assert!(autosave.wait().is_none(), "nothing new to save");
     assert_eq!((frames_in(&path), frames_in(&kept)), (10, 8));
     let again = SavedRun::read(&path).unwrap().content;
@@ -51,17 +51,17 @@ fn a_failed_save_is_said_and_tried_again() {
     let mut session = Session::new(room(), off(), first(4)).unwrap();
     let mut autosave = Autosave::new(path.clone(), every(1), &session);
     session.step().unwrap();
-    assert!(autosave.between_frames(&session).is_none());
+    assert!(autosave.poll(&session).is_none());
     let said = autosave.wait().unwrap().unwrap_err().to_string();
     for part in ["run.vbgs", "does not exist", "training continues", "when it is due"] {
         assert!(said.contains(part), "{part:?} is missing in: {said}");
     }
     std::fs::create_dir(folder.path().join("disk")).unwrap();
     session.step().unwrap();
-    assert!(autosave.between_frames(&session).is_none());
+    assert!(autosave.poll(&session).is_none());
     assert_eq!(autosave.wait().unwrap().unwrap().frames, 2);
     session.step().unwrap();
-    autosave.between_frames(&session);
+    autosave.poll(&session);
     drop(autosave);
     assert_eq!(frames_in(&path), 3, "the end waits for the save in flight");
 }
@@ -82,7 +82,7 @@ fn figures_of_a_save_beside_training() {
             let Step::Trained(report) = session.step().unwrap() else { break };
             during.push(report.ms.stages.train);
             let started = Instant::now();
-            let ended = autosave.between_frames(&session);
+            let ended = autosave.poll(&session);
             stalls.push(started.elapsed().as_secs_f64() * 1e3);
             saves += usize::from(ended.is_some());
         }
@@ -119,7 +119,7 @@ fn large(components: usize) -> (Session, f64) {
     let h = 0.035 * (25_000.0 / components as f64).sqrt();
     let asked =
         SceneOverrides { scale: Some(StructuralScale::World(h)), ..SceneOverrides::default() };
-    let mut session = Session::new(room, asked, Selection::everything()).unwrap();
+    let mut session = Session::new(room, asked, Selection::all_frames()).unwrap();
     let mut ms = Vec::new();
     while session.learner().used() < components || ms.len() < 8 {
         let Step::Trained(frame) = session.step().unwrap() else {

@@ -58,7 +58,7 @@ fn shards_of_one_start_are_as_one_run() {
     let asked = asked(PhotometricMode::Light);
     let (start, shards) = shards(&asked, 3);
     let mut all = reread(&merge_onto(&start, shards.clone()).unwrap().unwrap());
-    let whole = saved(&trained(&asked, Selection::everything()));
+    let whole = saved(&trained(&asked, Selection::all_frames()));
     assert_eq!(all.content.cursor.frames, whole.content.cursor.frames);
     assert_eq!(all.content.cursor.points, whole.content.cursor.points);
     assert_eq!(all.config, whole.config);
@@ -110,7 +110,7 @@ fn what_one_shard_alone_learnt_is_what_it_learnt() {
     // Moments are made definite as they are put together: by few quanta.
     assert!(fused.seeds.len() > 100 && farthest(&fused.sums, &alone.sums) <= 8);
     // What waits is learnt before scenes are fused.
-    let waiting = |run: &SavedRun| scene(run).photometric.as_ref().unwrap().waiting.len();
+    let waiting = |run: &SavedRun| scene(run).photometric.as_ref().unwrap().buffered.len();
     assert_eq!((waiting(&one), waiting(&shards[1])), (0, 4));
     let (fused, alone) = (one.splats().unwrap(), shards[1].splats().unwrap());
     let far = fused

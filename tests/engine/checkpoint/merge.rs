@@ -19,7 +19,7 @@ fn merged_shards_are_the_run_over_all_frames() {
     ] {
         let overrides = PaperOverrides { init: Some(init), ..PaperOverrides::default() };
         let config = config(ReassignPolicy::Off, precision).with(&overrides).unwrap();
-        let whole = trained(&config, Selection::everything());
+        let whole = trained(&config, Selection::all_frames());
         let (expected, scene) = (whole.checkpoint().unwrap(), ply(&whole));
         for n in [2, 3, 5] {
             let mut runs: Vec<_> =
@@ -41,7 +41,7 @@ fn merged_shards_are_the_run_over_all_frames() {
 
 #[test]
 fn a_merged_run_goes_on_with_the_frames_that_are_missing() {
-    let whole = trained(&off(), Selection::everything());
+    let whole = trained(&off(), Selection::all_frames());
     let runs = ["3/3", "1/3"].map(|s| saved(&trained(&off(), shard(s)))).to_vec();
     let merged = merge(runs).unwrap().unwrap();
     let session = merged.resume(room(), &ResumeRequest::default(), false).unwrap();

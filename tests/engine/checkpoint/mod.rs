@@ -55,11 +55,11 @@ fn off() -> PaperConfig {
 }
 
 fn first(n_frames: usize) -> Selection {
-    Selection { max_frames: Some(n_frames), ..Selection::everything() }
+    Selection { max_frames: Some(n_frames), ..Selection::all_frames() }
 }
 
 fn shard(text: &str) -> Selection {
-    Selection { shard: Some(text.parse().unwrap()), ..Selection::everything() }
+    Selection { shard: Some(text.parse().unwrap()), ..Selection::all_frames() }
 }
 
 fn up_to(max_frames: usize) -> ResumeRequest {

@@ -92,7 +92,7 @@ fn order_stride_and_settings_come_from_the_checkpoint() {
         order: vbgs_studio::pipeline::plan::Order::Shuffled,
         stride: 2,
         max_frames,
-        ..Selection::everything()
+        ..Selection::all_frames()
     };
     let whole = trained(&config, selection(None));
     assert_eq!(whole.frames().len(), FRAMES / 2);

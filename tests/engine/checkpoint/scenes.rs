@@ -67,7 +67,7 @@ fn what_photographs_taught_is_stored_and_goes_on() {
     assert_eq!(resumed.splats(), whole.splats());
     let state = scene(&expected).photometric.as_ref().unwrap();
     assert!(state.splats.iter().any(|splat| splat.is_drawable()));
-    assert_eq!(state.waiting.len(), 3);
+    assert_eq!(state.buffered.len(), 3);
     let other = SceneOverrides { photometric: Some(PhotometricMode::Off), ..Default::default() };
     let refused = saved(&whole).check(&ResumeRequest { model: other.into(), ..up_to(12) });
     assert!(refused.unwrap_err().to_string().starts_with("--photometric: expected full"));
@@ -126,7 +126,7 @@ fn a_session_without_frames_is_stored_too() {
 #[test]
 fn merged_lattices_are_the_run_over_all_frames() {
     for asked in LATTICES.map(births).into_iter().chain(LATTICES.map(coarse)) {
-        let whole = trained(&asked, Selection::everything());
+        let whole = trained(&asked, Selection::all_frames());
         let (expected, file) = (whole.checkpoint().unwrap(), ply(&whole));
         let StoredSums::Mixed { wide, .. } = &scene(&expected).sums else { unreachable!() };
         assert_eq!(wide.is_empty(), asked.scale.is_none());
@@ -158,7 +158,7 @@ fn a_merged_scene_goes_on_with_the_frames_that_are_missing() {
     let session = finished(merged.resume(room(), &ResumeRequest::default(), false).unwrap());
     assert!(session.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
     // Nor does it matter which frames came first.
-    let sequential = trained(&asked, Selection::everything());
+    let sequential = trained(&asked, Selection::all_frames());
     assert!(sequential.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
 }
 
@@ -360,7 +360,7 @@ fn merged_scenes_are_read_back() {
             let run = saved(&session);
             // The smallest are held by a wider scale instead, at which nothing need be merged.
             let scene = scene(&run.content);
-            let is_reached = scene.components.is_some() || scene.coarsened > 0;
+            let is_reached = scene.components.is_some() || scene.coarsening_steps > 0;
             assert!(is_reached, "{sums:?} {budget:?}: none merged");
             assert_eq!(run.splats().unwrap(), session.stored_splats(), "{sums:?} {budget:?}");
         }

@@ -5,7 +5,7 @@ use super::raw::edited;
 use super::scene::{VIEWPOINT, mixed, sample};
 use glam::DVec3;
 use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, parse, to_bytes};
-use vbgs_studio::model::scene::kept::{KeptFrame, Shown, Taught};
+use vbgs_studio::model::scene::kept::{ComponentObservation, FrameContribution, StoredFrame};
 use vbgs_studio::model::scene::state::StoredSums;
 use vbgs_studio::model::splat::pose_log::FramePose;
 
@@ -17,18 +17,24 @@ fn kept() -> Checkpoint {
     let (rotation, turn) = ([0.6, 0.0, 0.0, 0.8], [0.01, 0.0, -0.02]);
     let pose = FramePose { recorded: VIEWPOINT, rotation, turn, shift: [0.1, 0.2, 0.3] };
     state.poses = vec![pose; 3];
-    let shown = |component: u32| Shown {
+    let shown = |component: u32| ComponentObservation {
         component,
-        place: DVec3::new(1.0, f64::from(component), -2.0),
+        position: DVec3::new(1.0, f64::from(component), -2.0),
         color: DVec3::new(0.25, 0.5, 0.75),
         noise: 0.01,
     };
-    let taught = Taught { ids: vec![2, 3, 8], sums: vec![rows[2], rows[3], rows[7]] };
+    let taught = FrameContribution { ids: vec![2, 3, 8], sums: vec![rows[2], rows[3], rows[7]] };
     let deviation = 0.02;
     let shown = vec![shown(2), shown(8)];
-    state.kept = vec![
-        KeptFrame { frame: 5, logged: 1, deviation, shown: shown.clone(), taught },
-        KeptFrame { frame: 6, logged: 2, deviation, shown, taught: Taught::default() },
+    state.stored_frames = vec![
+        StoredFrame { frame: 5, log_index: 1, deviation, shown: shown.clone(), taught },
+        StoredFrame {
+            frame: 6,
+            log_index: 2,
+            deviation,
+            shown,
+            taught: FrameContribution::default(),
+        },
     ];
     checkpoint
 }

@@ -13,7 +13,7 @@ use vbgs_studio::model::scene::state::{
 };
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
 use vbgs_studio::model::scene::waiting::{
-    DepthScale, PhotographView, WaitingDepths, WaitingPhotograph,
+    BufferedDepths, BufferedPhotograph, DepthScale, PhotographView,
 };
 use vbgs_studio::model::splat::exposure::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
@@ -78,7 +78,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
     let visibility = (0..N as u32).map(look).collect();
     checkpoint(StoredModel::Scene(SceneState {
         origin: [1.0, -2.0, 0.5],
-        coarsened: 0,
+        coarsening_steps: 0,
         seeds,
         shares: None,
         components: None,
@@ -88,7 +88,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        kept: Vec::new(),
+        stored_frames: Vec::new(),
     }))
 }
 
@@ -98,17 +98,17 @@ fn photographed() -> Vec<u8> {
     let StoredModel::Scene(state) = &mut sample.model else { unreachable!() };
     let intrinsics = Intrinsics::from_horizontal_fov(6, 5, 0.8);
     let camera = Camera { intrinsics, pose: Pose::IDENTITY };
-    let waiting = |frame: u8| WaitingPhotograph {
+    let waiting = |frame: u8| BufferedPhotograph {
         view: PhotographView::new(frame.into(), &camera, [1.0, 1.1, 0.9], 0.1, [2, 1]),
         pixels: (0..12).map(|i| [frame, i, 200, 255 - i]).collect(),
-        depths: Some(WaitingDepths {
+        depths: Some(BufferedDepths {
             scale: DepthScale::new([0.03, 0.02]),
             steps: (0..12).map(|i| 1000 * i + u16::from(frame)).collect(),
         }),
     };
     // One of a frame whose depths nobody kept.
-    let waiting = vec![waiting(7), waiting(3), WaitingPhotograph { depths: None, ..waiting(5) }];
-    let mut photometric = PhotometricState { waiting, ..PhotometricState::default() };
+    let waiting = vec![waiting(7), waiting(3), BufferedPhotograph { depths: None, ..waiting(5) }];
+    let mut photometric = PhotometricState { buffered: waiting, ..PhotometricState::default() };
     photometric.grow(N);
     state.photometric = Some(photometric);
     to_bytes(&sample)
@@ -119,7 +119,7 @@ fn photographs_that_wait_come_back_or_are_refused() {
     let bytes = photographed();
     let read = parse(&bytes).unwrap();
     let StoredModel::Scene(state) = &read.checkpoint.model else { unreachable!() };
-    let waiting = &state.photometric.as_ref().unwrap().waiting;
+    let waiting = &state.photometric.as_ref().unwrap().buffered;
     assert_eq!((waiting[1].view.frame, waiting[1].pixels[5]), (3.0, [3, 5, 200, 250]));
     let depths = waiting[1].depths.as_ref().unwrap();
     assert_eq!((depths.steps[5], depths.scale.margin), (5003, [0.03f32, 0.02].map(f64::from)));
@@ -183,7 +183,7 @@ fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
     sections.retain(|section| section.tag != *b"PHDS" && section.tag != *b"PHDP");
     let before = parse(&raw::file(&sections, VERSION)).unwrap();
     let StoredModel::Scene(state) = &before.checkpoint.model else { unreachable!() };
-    let waiting = &state.photometric.as_ref().unwrap().waiting;
+    let waiting = &state.photometric.as_ref().unwrap().buffered;
     assert!(waiting.len() == 3 && waiting.iter().all(|waiting| waiting.depths.is_none()));
 }
 
@@ -192,7 +192,7 @@ fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
 fn photographs_that_wait_are_written_without_a_copy() {
     let mut photographed = parse(&photographed()).unwrap().checkpoint;
     let StoredModel::Scene(state) = &mut photographed.model else { unreachable!() };
-    let waiting = &mut state.photometric.as_mut().unwrap().waiting[0];
+    let waiting = &mut state.photometric.as_mut().unwrap().buffered[0];
     waiting.view.size = [4096.0, 512.0];
     waiting.pixels = vec![[1, 2, 3, 4]; waiting.view.n_pixels()].into();
     waiting.depths.as_mut().unwrap().steps = vec![7; waiting.view.n_pixels()].into();
@@ -210,10 +210,10 @@ fn photographs_that_wait_are_written_without_a_copy() {
 fn photographs_that_no_file_may_have_are_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.vbgs");
-    let refused = |change: fn(&mut WaitingPhotograph)| {
+    let refused = |change: fn(&mut BufferedPhotograph)| {
         let mut photographed = parse(&photographed()).unwrap().checkpoint;
         let StoredModel::Scene(state) = &mut photographed.model else { unreachable!() };
-        change(&mut state.photometric.as_mut().unwrap().waiting[1]);
+        change(&mut state.photometric.as_mut().unwrap().buffered[1]);
         let error = checkpoint::write(&path, &photographed).unwrap_err().to_string();
         assert!(!path.exists());
         error
@@ -233,7 +233,7 @@ pub fn nothing() -> SceneState {
     let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
     SceneState {
         origin: [0.0; 3],
-        coarsened: 0,
+        coarsening_steps: 0,
         seeds: Vec::new(),
         shares: None,
         components: None,
@@ -243,7 +243,7 @@ pub fn nothing() -> SceneState {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        kept: Vec::new(),
+        stored_frames: Vec::new(),
     }
 }
 

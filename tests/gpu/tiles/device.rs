@@ -9,7 +9,7 @@ use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
-use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
+use vbgs_studio::render::gpu::scene::{ComparedImage, GpuScene};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 
 /// A device and what the tile path does on it.
@@ -75,7 +75,8 @@ impl Gpu {
     }
 
     pub fn renderer(&self, path: DrawPath) -> SplatRenderer {
-        let mut renderer = SplatRenderer::new(&self.device, &self.queue, OrderOf::First).unwrap();
+        let mut renderer =
+            SplatRenderer::new(&self.device, &self.queue, ComparedImage::First).unwrap();
         renderer.set_path(path);
         renderer
     }
@@ -90,7 +91,7 @@ impl Gpu {
         let mut scene = GpuScene::new(&self.device, &self.queue, splats).unwrap();
         let mut scratch = SortScratch::default();
         let order = back_to_front(splats.splats(), camera, options, &mut scratch);
-        scene.set_order(&self.queue, OrderOf::First, order).unwrap();
+        scene.set_order(&self.queue, ComparedImage::First, order).unwrap();
         scene
     }
 
@@ -106,7 +107,7 @@ impl Gpu {
         let mut encoder = device.create_command_encoder(&Default::default());
         renderer.render(device, queue, &mut encoder, scene, camera, options).unwrap();
         queue.submit([encoder.finish()]);
-        readback::premultiplied(device, queue, renderer.target()).unwrap()
+        readback::read_premultiplied(device, queue, renderer.target()).unwrap()
     }
 
     /// One image by a renderer of its own.

@@ -10,8 +10,8 @@ use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::{
-    ALPHA_CUT, Antialias, ExactOptions, Lens, Paint, RenderMethod, RenderOptions, Response,
-    SplatStyle, TRANSMITTANCE_STOP,
+    ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, Lens, Paint, RenderMethod, RenderOptions,
+    Response, TRANSMITTANCE_STOP,
 };
 
 /// Half floats at the end of f32 sums.
@@ -128,8 +128,8 @@ fn looks_and_paints_agree_with_the_oracle() {
     let splats = SplatView::new(&splats, &extras).unwrap();
     let view = camera(64, 48, DVec3::new(4.0, -3.0, 1.0), 0.8);
     for paint in [Paint::Stored, Paint::Depth([3.0, 7.0]), Paint::Normal] {
-        let look = SplatStyle { scale: 0.7, opacity_cut: 0.4, paint };
-        let options = RenderOptions { look, ..options(RenderMethod::EXACT) };
+        let look = DisplayStyle { scale: 0.7, opacity_cut: 0.4, paint };
+        let options = RenderOptions { style: look, ..options(RenderMethod::EXACT) };
         let image = gpu.image_by(DrawPath::Tiles, splats, &view, &options);
         assert_agrees(&format!("{paint:?}"), &image, splats, &view, &options);
     }
@@ -195,7 +195,7 @@ fn ties_keep_their_order_and_no_order_is_needed() {
         .collect();
     let unordered =
         vbgs_studio::render::gpu::scene::GpuScene::new(&gpu.device, &gpu.queue, &splats).unwrap();
-    assert_eq!(unordered.n_drawn(vbgs_studio::render::gpu::scene::OrderOf::First), 0);
+    assert_eq!(unordered.n_drawn(vbgs_studio::render::gpu::scene::ComparedImage::First), 0);
     let image = gpu.image(&mut gpu.renderer(DrawPath::Tiles), &unordered, &view, &options);
     assert_agrees("ties", &image, (&splats).into(), &view, &options);
     let again = gpu.image_by(DrawPath::Tiles, (&splats).into(), &view, &options);

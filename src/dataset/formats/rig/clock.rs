@@ -8,13 +8,13 @@ use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 
 /// A depth image and its photograph, of one lens, with their timestamps.
-pub(in super::super) struct Shot {
+pub(in super::super) struct ImagePair {
     pub name: String,
     pub depth: (f64, DepthSource),
     pub color: (f64, ByteSource),
 }
 
-impl Shot {
+impl ImagePair {
     /// Reads one of its files. Retries once, because a passing disk error would change the estimate
     /// silently.
     pub fn read<T>(&self, read: impl Fn() -> Result<T, FrameProblem>) -> Option<T> {
@@ -46,7 +46,7 @@ where
 {
     /// Returns the clock of a camera with this mount on the tracked body.
     pub fn mounted(&self, mount: Mount) -> Clock<impl Fn(f64) -> Option<Pose>> {
-        let at = move |time| (self.at)(time).map(|pose| mount.of(&pose));
+        let at = move |time| (self.at)(time).map(|pose| mount.camera_pose(&pose));
         let Self { intrinsics, depth_reading, color_reading, .. } = *self;
         Clock { at, intrinsics, depth_reading, color_reading }
     }

@@ -1,6 +1,6 @@
 //! Photometric distance of two photographs as a function of their delay.
 
-use super::clock::{Clock, Shot};
+use super::clock::{Clock, ImagePair};
 use super::depth;
 use super::strips::Strips;
 use crate::dataset::decode;
@@ -45,7 +45,7 @@ impl Pair {
             Strips::new(clock.intrinsics, &clock.at, time + delay, clock.color_reading)
         });
         let shown = |world: &DVec3| {
-            let [x, y] = [a.seen(*world)?, b.seen(*world)?];
+            let [x, y] = [a.project(*world)?, b.project(*world)?];
             Some([grey_at(&self.greys[0], x)?, grey_at(&self.greys[1], y)?])
         };
         let shown: Vec<[f64; 2]> = self.points.iter().filter_map(shown).collect();
@@ -60,7 +60,7 @@ impl Pair {
 }
 
 /// Means over the squares of a photograph, in `[0, 1]`.
-fn load(shot: &Shot, k: &Intrinsics) -> Option<Image<f32>> {
+fn load(shot: &ImagePair, k: &Intrinsics) -> Option<Image<f32>> {
     let color = shot.read(|| decode::color(&shot.color.1, (k.width, k.height)))?;
     let (columns, rows) = (color.width / SQUARE, color.height / SQUARE);
     let mut means = Image::filled(columns, rows, 0.0);

@@ -18,7 +18,7 @@ const AGREED: f64 = 0.008;
 const LEAST: f64 = 0.004;
 
 /// Delay with the least mean `distance` over all pairs; `None` if it is undetermined or negligible.
-pub(super) fn lowest_of<P: Sync>(
+pub(super) fn estimate_delay<P: Sync>(
     pairs: &[P],
     distance: impl Fn(&P, f64) -> f64 + Sync,
 ) -> Option<f64> {

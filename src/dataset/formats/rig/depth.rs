@@ -1,6 +1,6 @@
 //! Distance of two depth images as a function of their delay.
 
-use super::clock::{Clock, Shot};
+use super::clock::{Clock, ImagePair};
 use super::strips::{EVERY, Strips};
 use crate::dataset::decode;
 use crate::dataset::depth::{Depth, DepthKind};
@@ -14,13 +14,13 @@ const FARTHEST: f64 = 0.05;
 
 /// Two depth images of the same surfaces.
 pub(super) struct Pair<'a> {
-    pub shots: [&'a Shot; 2],
+    pub shots: [&'a ImagePair; 2],
     depths: [Depth; 2],
 }
 
 impl<'a> Pair<'a> {
     /// Loads both images; `None` if one cannot be read or is measured along rays, as no Kinect does.
-    pub fn load<At>(shots: [&'a Shot; 2], clock: &Clock<At>) -> Option<Self> {
+    pub fn load<At>(shots: [&'a ImagePair; 2], clock: &Clock<At>) -> Option<Self> {
         let [a, b] = shots;
         Some(Self { shots, depths: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?] })
     }
@@ -31,7 +31,7 @@ impl<'a> Pair<'a> {
         At: Fn(f64) -> Option<Pose>,
     {
         let (mut sum, mut n) = (0.0, 0.0);
-        for share in self.apart(clock, delay).into_iter().flatten() {
+        for share in self.depth_differences(clock, delay).into_iter().flatten() {
             sum += share.abs().min(FARTHEST);
             n += 1.0;
         }
@@ -40,7 +40,7 @@ impl<'a> Pair<'a> {
 
     /// Signed depth difference of the second image to the first, relative to depth. Samples are the same
     /// for any clock and delay.
-    pub fn apart<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<Option<f64>>
+    pub fn depth_differences<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<Option<f64>>
     where
         At: Fn(f64) -> Option<Pose>,
     {
@@ -74,7 +74,7 @@ impl<'a> Pair<'a> {
         let [a, b] = &self.depths;
         let sample = |column: usize, row: usize, pose: &Pose| {
             let world = pose.transform_point(k.ray(column, row) * trusted(a, column, row)?);
-            let [u, v, expected] = to.seen(world)?;
+            let [u, v, expected] = to.project(world)?;
             Some(make(world, (trusted(b, u as usize, v as usize)? - expected) / expected))
         };
         let columns = || (EVERY / 2..k.width as usize).step_by(EVERY);
@@ -95,7 +95,7 @@ where
     each.iter().sum()
 }
 
-fn load(shot: &Shot, k: &Intrinsics) -> Option<Depth> {
+fn load(shot: &ImagePair, k: &Intrinsics) -> Option<Depth> {
     let (_, source) = &shot.depth;
     let size = (k.width, k.height);
     let depth = shot.read(|| decode::depth(&source.file, &source.encoding, size))?;
@@ -103,5 +103,5 @@ fn load(shot: &Shot, k: &Intrinsics) -> Option<Depth> {
 }
 
 fn trusted(depth: &Depth, column: usize, row: usize) -> Option<f64> {
-    depth.value_at(column, row).filter(|&z| depth.trusts(z))
+    depth.value_at(column, row).filter(|&z| depth.is_trusted(z))
 }

@@ -18,8 +18,8 @@ mod strips;
 mod tests;
 
 use crate::math::pose::Pose;
-pub(super) use clock::{Clock, Shot};
-use delays::lowest_of;
+pub(super) use clock::{Clock, ImagePair};
+use delays::estimate_delay;
 use glam::DVec3;
 pub(super) use mount::Mount;
 use rayon::prelude::*;
@@ -48,23 +48,23 @@ impl Rig {
 }
 
 /// Estimates the rig of a recording.
-pub(super) fn find<At>(shots: &[Shot], clock: &Clock<At>) -> Rig
+pub(super) fn find<At>(shots: &[ImagePair], clock: &Clock<At>) -> Rig
 where
     At: Fn(f64) -> Option<Pose> + Sync,
 {
     let loaded = |chosen: Vec<[_; 2]>| -> Vec<depth::Pair<'_>> {
         chosen.into_par_iter().filter_map(|pair| depth::Pair::load(pair, clock)).collect()
     };
-    let shaken = loaded(pairs::shaken(shots, clock));
-    let delay = lowest_of(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
+    let shaken = loaded(pairs::pairs_by_rate_change(shots, clock));
+    let delay = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     let [one_by_one, at_once] = [1.0, 0.0].map(|times| clock.slowed(times));
     let all: Vec<&depth::Pair<'_>> = shaken.iter().collect();
     let reads_rows = depth::total(&all, &one_by_one, delay) <= depth::total(&all, &at_once, delay);
     let clock = if reads_rows { one_by_one } else { at_once };
-    let mount = mount_search::find(&loaded(pairs::turned(shots, &clock)), &clock, delay);
+    let mount = mount_search::find(&loaded(pairs::pairs_by_rotation(shots, &clock)), &clock, delay);
     let clock = &clock.mounted(mount);
     let shaken: Vec<color::Pair> =
         shaken.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, delay)).collect();
-    let color = lowest_of(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
+    let color = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     Rig { reads_rows, depth_delay: delay, color_delay: color, mount }
 }

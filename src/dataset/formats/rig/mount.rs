@@ -14,7 +14,7 @@ pub(in super::super) struct Mount {
 
 impl Mount {
     /// Camera pose for a pose of the tracked body.
-    pub fn of(&self, followed: &Pose) -> Pose {
-        followed.attached(self.shift, DQuat::from_scaled_axis(self.turn))
+    pub fn camera_pose(&self, followed: &Pose) -> Pose {
+        followed.attached_camera(self.shift, DQuat::from_scaled_axis(self.turn))
     }
 }

@@ -117,7 +117,9 @@ where
 
     /// Normal equations of one pair at a mount.
     fn equations(&self, pair: &Pair<'_>, from: Vector) -> Equations {
-        let apart = |mount: Vector| pair.apart(&self.clock.mounted(mount_of(mount)), self.delay);
+        let apart = |mount: Vector| {
+            pair.depth_differences(&self.clock.mounted(mount_of(mount)), self.delay)
+        };
         let here = apart(from);
         let beside = |axis: usize, by: f64| {
             let mut mount = from;

@@ -1,7 +1,7 @@
 //! Selects image pairs for the rig estimate: they show the same surfaces, and the camera's rotation rate or
 //! its orientation differs between them.
 
-use super::clock::{Clock, Shot};
+use super::clock::{Clock, ImagePair};
 use crate::math::pose::Pose;
 use glam::DVec3;
 
@@ -20,35 +20,41 @@ const LEAST_TURN: f64 = 0.05;
 const RATE: f64 = 0.01;
 
 /// Evenly spaced images, each paired with the one whose rotation rate differs most.
-pub(super) fn shaken<'a, At>(shots: &'a [Shot], clock: &Clock<At>) -> Vec<[&'a Shot; 2]>
+pub(super) fn pairs_by_rate_change<'a, At>(
+    shots: &'a [ImagePair],
+    clock: &Clock<At>,
+) -> Vec<[&'a ImagePair; 2]>
 where
     At: Fn(f64) -> Option<Pose>,
 {
-    let change = |a: &Turning<'_>, b: &Turning<'_>| (a.rate - b.rate).length();
+    let change = |a: &RotatingImage<'_>, b: &RotatingImage<'_>| (a.rate - b.rate).length();
     chosen(shots, clock, MOST_SHAKEN, change, LEAST_CHANGE)
 }
 
 /// Evenly spaced images, each paired with the one that is rotated most.
-pub(super) fn turned<'a, At>(shots: &'a [Shot], clock: &Clock<At>) -> Vec<[&'a Shot; 2]>
+pub(super) fn pairs_by_rotation<'a, At>(
+    shots: &'a [ImagePair],
+    clock: &Clock<At>,
+) -> Vec<[&'a ImagePair; 2]>
 where
     At: Fn(f64) -> Option<Pose>,
 {
-    chosen(shots, clock, MOST_TURNED, Turning::angle, LEAST_TURN)
+    chosen(shots, clock, MOST_TURNED, RotatingImage::angle, LEAST_TURN)
 }
 
 /// Pairs with a rotation below `most_turn`, each with the highest score, which must reach `least`.
 fn chosen<'a, At>(
-    shots: &'a [Shot],
+    shots: &'a [ImagePair],
     clock: &Clock<At>,
     most_turn: f64,
-    score: impl Fn(&Turning<'a>, &Turning<'a>) -> f64,
+    score: impl Fn(&RotatingImage<'a>, &RotatingImage<'a>) -> f64,
     least: f64,
-) -> Vec<[&'a Shot; 2]>
+) -> Vec<[&'a ImagePair; 2]>
 where
     At: Fn(f64) -> Option<Pose>,
 {
-    let turning: Vec<Turning<'a>> =
-        shots.iter().filter_map(|shot| Turning::new(shot, clock)).collect();
+    let turning: Vec<RotatingImage<'a>> =
+        shots.iter().filter_map(|shot| RotatingImage::new(shot, clock)).collect();
     let n = turning.len();
     let anchors = n.min(PAIRS);
     let pair = |i: usize| {
@@ -62,15 +68,15 @@ where
 }
 
 /// An image with its camera's pose and rotation rate.
-struct Turning<'a> {
-    shot: &'a Shot,
+struct RotatingImage<'a> {
+    shot: &'a ImagePair,
     pose: Pose,
     /// Rotation rate in world axes, radians per second.
     rate: DVec3,
 }
 
-impl<'a> Turning<'a> {
-    fn new<At>(shot: &'a Shot, clock: &Clock<At>) -> Option<Self>
+impl<'a> RotatingImage<'a> {
+    fn new<At>(shot: &'a ImagePair, clock: &Clock<At>) -> Option<Self>
     where
         At: Fn(f64) -> Option<Pose>,
     {

@@ -36,7 +36,7 @@ impl Strips {
     /// Projects a world point to pixel column, pixel row and depth; `None` outside the image. The row
     /// determines the time and thereby the pose, so the projection is iterated; two rounds reach pixel
     /// accuracy.
-    pub fn seen(&self, world: DVec3) -> Option<[f64; 3]> {
+    pub fn project(&self, world: DVec3) -> Option<[f64; 3]> {
         let k = &self.intrinsics;
         let (mut strip, mut seen) = (self.poses.len() / 2, None);
         for _ in 0..2 {

@@ -1,6 +1,6 @@
 //! Recordings of a painted room with wrong timestamps and a wrong mount.
 
-use super::{Clock, Mount, Rig, Shot, find};
+use super::{Clock, ImagePair, Mount, Rig, find};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DepthSource;
@@ -60,15 +60,15 @@ fn seen(time: f64, reading: f64, at: impl Fn(f64) -> Option<Pose>) -> Vec<(f64, 
 }
 
 /// Writes frames of a rig whose tracked body moves by `at`.
-fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) -> Vec<Shot> {
+fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) -> Vec<ImagePair> {
     let encoding = DepthEncoding {
         codes: CodeKind::BareFloats,
         kind: DepthKind::Z,
         trusted: [0.1, 10.0],
-        metre: 1.0,
+        units_per_metre: 1.0,
         sensor: Sensor::Kinect,
     };
-    let at = |time| at(time).map(|followed| rig.mount.of(&followed));
+    let at = |time| at(time).map(|followed| rig.mount.camera_pose(&followed));
     let shot = |i: usize| {
         let (time, photographed) = (0.13 * i as f64, 0.13 * i as f64 + 0.01);
         let [depth, color] = ["depth", "png"].map(|kind| folder.join(format!("{i}.{kind}")));
@@ -86,7 +86,7 @@ fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) ->
         let k = camera();
         image::GrayImage::from_raw(k.width, k.height, bytes).unwrap().save(&color).unwrap();
         let file = ByteSource::File(depth);
-        Shot {
+        ImagePair {
             name: i.to_string(),
             depth: (time, DepthSource { file, encoding, confidence: None }),
             color: (photographed, ByteSource::File(color)),
@@ -136,7 +136,7 @@ fn a_camera_beside_what_is_followed_shows_where_it_is_turned() {
         // A shift partly compensates for a rotation if all walls are about equally far away.
         for x in [-0.8, 0.8] {
             let seen = DVec3::new(x, 0.5 * x, 2.2);
-            let place = |mount: &Mount| mount.of(&Pose::IDENTITY).transform_point(seen);
+            let place = |mount: &Mount| mount.camera_pose(&Pose::IDENTITY).transform_point(seen);
             let off = place(&found.mount).distance(place(&mount));
             let before = seen.distance(place(&mount));
             assert!(off < 0.25 * before, "{off} of {before}: {found:?} for {real:?}");

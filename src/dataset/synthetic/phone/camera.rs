@@ -48,7 +48,7 @@ impl PhoneCamera {
 
     /// True pose of a frame.
     pub fn pose(&self, frame: usize) -> Pose {
-        self.walk.handheld(self.part(frame))
+        self.walk.shaken_pose(self.walk_parameter(frame))
     }
 
     /// Renders a frame; `depth` holds the intrinsics of the lidar image.
@@ -59,14 +59,14 @@ impl PhoneCamera {
         Capture { color: self.photograph(scene, frame), depth_z, confidence }
     }
 
-    fn part(&self, frame: usize) -> f64 {
-        self.walk.part(frame as f64, self.gains.len())
+    fn walk_parameter(&self, frame: usize) -> f64 {
+        self.walk.walk_parameter(frame as f64, self.gains.len())
     }
 
     /// Renders a photograph: mean radiance over the exposure, times gain and vignetting.
     fn photograph(&self, scene: &SyntheticScene, frame: usize) -> Image<[u8; 4]> {
         let k = scene.intrinsics();
-        let poses = self.exposed(frame, &k);
+        let poses = self.exposure_poses(frame, &k);
         let mut light = Image::filled(k.width as usize, k.height as usize, Vec3::ZERO);
         for pose in &poses {
             let seen = scene.radiance(&Camera { intrinsics: k, pose: *pose });
@@ -84,10 +84,10 @@ impl PhoneCamera {
     }
 
     /// Poses sampled over the exposure: one for small motion, else three or five.
-    fn exposed(&self, frame: usize, k: &Intrinsics) -> Vec<Pose> {
-        let middle = self.part(frame);
-        let at = |moment: f64| self.walk.handheld(middle + SHUTTER * (moment - 0.5));
-        let moved = motion(&at(0.0), &at(1.0), k);
+    fn exposure_poses(&self, frame: usize, k: &Intrinsics) -> Vec<Pose> {
+        let middle = self.walk_parameter(frame);
+        let at = |moment: f64| self.walk.shaken_pose(middle + SHUTTER * (moment - 0.5));
+        let moved = image_motion(&at(0.0), &at(1.0), k);
         let n = match BLURRED.iter().filter(|least| moved > **least).count() {
             0 => return vec![at(0.5)],
             1 => 3,
@@ -98,7 +98,7 @@ impl PhoneCamera {
 }
 
 /// Image motion between two poses, pixels.
-fn motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
+fn image_motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
     let (offset, turn) = from.offset_to(to);
     k.fx * (turn.to_scaled_axis().length() + offset.length() / TYPICAL_DEPTH)
 }
@@ -118,7 +118,7 @@ mod tests {
     fn fast_frames_are_blurred_and_slow_ones_are_not() {
         let k = Intrinsics::from_horizontal_fov(1440, 1920, 0.873);
         let phone = PhoneCamera::new(Walk::new(PhoneScene::Door, 0), 70, 0);
-        let n_views: Vec<usize> = (0..70).map(|i| phone.exposed(i, &k).len()).collect();
+        let n_views: Vec<usize> = (0..70).map(|i| phone.exposure_poses(i, &k).len()).collect();
         let count = |n: usize| n_views.iter().filter(|found| **found == n).count();
         assert_eq!(count(1) + count(3) + count(5), 70);
         assert!(count(1) > 3 && count(3) > 10, "{n_views:?}");

@@ -1,7 +1,7 @@
 //! Contents of the phone's scenes.
 
 use super::door;
-use super::parts::{CABLE, fine, rod, sagging};
+use super::parts::{CABLE, fine, rod, sagging_cable};
 use crate::dataset::synthetic::fine_texture::FineTexture;
 use crate::dataset::synthetic::params::PhoneScene;
 use crate::dataset::synthetic::room::{FurnishedRoom, Solid, sphere};
@@ -41,9 +41,9 @@ fn add_cables(solids: &mut Vec<Solid>) {
     let red = FineTexture::Rubber(vec3(0.55, 0.05, 0.03));
     solids.push(rod(dvec3(0.05, 0.0, 2.55), dvec3(0.05, 0.0, 1.95), CABLE, black));
     solids.push(sphere([0.05, 0.0, 1.85], 0.1, Texture::Paint(vec3(0.70, 0.42, 0.10))));
-    solids.extend(sagging(dvec3(-2.5, 2.08, 2.3), dvec3(-0.8, 2.08, 2.1), 0.45, black));
-    solids.extend(sagging(dvec3(1.1, -2.1, 2.3), dvec3(2.5, -2.05, 1.9), 0.35, white));
-    solids.extend(sagging(dvec3(-0.3, -0.46, 0.745), dvec3(0.6, -0.46, 0.745), 0.4, red));
+    solids.extend(sagging_cable(dvec3(-2.5, 2.08, 2.3), dvec3(-0.8, 2.08, 2.1), 0.45, black));
+    solids.extend(sagging_cable(dvec3(1.1, -2.1, 2.3), dvec3(2.5, -2.05, 1.9), 0.35, white));
+    solids.extend(sagging_cable(dvec3(-0.3, -0.46, 0.745), dvec3(0.6, -0.46, 0.745), 0.4, red));
     let floor = [(-1.7, -1.3), (-1.1, -1.6), (-0.4, -1.55), (0.1, -1.75), (0.9, -1.6)];
     let at = |(x, y): (f64, f64)| dvec3(x, y, 0.018);
     solids.extend(floor.array_windows().map(|[a, b]| rod(at(*a), at(*b), 0.006, red)));

@@ -2,7 +2,7 @@
 //!
 //! The door is in the wall at `y = 0`; the camera stays at negative y.
 
-use super::parts::{fine, rod, sagging};
+use super::parts::{fine, rod, sagging_cable};
 use crate::dataset::synthetic::fine_texture::FineTexture;
 use crate::dataset::synthetic::room::{FurnishedRoom, Lamp, Solid, WHITE, block, sphere};
 use crate::dataset::synthetic::solid::Shape;
@@ -95,5 +95,5 @@ fn add_surroundings(solids: &mut Vec<Solid>) {
         rod(dvec3(-0.62, -0.12, 2.5), dvec3(-0.62, -0.12, 1.2), 0.004, black),
         sphere([-0.62, -0.12, 1.18], 0.02, Texture::Fine(oak)),
     ]);
-    solids.extend(sagging(dvec3(0.75, -0.05, 2.2), dvec3(1.7, -0.05, 2.0), 0.35, black));
+    solids.extend(sagging_cable(dvec3(0.75, -0.05, 2.2), dvec3(1.7, -0.05, 2.0), 0.35, black));
 }

@@ -12,7 +12,7 @@ const LARGEST_OFFSET: [f64; 2] = [0.002, 0.003];
 const LARGEST_TURN: f64 = 0.2;
 
 /// Poses with drift, as a recording states them for frames taken at `poses`; the first is exact.
-pub fn drifted(poses: &[Pose], seed: u64) -> Vec<Pose> {
+pub fn with_drift(poses: &[Pose], seed: u64) -> Vec<Pose> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     let [low, high] = LARGEST_OFFSET;
     let largest = rng.range(low, high);
@@ -20,7 +20,7 @@ pub fn drifted(poses: &[Pose], seed: u64) -> Vec<Pose> {
     let turns = walk(poses.len(), LARGEST_TURN.to_radians(), &mut rng);
     let errors = offsets.into_iter().zip(turns);
     let moved = |(pose, (offset, turn)): (&Pose, (DVec3, DVec3))| {
-        pose.attached(offset, DQuat::from_scaled_axis(turn))
+        pose.attached_camera(offset, DQuat::from_scaled_axis(turn))
     };
     poses.iter().zip(errors).map(moved).collect()
 }
@@ -49,7 +49,7 @@ mod tests {
         let pose = Pose::look_at(DVec3::X, DVec3::Y, DVec3::Z).unwrap();
         for seed in 0..20 {
             let errors: Vec<(DVec3, DQuat)> =
-                drifted(&[pose; 70], seed).iter().map(|stated| pose.offset_to(stated)).collect();
+                with_drift(&[pose; 70], seed).iter().map(|stated| pose.offset_to(stated)).collect();
             assert!(errors[0].0.length() < 1e-12, "the first pose is exact");
             let largest =
                 |value: fn(&(DVec3, DQuat)) -> f64| errors.iter().map(value).fold(0.0, f64::max);
@@ -60,6 +60,6 @@ mod tests {
             let steps = errors.array_windows().map(|[a, b]| (b.0 - a.0).length());
             assert!(steps.fold(0.0, f64::max) < 0.5 * offset, "consecutive frames are similar");
         }
-        assert_eq!(drifted(&[pose], 3), [pose]);
+        assert_eq!(with_drift(&[pose], 3), [pose]);
     }
 }

@@ -4,7 +4,12 @@ use crate::math::image::Image;
 use crate::math::rng::Rng;
 
 /// Gaussian field of unit variance with a correlation length of about `sigma` pixels.
-pub(super) fn correlated(width: usize, height: usize, sigma: f64, rng: &mut Rng) -> Image<f32> {
+pub(super) fn correlated_noise(
+    width: usize,
+    height: usize,
+    sigma: f64,
+    rng: &mut Rng,
+) -> Image<f32> {
     let white = (0..width * height).map(|_| rng.normal() as f32).collect();
     let white = Image::from_vec(width, height, white);
     let reach = (2.5 * sigma).ceil() as i64;
@@ -13,11 +18,11 @@ pub(super) fn correlated(width: usize, height: usize, sigma: f64, rng: &mut Rng)
     // The variance of a weighted sum of independent unit normals is the sum of squared weights.
     let norm = weights.iter().map(|w| w * w).sum::<f32>().sqrt();
     let weights: Vec<f32> = weights.iter().map(|w| w / norm).collect();
-    filtered(&white, &weights)
+    separable_filter(&white, &weights)
 }
 
 /// Separable filter over rows, then columns, with mirrored borders.
-pub(super) fn filtered(image: &Image<f32>, weights: &[f32]) -> Image<f32> {
+pub(super) fn separable_filter(image: &Image<f32>, weights: &[f32]) -> Image<f32> {
     let (width, height) = (image.width, image.height);
     let reach = weights.len() as i64 / 2;
     let mirrored = |at: i64, n: usize| {

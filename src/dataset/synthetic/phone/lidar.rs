@@ -1,9 +1,9 @@
 //! Model of a phone's lidar: depth smoothed across edges, with correlated noise and holes, and a confidence
 //! code from 0 to 2.
 
-use super::fields::{correlated, filtered};
+use super::fields::{correlated_noise, separable_filter};
 use crate::dataset::synthetic::room::FurnishedRoom;
-use crate::dataset::synthetic::view::trace;
+use crate::dataset::synthetic::view::cast_rays;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::rng::Rng;
@@ -21,7 +21,7 @@ const EDGES: [f32; 2] = [0.1, 0.05];
 
 /// Return of one ray.
 #[derive(Clone, Copy)]
-struct Echo {
+struct RayReturn {
     z: f32,
     cosine: f32,
     is_poor: bool,
@@ -36,20 +36,20 @@ pub(super) struct LidarImage {
 /// Measures the view of `camera`; `rng` draws noise and holes.
 pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> LidarImage {
     let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
-    let pixels = gathered(&echoes(room, camera), width, height);
+    let pixels = pixel_returns(&echoes(room, camera), width, height);
     // At edges, foreground objects grow in some places and shrink in others.
-    let swelling = correlated(width, height, 6.0, rng);
-    let lowest = around(&pixels, 1, |pixel| pixel.least);
-    let spans =
-        around(&pixels, 2, |pixel| pixel.mean).map(|[low, high]| (high - low) / low.max(0.1));
+    let swelling = correlated_noise(width, height, 6.0, rng);
+    let lowest = neighbourhood_range(&pixels, 1, |pixel| pixel.least);
+    let spans = neighbourhood_range(&pixels, 2, |pixel| pixel.mean)
+        .map(|[low, high]| (high - low) / low.max(0.1));
     let mixed = (0..width * height).map(|i| {
         let is_edge = spans.data[i] > EDGES[1];
         let swell = if is_edge { swelling.data[i].clamp(0.0, 1.0) } else { 0.0 };
         pixels.data[i].mean + swell * (lowest.data[i][0] - pixels.data[i].mean)
     });
-    let smooth = filtered(&Image::from_vec(width, height, mixed.collect()), &LOW_PASS);
-    let [fine, coarse] = [1.5, 8.0].map(|sigma| correlated(width, height, sigma, rng));
-    let dropout = correlated(width, height, 5.0, rng);
+    let smooth = separable_filter(&Image::from_vec(width, height, mixed.collect()), &LOW_PASS);
+    let [fine, coarse] = [1.5, 8.0].map(|sigma| correlated_noise(width, height, sigma, rng));
+    let dropout = correlated_noise(width, height, 5.0, rng);
     let mut measured = LidarImage {
         depth_z: Image::filled(width, height, 0.0),
         confidence: Image::filled(width, height, 0),
@@ -77,14 +77,18 @@ fn confidence(pixel: &LidarPixel, z: f32, span: f32) -> u8 {
     if span > EDGES[1] || is_far || is_grazing || pixel.is_poor { 1 } else { 2 }
 }
 
-fn echoes(room: &FurnishedRoom, camera: &Camera) -> Image<Echo> {
+fn echoes(room: &FurnishedRoom, camera: &Camera) -> Image<RayReturn> {
     let fine = Camera { intrinsics: camera.intrinsics.scaled(RAYS as f64), ..*camera };
-    let silence = Echo { z: 2.0 * RANGE, cosine: 0.0, is_poor: true };
-    trace(room, &fine, silence, |ray, index, hit| {
+    let silence = RayReturn { z: 2.0 * RANGE, cosine: 0.0, is_poor: true };
+    cast_rays(room, &fine, silence, |ray, index, hit| {
         let solid = &room.solids[index];
         let normal = solid.shape.normal(ray.at(hit.t), hit.face);
         let cosine = -normal.dot(ray.direction.normalize());
-        Echo { z: hit.t as f32, cosine: cosine as f32, is_poor: solid.texture.is_poor_target() }
+        RayReturn {
+            z: hit.t as f32,
+            cosine: cosine as f32,
+            is_poor: solid.texture.is_poor_target(),
+        }
     })
 }
 
@@ -99,11 +103,11 @@ struct LidarPixel {
     is_poor: bool,
 }
 
-fn gathered(echoes: &Image<Echo>, width: usize, height: usize) -> Image<LidarPixel> {
+fn pixel_returns(echoes: &Image<RayReturn>, width: usize, height: usize) -> Image<LidarPixel> {
     let pixel = |i: usize| {
         let (x, y) = (i % width * RAYS, i / width * RAYS);
         let all = (0..RAYS * RAYS).map(|ray| echoes.at(x + ray % RAYS, y + ray / RAYS));
-        let sum = |value: fn(&Echo) -> f32| all.clone().map(value).sum::<f32>();
+        let sum = |value: fn(&RayReturn) -> f32| all.clone().map(value).sum::<f32>();
         let n = (RAYS * RAYS) as f32;
         LidarPixel {
             mean: sum(|echo| echo.z) / n,
@@ -116,7 +120,7 @@ fn gathered(echoes: &Image<Echo>, width: usize, height: usize) -> Image<LidarPix
 }
 
 /// Minimum and maximum of a value within `reach` pixels of each pixel.
-fn around(
+fn neighbourhood_range(
     pixels: &Image<LidarPixel>,
     reach: usize,
     value: fn(&LidarPixel) -> f32,

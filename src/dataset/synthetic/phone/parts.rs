@@ -21,7 +21,7 @@ pub(super) fn rod(from: DVec3, to: DVec3, radius: f64, texture: FineTexture) -> 
 }
 
 /// Cable that sags by `sag` metres between its ends.
-pub(super) fn sagging(
+pub(super) fn sagging_cable(
     from: DVec3,
     to: DVec3,
     sag: f64,

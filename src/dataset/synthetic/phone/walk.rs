@@ -28,7 +28,7 @@ impl Walk {
 
     /// Walk parameter of a frame out of `n_frames`; fractional frames interpolate.
     /// The pace varies: slow frames hardly move, fast ones have motion blur.
-    pub fn part(&self, frame: f64, n_frames: usize) -> f64 {
+    pub fn walk_parameter(&self, frame: f64, n_frames: usize) -> f64 {
         const HURRIES: f64 = 5.0;
         let even = frame / n_frames.max(1) as f64;
         let [.., phase] = self.phases;
@@ -37,13 +37,13 @@ impl Walk {
     }
 
     /// Pose at a walk parameter, with hand shake.
-    pub fn handheld(&self, part: f64) -> Pose {
+    pub fn shaken_pose(&self, part: f64) -> Pose {
         let [a, b, c, d] = self.phases;
         let swing = |rate: f64, phase: f64| (TAU * (SWINGS * rate * part + phase)).sin();
         let offset = dvec3(swing(1.0, a), swing(0.83, b), 0.5 * swing(0.61, c)) * SHAKE[0];
         let [x, y, z] =
             [swing(0.77, c), swing(1.1, d), 0.7 * swing(0.53, a)].map(|angle| angle * SHAKE[1]);
-        self.steady(part).attached(offset, DQuat::from_euler(EulerRot::XYZ, x, y, z))
+        self.steady(part).attached_camera(offset, DQuat::from_euler(EulerRot::XYZ, x, y, z))
     }
 
     /// Pose at a walk parameter, without hand shake.
@@ -103,7 +103,7 @@ mod tests {
         for (scene, seed) in [(PhoneScene::Room, 0), (PhoneScene::Door, 0), (PhoneScene::Door, 9)] {
             let (room, walk) = (furnish(scene, seed), Walk::new(scene, seed));
             for i in 0..400 {
-                let eye = walk.handheld(walk.part(i as f64, 400)).centre();
+                let eye = walk.shaken_pose(walk.walk_parameter(i as f64, 400)).centre();
                 for solid in &room.solids {
                     let away = solid.shape.distance(eye);
                     assert!(away > 0.2, "{scene:?} {i}: {eye} is {away} m from {solid:?}");

@@ -42,7 +42,7 @@ pub(super) fn write_splits(
     for split in plan.splits.iter().filter(|split| is_wanted(split)) {
         create_folder(&out.join(split.name))?;
         for i in 0..split.poses.len() {
-            let SyntheticView { color, depth_z } = plan.view(split, i);
+            let SyntheticView { color, depth_z } = plan.render_view(split, i);
             let stem = out.join(split.name).join(format!("r_{i}"));
             write_rgba(&stem.with_extension("png"), &color)?;
             // NeRF-synthetic naming; readers accept any number.

@@ -56,7 +56,7 @@ impl SyntheticLayout {
     }
 
     /// True for layouts of phone apps: photographs, depth of lower resolution and its confidence.
-    pub(super) fn is_of_phones(self) -> bool {
+    pub(super) fn is_phone_layout(self) -> bool {
         matches!(self, Self::Record3d | Self::Record3dArchive | Self::StrayScanner | Self::Arkit)
     }
 }

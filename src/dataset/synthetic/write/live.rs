@@ -15,14 +15,14 @@ type FrameFileKinds = &'static [(&'static [&'static str], &'static str)];
 type FrameLists = &'static [(&'static str, usize, usize)];
 
 /// Files and lists that hold a layout's frames.
-pub(super) struct FramePlaces {
+pub(super) struct LiveLayout {
     files: FrameFileKinds,
     lists: FrameLists,
 }
 
 const LIVE: &str = "seven-scenes, tum, open3d, replica, scannet, stray-scanner, arkit, rtab-map";
 
-impl FramePlaces {
+impl LiveLayout {
     /// Returns the places of a layout.
     ///
     /// # Errors
@@ -73,15 +73,18 @@ impl FramePlaces {
     }
 
     /// Copies a recording; `due` blocks until the next frame is due.
-    pub fn play(
+    pub fn replay(
         &self,
         finished: &Path,
         out: &Path,
         due: &mut dyn FnMut(usize, usize),
     ) -> Result<(), WriteError> {
         let mut rest = files_below(finished)?;
-        let columns: Vec<Vec<PathBuf>> =
-            self.files.iter().map(|(folders, part)| take(&mut rest, folders, part)).collect();
+        let columns: Vec<Vec<PathBuf>> = self
+            .files
+            .iter()
+            .map(|(folders, part)| take_frame_files(&mut rest, folders, part))
+            .collect();
         let mut lists = Vec::new();
         for &(name, head, of_frame) in self.lists {
             rest.remove(Path::new(name));
@@ -127,7 +130,7 @@ fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, Write
 }
 
 /// Removes the files of one kind from `rest`; returns them in numerical order.
-fn take(
+fn take_frame_files(
     rest: &mut BTreeMap<PathBuf, (String, String)>,
     folders: &[&str],
     part: &str,

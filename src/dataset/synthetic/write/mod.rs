@@ -23,7 +23,7 @@ pub use layout::SyntheticLayout;
 use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::plan::ViewPlan;
 use files::create_empty_folder;
-use live::FramePlaces;
+use live::LiveLayout;
 use std::path::Path;
 
 /// Sub-folder, in layouts without splits, for the remaining splits: in the Blender layout with 16-bit
@@ -74,7 +74,7 @@ pub fn write(
 }
 
 fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(), ParamsError> {
-    if params.camera == SyntheticCamera::Room || layout.is_of_phones() {
+    if params.camera == SyntheticCamera::Room || layout.is_phone_layout() {
         return Ok(());
     }
     Err(ParamsError {
@@ -97,12 +97,12 @@ pub fn write_live(
     layout: SyntheticLayout,
     due: &mut dyn FnMut(usize, usize),
 ) -> Result<(), WriteError> {
-    let places = FramePlaces::of(layout)?;
+    let places = LiveLayout::of(layout)?;
     create_empty_folder(out)?;
     let io = |source| WriteError::Io { path: out.to_owned(), source };
     let beside = std::path::absolute(out).map_err(io)?;
     let beside = beside.parent().unwrap_or(&beside);
     let finished = tempfile::Builder::new().prefix(".live").tempdir_in(beside).map_err(io)?;
     write(params, finished.path(), layout, &mut |_, _| ())?;
-    places.play(finished.path(), out, due)
+    places.replay(finished.path(), out, due)
 }

@@ -1,7 +1,7 @@
 //! Writes the synthetic scene in Open3D's recording layout.
 
 use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
-use super::sequence::{by_columns, frames};
+use super::sequence::{column_major_matrix, frames};
 use crate::dataset::matrix;
 use crate::dataset::synthetic::plan::ViewPlan;
 use crate::dataset::synthetic::scene::quantise;
@@ -28,8 +28,7 @@ pub(super) fn write(
         on_frame();
     }
     let k = plan.scene.intrinsics();
-    let camera =
-        json!({ "width": k.width, "height": k.height, "intrinsic_matrix": by_columns(&k) });
+    let camera = json!({ "width": k.width, "height": k.height, "intrinsic_matrix": column_major_matrix(&k) });
     write_text(&out.join("camera.json"), &format!("{camera:#}\n"))?;
     write_text(&out.join("trajectory.log"), &log)
 }

@@ -4,7 +4,7 @@
 use super::files::{
     WriteError, create_folder, jpeg, write_bytes, write_gray8, write_jpeg, write_text,
 };
-use super::sequence::{FRAMES_PER_SECOND, SequenceFrame, by_columns, frames};
+use super::sequence::{FRAMES_PER_SECOND, SequenceFrame, column_major_matrix, frames};
 use crate::dataset::synthetic::phone::camera::Capture;
 use crate::dataset::synthetic::plan::ViewPlan;
 use crate::math::image::Image;
@@ -25,7 +25,7 @@ pub(super) fn write_folder(
     on_frame: &mut dyn FnMut(),
 ) -> Result<(), WriteError> {
     // Exact depth needs no confidence.
-    let folders: &[&str] = match plan.is_of_phone() {
+    let folders: &[&str] = match plan.has_phone_camera() {
         true => &["rgb", "depth", CONFIDENCE],
         false => &["rgb", "depth"],
     };
@@ -35,7 +35,7 @@ pub(super) fn write_folder(
         let file = |folder: &str| out.join(format!("{folder}/{}", frame.index));
         write_jpeg(&file("rgb").with_extension("jpg"), &color)?;
         write_exr(&file("depth").with_extension("exr"), &depth_z)?;
-        if plan.is_of_phone() {
+        if plan.has_phone_camera() {
             write_gray8(&file(CONFIDENCE).with_extension("png"), &confidence)?;
         }
         on_frame();
@@ -64,8 +64,9 @@ pub(super) fn write_archive(
         let lengths: Vec<u8> =
             depth_z.data.iter().flat_map(|z| (*z as f32).to_le_bytes()).collect();
         add(&format!("rgbd/{i}.jpg"), &jpeg(&path, &color)?).map_err(failed)?;
-        add(&format!("rgbd/{i}.depth"), &packed(&lengths).map_err(failed)?).map_err(failed)?;
-        add(&format!("rgbd/{i}.conf"), &packed(&confidence.data).map_err(failed)?)
+        add(&format!("rgbd/{i}.depth"), &compress_lzfse(&lengths).map_err(failed)?)
+            .map_err(failed)?;
+        add(&format!("rgbd/{i}.conf"), &compress_lzfse(&confidence.data).map_err(failed)?)
             .map_err(failed)?;
         on_frame();
     }
@@ -73,7 +74,7 @@ pub(super) fn write_archive(
     write_bytes(&path, &bytes)
 }
 
-fn packed(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+fn compress_lzfse(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
     let mut out = Vec::new();
     lzfse_rust::LzfseEncoder::default().encode_bytes(bytes, &mut out)?;
     Ok(out)
@@ -82,13 +83,13 @@ fn packed(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
 fn metadata(plan: &ViewPlan) -> Value {
     let (k, of_depth) = (plan.scene.intrinsics(), plan.depth_camera());
     let pose = |frame: SequenceFrame| {
-        let (p, q) = (frame.pose.centre(), frame.turn(true));
+        let (p, q) = (frame.pose.centre(), frame.rotation_quaternion(true));
         [q.x, q.y, q.z, q.w, p.x, p.y, p.z]
     };
     json!({
         "w": k.width, "h": k.height, "dw": of_depth.width, "dh": of_depth.height,
         "fps": FRAMES_PER_SECOND,
-        "K": by_columns(&k),
+        "K": column_major_matrix(&k),
         "poses": frames(plan).map(pose).collect::<Vec<_>>(),
     })
 }

@@ -26,7 +26,7 @@ pub(super) fn write(
         write_rgba(&out.join(format!("rgb/{number}.png")), &color)?;
         write_gray16(&out.join(format!("depth/{number}.png")), &quantise(&depth_z, DEPTH_UNIT))?;
         write_text(&out.join(format!("calib/{number}.yaml")), &calibration)?;
-        let (p, q) = (frame.pose.centre(), frame.turn(false));
+        let (p, q) = (frame.pose.centre(), frame.rotation_quaternion(false));
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(" ");
         poses += &format!("{:.6} {numbers} {number}\n", frame.time);
         on_frame();

@@ -16,7 +16,7 @@ const DEPTH_UNIT: f64 = 0.001;
 /// Ratio of depth to colour resolution.
 const DEPTH_SIZE: f64 = 0.5;
 /// Ratio of the depth camera's focal length to that of a resampled photograph: a wider view.
-const WIDER: f64 = 0.95;
+const DEPTH_FOCAL_RATIO: f64 = 0.95;
 
 pub(super) fn write(
     plan: &ViewPlan,
@@ -27,7 +27,8 @@ pub(super) fn write(
     folders.into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
     let k = plan.scene.intrinsics();
     let half = k.scaled(DEPTH_SIZE);
-    let of_depth = Intrinsics { fx: half.fx * WIDER, fy: half.fy * WIDER, ..half };
+    let of_depth =
+        Intrinsics { fx: half.fx * DEPTH_FOCAL_RATIO, fy: half.fy * DEPTH_FOCAL_RATIO, ..half };
     for frame in frames(plan) {
         let SyntheticView { color, depth_z } = frame.view_by(of_depth);
         let i = frame.index;

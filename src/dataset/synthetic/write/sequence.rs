@@ -26,7 +26,7 @@ pub(super) struct SequenceFrame<'a> {
 pub(super) fn frames(plan: &ViewPlan) -> impl Iterator<Item = SequenceFrame<'_>> {
     let recorded = plan.splits.iter().enumerate().filter(|(_, split)| split.is_recorded);
     let poses = recorded.flat_map(|(s, split)| {
-        split.stated.iter().enumerate().map(move |(i, pose)| ((s, i), *pose))
+        split.recorded_poses.iter().enumerate().map(move |(i, pose)| ((s, i), *pose))
     });
     poses.enumerate().map(move |(index, (place, pose))| {
         let time = START + index as f64 / FRAMES_PER_SECOND;
@@ -38,13 +38,13 @@ impl SequenceFrame<'_> {
     /// Renders colour and depth with the scene's camera.
     pub fn view(&self) -> SyntheticView {
         let (split, i) = self.place;
-        self.plan.view(&self.plan.splits[split], i)
+        self.plan.render_view(&self.plan.splits[split], i)
     }
 
     /// Renders colour with the scene's camera and depth with the plan's depth camera.
     pub fn capture(&self) -> Capture {
         let (split, i) = self.place;
-        self.plan.capture(&self.plan.splits[split], i)
+        self.plan.render_capture(&self.plan.splits[split], i)
     }
 
     /// Renders colour with the scene's camera, and depth with the intrinsics `depth` at the same pose.
@@ -55,13 +55,13 @@ impl SequenceFrame<'_> {
     }
 
     /// Rotation of the pose as a quaternion, in OpenGL or OpenCV axes.
-    pub fn turn(&self, is_opengl: bool) -> DQuat {
+    pub fn rotation_quaternion(&self, is_opengl: bool) -> DQuat {
         let matrix = if is_opengl { self.pose.to_opengl() } else { self.pose.to_opencv() };
         DQuat::from_mat4(&matrix)
     }
 }
 
 /// Camera matrix as nine numbers in column-major order.
-pub(super) fn by_columns(k: &Intrinsics) -> [f64; 9] {
+pub(super) fn column_major_matrix(k: &Intrinsics) -> [f64; 9] {
     [k.fx, 0.0, 0.0, 0.0, k.fy, 0.0, k.cx, k.cy, 1.0]
 }

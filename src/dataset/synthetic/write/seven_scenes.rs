@@ -22,7 +22,7 @@ pub(super) fn write(
         let folder = out.join(split.name);
         create_folder(&folder)?;
         for (i, pose) in split.poses.iter().enumerate() {
-            let SyntheticView { color, depth_z } = plan.view(split, i);
+            let SyntheticView { color, depth_z } = plan.render_view(split, i);
             let file = |suffix: &str| folder.join(format!("frame-{i:06}.{suffix}"));
             write_rgba(&file("color.png"), &color)?;
             write_gray16(&file("depth.png"), &quantise(&depth_z, DEPTH_UNIT))?;

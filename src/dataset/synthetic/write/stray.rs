@@ -25,7 +25,7 @@ pub(super) fn write(
         write_rgba(&file("rgb"), &color)?;
         write_gray16(&file("depth"), &quantise(&depth_z, DEPTH_UNIT))?;
         write_gray8(&file("confidence"), &confidence)?;
-        let (p, q) = (frame.pose.centre(), frame.turn(false));
+        let (p, q) = (frame.pose.centre(), frame.rotation_quaternion(false));
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(", ");
         odometry += &format!("{:.6}, {:06}, {numbers}\n", frame.time, frame.index);
         on_frame();

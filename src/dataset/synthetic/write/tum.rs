@@ -28,7 +28,7 @@ pub(super) fn write(
             // Writing to a string cannot fail.
             let _ = writeln!(list, "{time} {folder}/{time}.png");
         }
-        let (p, q) = (frame.pose.centre(), frame.turn(false));
+        let (p, q) = (frame.pose.centre(), frame.rotation_quaternion(false));
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(" ");
         let _ = writeln!(poses, "{time} {numbers}");
         on_frame();

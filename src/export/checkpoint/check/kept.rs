@@ -2,11 +2,11 @@
 
 use super::super::error::Defect;
 use super::super::tag;
-use super::scene::sums;
-use super::{ascending, below, value};
+use super::scene::check_sums;
+use super::{check_ascending, check_below, value_defect};
 use crate::model::scene::bounds::MIXED;
-use crate::model::scene::kept::KeptFrame;
-use crate::model::scene::kept_motion::values;
+use crate::model::scene::kept::StoredFrame;
+use crate::model::scene::kept_motion::quanta_to_values;
 use crate::model::scene::state::SceneState;
 
 /// Names of a frame's numbers, for messages.
@@ -15,7 +15,7 @@ const NAMES: [&str; 5] = ["frame", "pose", "deviation", "components shown", "com
 const MOST: f64 = (1u64 << 53) as f64;
 
 /// Checks the numbers of all frames before any of them is used as a count.
-pub(in super::super) fn kept_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> {
+pub(in super::super) fn check_retained_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> {
     let numbers = |frame: &[f64; 5]| NAMES.into_iter().zip(*frame).collect::<Vec<_>>();
     for (at, frame) in frames.iter().enumerate() {
         for (name, number) in numbers(frame) {
@@ -27,7 +27,7 @@ pub(in super::super) fn kept_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> 
                 }
             };
             if !is_one {
-                return Err(value(tag::KEPT, at, name, expected, number));
+                return Err(value_defect(tag::RETAINED, at, name, expected, number));
             }
         }
     }
@@ -35,24 +35,32 @@ pub(in super::super) fn kept_numbers(frames: &[[f64; 5]]) -> Result<(), Defect> 
 }
 
 /// Checks pose indices, component ids and sums of the frames.
-pub(in super::super) fn kept(state: &SceneState) -> Result<(), Defect> {
+pub(in super::super) fn check_retained_frames(state: &SceneState) -> Result<(), Defect> {
     let (n_poses, n) = (state.poses.len() as u64, state.visibility.len());
-    for (at, KeptFrame { logged, shown, taught, .. }) in state.kept.iter().enumerate() {
+    for (at, StoredFrame { log_index: logged, shown, taught, .. }) in
+        state.stored_frames.iter().enumerate()
+    {
         if *logged >= n_poses {
             let expected = format!("an index below the {n_poses} corrected poses");
-            return Err(value(tag::KEPT, at, NAMES[1], &expected, *logged as f64));
+            return Err(value_defect(tag::RETAINED, at, NAMES[1], &expected, *logged as f64));
         }
-        below(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
-        ascending(tag::KEPT_IDS, taught.ids.iter().copied(), n)?;
+        check_below(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
+        check_ascending(tag::KEPT_IDS, taught.ids.iter().copied(), n)?;
         for shown in shown {
-            let numbers = shown.place.to_array().into_iter().chain(shown.color.to_array());
+            let numbers = shown.position.to_array().into_iter().chain(shown.color.to_array());
             let mut numbers = numbers.chain([shown.noise]);
             if let Some(found) = numbers.find(|x| !x.is_finite()) {
-                return Err(value(tag::KEPT_SHOWN, at, "mean", "a finite number", found));
+                return Err(value_defect(
+                    tag::RETAINED_MEANS,
+                    at,
+                    "mean",
+                    "a finite number",
+                    found,
+                ));
             }
         }
         for (id, row) in taught.iter() {
-            sums(tag::KEPT_SUMS, id as usize, &values(row), MIXED)?;
+            check_sums(tag::KEPT_SUMS, id as usize, &quanta_to_values(row), MIXED)?;
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::super::error::Defect;
 use super::super::tag;
-use super::{AXES, ascending, value};
+use super::{AXES, check_ascending, value_defect};
 use crate::math::real::Real;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::state::{InitialMeans, ModelState, Totals};
@@ -38,10 +38,10 @@ const SLACK_F32_TOTALS: f64 = 1e-1;
 // At most two quanta per tile (two halves, and twice a half): enough for 8·10⁶ tiles.
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
-pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
+pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> {
     let is_wild = |(_, a): &(usize, &f64)| !(a.is_finite() && **a > 0.0);
     if let Some((k, &alpha)) = model.alpha_init.iter().enumerate().find(is_wild) {
-        return Err(value(tag::ALPHA, k, "alpha", "a positive number", alpha));
+        return Err(value_defect(tag::ALPHA, k, "alpha", "a positive number", alpha));
     }
     match &model.means {
         InitialMeans::F32 { space, color } => means(space, color)?,
@@ -49,7 +49,7 @@ pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
     }
     match &model.totals {
         Totals::Fixed64 { rows, carries } => {
-            ascending(tag::CARRY_IDS, carries.iter().map(|carry| carry.id), rows.len())?;
+            check_ascending(tag::CARRY_IDS, carries.iter().map(|carry| carry.id), rows.len())?;
             let mut carries = carries.iter().peekable();
             rows.iter().enumerate().try_for_each(|(k, row)| {
                 let limbs = carries.next_if(|carry| carry.id as usize == k).map(|c| c.limbs);
@@ -76,7 +76,7 @@ fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
         let numbers = rows.as_flattened().iter().map(|v| v.to_f64()).enumerate();
         let mut wild = numbers.zip(axes.into_iter().cycle()).filter(|((_, v), _)| !v.is_finite());
         if let Some(((at, found), axis)) = wild.next() {
-            return Err(value(tag::MEANS, at / 3, axis, "a finite number", found));
+            return Err(value_defect(tag::MEANS, at / 3, axis, "a finite number", found));
         }
     }
     Ok(())
@@ -107,7 +107,7 @@ fn first_unsound(
     row: [f64; N_SUMS],
     bounded: impl Fn(&(usize, usize, usize)) -> bool,
 ) -> Defect {
-    let refuse = |i: usize, expected| value(SUMS[i].0, k, SUMS[i].1, expected, row[i]);
+    let refuse = |i: usize, expected| value_defect(SUMS[i].0, k, SUMS[i].1, expected, row[i]);
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {
         return refuse(i, "a finite number");
     }

@@ -4,9 +4,9 @@ mod kept;
 mod mixture;
 mod scene;
 
-pub(super) use kept::{kept, kept_numbers};
-pub(super) use mixture::mixture;
-pub(super) use scene::{scales, scene, waiting};
+pub(super) use kept::{check_retained_frames, check_retained_numbers};
+pub(super) use mixture::check_mixture;
+pub(super) use scene::{check_buffered_views, check_depth_scales, check_scene};
 
 use super::error::{Defect, tag_text};
 use super::tag;
@@ -15,7 +15,7 @@ use crate::math::normalization::Normalization;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Checks for a finite offset and a positive scale.
-pub(super) fn normalization(normalization: &Normalization) -> Result<(), Defect> {
+pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), Defect> {
     let Normalization { offset, scale } = normalization;
     let sound =
         offset.iter().all(|v| v.is_finite()) && scale.iter().all(|v| v.is_finite() && *v > 0.0);
@@ -28,7 +28,7 @@ pub(super) fn normalization(normalization: &Normalization) -> Result<(), Defect>
 }
 
 /// Checks that all hyperparameters are positive.
-pub(super) fn prior(numbers: &[f64]) -> Result<(), Defect> {
+pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         None => Ok(()),
         Some(found) => {
@@ -38,7 +38,7 @@ pub(super) fn prior(numbers: &[f64]) -> Result<(), Defect> {
 }
 
 /// Checks that at least as many frames were visited as trained on, and converts their numbers.
-pub(super) fn visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
+pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(tag_text(tag::CURSOR), expected, found))
     };
@@ -50,7 +50,7 @@ pub(super) fn visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
 }
 
 /// Checks that component ids are ascending, unique and below `components`.
-fn ascending(
+fn check_ascending(
     tag: [u8; 4],
     ids: impl Iterator<Item = u32> + Clone,
     components: usize,
@@ -59,11 +59,15 @@ fn ascending(
         let expected = "components in ascending order";
         return Err(Defect::malformed(tag_text(tag), expected, "another order"));
     }
-    below(tag, ids, components)
+    check_below(tag, ids, components)
 }
 
 /// Checks that all component ids are below `components`.
-fn below(tag: [u8; 4], ids: impl Iterator<Item = u32>, components: usize) -> Result<(), Defect> {
+fn check_below(
+    tag: [u8; 4],
+    ids: impl Iterator<Item = u32>,
+    components: usize,
+) -> Result<(), Defect> {
     match ids.max().filter(|id| *id as usize >= components) {
         Some(id) => {
             let expected = format!("components below {components}");
@@ -73,7 +77,13 @@ fn below(tag: [u8; 4], ids: impl Iterator<Item = u32>, components: usize) -> Res
     }
 }
 
-pub(super) fn value(tag: [u8; 4], k: usize, axis: &str, expected: &str, found: f64) -> Defect {
+pub(super) fn value_defect(
+    tag: [u8; 4],
+    k: usize,
+    axis: &str,
+    expected: &str,
+    found: f64,
+) -> Defect {
     Defect::malformed(
         format!("{}[component {k}, {axis}]", tag_text(tag)),
         expected,

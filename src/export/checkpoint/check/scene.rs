@@ -2,12 +2,12 @@
 
 use super::super::error::{Defect, tag_text};
 use super::super::tag;
-use super::{AXES, ascending, value};
-use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbounded};
+use super::{AXES, check_ascending, value_defect};
+use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_violated_moment};
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
-use crate::model::scene::waiting::{DepthScale, NumberDefect, PhotographView, WaitingPhotograph};
+use crate::model::scene::waiting::{BufferedPhotograph, DepthScale, NumberDefect, PhotographView};
 use crate::model::splat::viewpoint::Viewpoint;
 
 /// Name of every sum, for messages.
@@ -23,35 +23,35 @@ const NAMES: [&str; N_SUMS] = [
 ];
 
 /// Checks origin, seeds, exposures, poses, trajectory, photometric state and sums.
-pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
+pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     if !state.origin.iter().all(|x| x.is_finite()) {
         let found = format!("{:?}", state.origin);
         return Err(Defect::malformed(tag_text(tag::ORIGIN), "finite numbers", found));
     }
     let numbers = state.seeds.as_flattened().iter().enumerate().zip(AXES.into_iter().cycle());
     if let Some(((at, &found), axis)) = numbers.into_iter().find(|((_, x), _)| !x.is_finite()) {
-        return Err(value(tag::SEEDS, at / 3, axis, "a finite number", found.into()));
+        return Err(value_defect(tag::SEEDS, at / 3, axis, "a finite number", found.into()));
     }
     for (at, frame) in state.exposures.iter().enumerate() {
         viewpoint(tag::EXPOSURES, at, &frame.viewpoint)?;
         if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
-            return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
+            return Err(value_defect(tag::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
     for (at, frame) in state.poses.iter().enumerate() {
         viewpoint(tag::POSES, at, &frame.recorded)?;
         if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
-            return Err(value(tag::POSES, at, "correction", "a finite number", found));
+            return Err(value_defect(tag::POSES, at, "correction", "a finite number", found));
         }
         if frame.rotation != [0.0; 4] && frame.poses().is_none() {
             let [x, ..] = frame.rotation;
-            return Err(value(tag::POSE_ROTATIONS, at, "rotation", "a unit quaternion", x));
+            return Err(value_defect(tag::POSE_ROTATIONS, at, "rotation", "a unit quaternion", x));
         }
     }
     let mut tracked = state.trajectory.iter().enumerate();
     if let Some((at, unplaced)) = tracked.find(|(_, tracked)| tracked.pose().is_none()) {
         let found = unplaced.rotation[3];
-        return Err(value(tag::TRAJECTORY, at, "rotation", "a unit quaternion", found));
+        return Err(value_defect(tag::TRAJECTORY, at, "rotation", "a unit quaternion", found));
     }
     if let Some(photometric) = &state.photometric {
         self::photometric(photometric)?;
@@ -60,37 +60,41 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
         let expected = format!("a component below {n}");
-        return Err(value(tag::COMPONENTS, at, "seed", &expected, found.into()));
+        return Err(value_defect(tag::COMPONENTS, at, "seed", &expected, found.into()));
     }
     match &state.sums {
         StoredSums::Mixed { rows, wide } => {
             wide_rows(wide, rows)?;
-            each(rows, |k, row| narrow(k, &row.map(|quanta| f64::from(quanta) * QUANTUM)))
+            check_each(rows, |k, row| {
+                check_narrow_row(k, &row.map(|quanta| f64::from(quanta) * QUANTUM))
+            })
         }
-        StoredSums::F32(rows) => each(rows, |k, row| sums(tag::SUMS, k, &row.map(f64::from), F32)),
-        StoredSums::F64(rows) => each(rows, |k, row| sums(tag::SUMS, k, row, F64)),
+        StoredSums::F32(rows) => {
+            check_each(rows, |k, row| check_sums(tag::SUMS, k, &row.map(f64::from), F32))
+        }
+        StoredSums::F64(rows) => check_each(rows, |k, row| check_sums(tag::SUMS, k, row, F64)),
     }
 }
 
 fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
     if let Some(&found) = viewpoint.centre.iter().find(|x| !x.is_finite()) {
-        return Err(value(tag, at, "centre", "a finite number", found));
+        return Err(value_defect(tag, at, "centre", "a finite number", found));
     }
     let length = viewpoint.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
     if length.is_nan() || (length - 1.0).abs() > 1e-3 {
-        return Err(value(tag, at, "direction", "a unit vector", length));
+        return Err(value_defect(tag, at, "direction", "a unit vector", length));
     }
     Ok(())
 }
 
 /// Checks the cameras and image extents of buffered photographs.
-pub(in super::super) fn waiting<'a>(
+pub(in super::super) fn check_buffered_views<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
-    no_defects(tag::PHOTO_WAITING, views.map(PhotographView::defect))
+    no_defects(tag::PHOTO_BUFFER, views.map(PhotographView::first_invalid_number))
 }
 
-pub(in super::super) fn scales<'a>(
+pub(in super::super) fn check_depth_scales<'a>(
     scales: impl Iterator<Item = &'a DepthScale>,
 ) -> Result<(), Defect> {
     no_defects(tag::PHOTO_SCALES, scales.map(DepthScale::defect))
@@ -103,25 +107,31 @@ fn no_defects(
     let mut found = defects.enumerate().filter_map(|(at, defect)| Some((at, defect?)));
     match found.next() {
         None => Ok(()),
-        Some((at, (name, expected, found))) => Err(value(tag, at, name, &expected, found)),
+        Some((at, (name, expected, found))) => Err(value_defect(tag, at, name, &expected, found)),
     }
 }
 
 /// Checks for drawable splats, positive precisions and consistent buffered photographs.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
-    waiting(state.waiting.iter().map(|waiting| &waiting.view))?;
-    let mut all = state.waiting.iter().enumerate();
+    check_buffered_views(state.buffered.iter().map(|waiting| &waiting.view))?;
+    let mut all = state.buffered.iter().enumerate();
     if let Some((at, odd)) = all.find(|(_, w)| w.pixels.len() != w.view.n_pixels()) {
         let expected = format!("{} pixels", odd.view.n_pixels());
-        return Err(value(tag::PHOTO_WAITING, at, "size", &expected, odd.pixels.len() as f64));
+        return Err(value_defect(
+            tag::PHOTO_BUFFER,
+            at,
+            "size",
+            &expected,
+            odd.pixels.len() as f64,
+        ));
     }
-    let depths = || state.waiting.iter().filter_map(|waiting| waiting.depths.as_ref());
-    scales(depths().map(|depths| &depths.scale))?;
-    let steps = |waiting: &WaitingPhotograph| waiting.depths.as_ref().map(|d| d.steps.len());
-    let mut all = state.waiting.iter().filter_map(|w| Some((w, steps(w)?))).enumerate();
+    let depths = || state.buffered.iter().filter_map(|waiting| waiting.depths.as_ref());
+    check_depth_scales(depths().map(|depths| &depths.scale))?;
+    let steps = |waiting: &BufferedPhotograph| waiting.depths.as_ref().map(|d| d.steps.len());
+    let mut all = state.buffered.iter().filter_map(|w| Some((w, steps(w)?))).enumerate();
     if let Some((at, (odd, n))) = all.find(|(_, (w, n))| *n != w.view.n_pixels()) {
         let expected = format!("{} depths", odd.view.n_pixels());
-        return Err(value(tag::PHOTO_DEPTHS, at, "size", &expected, n as f64));
+        return Err(value_defect(tag::PHOTO_DEPTHS, at, "size", &expected, n as f64));
     }
     let looks = state.splats.iter().zip(&state.appearance);
     let precisions = state.form.iter().zip(&state.color);
@@ -131,14 +141,26 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     {
         if !(splat.is_drawable() && appearance.is_valid()) {
             let found = f64::from(splat.opacity);
-            return Err(value(tag::PHOTO_SPLATS, at, "splat", "a splat that can be drawn", found));
+            return Err(value_defect(
+                tag::PHOTO_SPLATS,
+                at,
+                "splat",
+                "a splat that can be drawn",
+                found,
+            ));
         }
         // Diagonal entries of the packed lower triangles.
         let form = (0..N_FORM).filter_map(|i| form.get(i * (i + 3) / 2));
         let color = (0..N_COLOR).filter_map(|i| color.get(i * (i + 3) / 2));
         if let Some(found) = form.chain(color).copied().find(|x| !(*x > 0.0 && x.is_finite())) {
             let expected = "a positive number";
-            return Err(value(tag::PHOTO_FORM, at, "precision", expected, f64::from(found)));
+            return Err(value_defect(
+                tag::PHOTO_SHAPE_PRECISION,
+                at,
+                "precision",
+                expected,
+                f64::from(found),
+            ));
         }
     }
     let usual = [
@@ -148,34 +170,37 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     ];
     usual.into_iter().try_for_each(|(tag, numbers)| {
         match numbers.into_iter().find(|x| !(x.is_finite() && *x >= 0.0)) {
-            Some(found) => Err(value(tag, 0, "noise", "a number of 0 or more", found)),
+            Some(found) => Err(value_defect(tag, 0, "noise", "a number of 0 or more", found)),
             None => Ok(()),
         }
     })
 }
 
-fn each<T>(rows: &[T], check: impl Fn(usize, &T) -> Result<(), Defect>) -> Result<(), Defect> {
+fn check_each<T>(
+    rows: &[T],
+    check: impl Fn(usize, &T) -> Result<(), Defect>,
+) -> Result<(), Defect> {
     rows.iter().enumerate().try_for_each(|(k, row)| check(k, row))
 }
 
-fn narrow(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
+fn check_narrow_row(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     if row[0] >= f64::from(WIDE_POINTS) {
         let expected =
             format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
-        return Err(value(tag::SUMS, k, NAMES[0], &expected, row[0]));
+        return Err(value_defect(tag::SUMS, k, NAMES[0], &expected, row[0]));
     }
-    sums(tag::SUMS, k, row, MIXED)
+    check_sums(tag::SUMS, k, row, MIXED)
 }
 
 /// Checks wide rows: ids ascend, sums are whole quanta of at least `WIDE_POINTS` points, and the narrow rows
 /// that they replace are zero.
 #[expect(clippy::indexing_slicing, reason = "ids index rows, positions index sums")]
 fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
-    ascending(tag::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
+    check_ascending(tag::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
     for row in wide {
         let k = row.id as usize;
         let refuse = |i: usize, expected: &str| {
-            Err(value(tag::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
+            Err(value_defect(tag::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
         };
         let is_odd = |v: &f64| !(v.abs() <= MAX_SUM && (v / QUANTUM).fract() == 0.0);
         if let Some(i) = row.sums.iter().position(is_odd) {
@@ -184,11 +209,11 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
         if row.sums[0] < f64::from(WIDE_POINTS) {
             return refuse(0, &format!("{WIDE_POINTS} points or more"));
         }
-        sums(tag::WIDE_SUMS, k, &row.sums, MIXED)?;
+        check_sums(tag::WIDE_SUMS, k, &row.sums, MIXED)?;
         if let Some(i) = rows[k].iter().position(|quanta| *quanta != 0) {
             let expected = format!("0 beside sums in `{}`", tag_text(tag::WIDE_SUMS));
             let found = f64::from(rows[k][i]) * QUANTUM;
-            return Err(value(tag::SUMS, k, NAMES[i], &expected, found));
+            return Err(value_defect(tag::SUMS, k, NAMES[i], &expected, found));
         }
     }
     Ok(())
@@ -198,7 +223,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 /// that are positive semi-definite for every pair of axes.
 #[inline]
 #[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
-pub(super) fn sums(
+pub(super) fn check_sums(
     tag: [u8; 4],
     k: usize,
     row: &[f64; N_SUMS],
@@ -212,14 +237,14 @@ pub(super) fn sums(
         && row.iter().all(|sum| sum.abs() <= most)
         && SQUARES.iter().all(|&i| row[i] >= 0.0)
         && last >= least_last
-        && first_unbounded(row, slack).is_none();
+        && first_violated_moment(row, slack).is_none();
     if sound { Ok(()) } else { Err(first_unsound(tag, k, row, slack, most)) }
 }
 
 #[cold]
 #[expect(clippy::indexing_slicing, reason = "indices from the table, or found among the sums")]
 fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most: f64) -> Defect {
-    let refuse = |i: usize, expected: &str| value(tag, k, NAMES[i], expected, row[i]);
+    let refuse = |i: usize, expected: &str| value_defect(tag, k, NAMES[i], expected, row[i]);
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {
         return refuse(i, "a finite number");
     }
@@ -229,7 +254,7 @@ fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most
     if let Some(i) = row.iter().position(|v| v.abs() > most) {
         return refuse(i, &format!("at most {MAX_TERM} per point, for {} points", row[0]));
     }
-    match first_unbounded(row, slack) {
+    match first_violated_moment(row, slack) {
         Some((i, _)) => refuse(i, "at most the mean of the two axes' second moments"),
         None => refuse(31, &format!("at most the remainder of N after `{}`", NAMES[28])),
     }

@@ -14,9 +14,9 @@ use crate::model::paper::merging::AddError;
 use crate::model::paper::state::ModelState;
 use crate::model::scene;
 use fusion::fuse;
-use order::orderless;
-use start::compatible;
-use union::together;
+use order::check_order_independent;
+use start::check_compatible;
+use union::combine_runs;
 
 /// Merges runs into one over the frames of all. Models with identical initial components are added exactly,
 /// so any order and tree of merges gives the same model. Scenes with seeds are fused, to the same model for
@@ -26,11 +26,11 @@ use union::together;
 /// [`RunError::Unlike`] if they did not start alike, [`RunError::Overlap`] if a frame would count twice,
 /// [`RunError::Add`] and [`RunError::Ordered`] for models that depend on the order of frames.
 pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
-    if runs.first().is_some_and(|run| run.config.method.any().is_fused()) {
+    if runs.first().is_some_and(|run| run.config.method.as_any().is_fused()) {
         return fuse(None, runs);
     }
-    runs.iter().try_for_each(orderless)?;
-    compatible(&runs)?;
+    runs.iter().try_for_each(check_order_independent)?;
+    check_compatible(&runs)?;
     let mut runs = runs.into_iter();
     let Some(first) = runs.next() else { return Ok(None) };
     runs.try_fold(first, add).map(Some)
@@ -48,9 +48,9 @@ pub fn merge_onto(origin: &SavedRun, runs: Vec<SavedRun>) -> Result<Option<Saved
 fn add(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     let model = sum(&a.content.model, &b.content.model)
         .map_err(|source| RunError::Add { paths: [a.path.clone(), b.path.clone()], source })?;
-    let mut merged = together(a, b)?;
+    let mut merged = combine_runs(a, b)?;
     merged.content.model = model;
-    orderless(&merged)?;
+    check_order_independent(&merged)?;
     Ok(merged)
 }
 

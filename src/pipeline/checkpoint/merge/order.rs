@@ -6,12 +6,12 @@ use crate::model::stored::StoredModel;
 
 /// Refuses scenes that depend on the order of frames. For mixtures, [`super::start::same_start`] and
 /// [`crate::model::paper::merging::add`] detect the dependence.
-pub(super) fn orderless(run: &SavedRun) -> Result<(), RunError> {
+pub(super) fn check_order_independent(run: &SavedRun) -> Result<(), RunError> {
     let components = match &run.content.model {
         StoredModel::Scene(state) => state.seeds.len(),
         StoredModel::Mixture { state, .. } => state.alpha_init.len(),
     };
-    match run.config.method.any().order_dependence(components) {
+    match run.config.method.as_any().order_dependence(components) {
         None => Ok(()),
         Some(dependence) => Err(RunError::Ordered {
             path: run.path.clone(),

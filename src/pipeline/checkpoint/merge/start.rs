@@ -9,7 +9,7 @@ use crate::pipeline::settings::method::Method;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-const RESTART: &str = "train them with the same settings on the same dataset";
+const RETRAIN_ADVICE: &str = "train them with the same settings on the same dataset";
 const OTHER_ORIGIN: &str =
     "positions are relative to different origins: train them on the same dataset with this version";
 const NO_REASSIGNMENT: &str =
@@ -23,27 +23,27 @@ struct Difference {
 
 impl Difference {
     fn new(what: &str, found: impl Into<String>) -> Self {
-        Self { what: what.to_owned(), found: found.into(), advice: RESTART }
+        Self { what: what.to_owned(), found: found.into(), advice: RETRAIN_ADVICE }
     }
 }
 
 /// Refuses runs that did not start alike or have a frame in common.
-pub(super) fn compatible(runs: &[SavedRun]) -> Result<(), RunError> {
+pub(super) fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     for (i, run) in runs.iter().enumerate() {
         for other in runs.iter().take(i) {
-            same_start(other, run)?;
-            disjoint(other, run)?;
+            check_same_start(other, run)?;
+            check_disjoint(other, run)?;
         }
     }
     Ok(())
 }
 
 /// Refuses runs with different datasets, settings or initial models.
-pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+pub(super) fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     let difference = of_origins(a, b)
         .or_else(|| of_datasets(a, b))
         .or_else(|| of_methods(&a.config.method, &b.config.method))
-        .or_else(|| of_settings(&a.config.whole(), &b.config.whole()))
+        .or_else(|| of_settings(&a.config.without_shard(), &b.config.without_shard()))
         .or_else(|| of_models(&a.content.model, &b.content.model));
     match difference {
         None => Ok(()),
@@ -74,7 +74,7 @@ fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
         let found = format!("{} and {}", a.preset(), b.preset());
         return Some(Difference::new("setting `preset`", found));
     }
-    let (a, b) = (a.any().placement(), b.any().placement());
+    let (a, b) = (a.as_any().world_placement(), b.as_any().world_placement());
     let ((what, a), (_, b)) = a.iter().zip(&b).find(|(a, b)| a != b)?;
     Some(Difference::new(what, format!("{a} and {b}")))
 }
@@ -111,13 +111,13 @@ fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
     if state.alpha_init != other.alpha_init {
         return Some(Difference::new("initial weights", "two sets"));
     }
-    let moved = first_moved(&state.means, &other.means)?;
+    let moved = first_different_mean(&state.means, &other.means)?;
     let found = format!("component {moved} at another position");
     Some(Difference { advice: NO_REASSIGNMENT, ..Difference::new("initial means", found) })
 }
 
 /// Index of the first component whose initial mean differs.
-fn first_moved(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
+fn first_different_mean(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     if a == b {
         return None;
     }
@@ -125,7 +125,7 @@ fn first_moved(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     Some(a.iter().zip(&b).position(|(a, b)| a != b).unwrap_or(a.len().min(b.len())))
 }
 
-fn disjoint(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+fn check_disjoint(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     let (ours, theirs) = (&a.content.cursor.visited, &b.content.cursor.visited);
     let ours: BTreeSet<u32> = ours.iter().copied().collect();
     let mut in_both = theirs.iter().filter(|frame| ours.contains(frame));

@@ -8,8 +8,8 @@ use crate::export::checkpoint::{Checkpoint, Cursor};
 use crate::pipeline::error::SessionError;
 
 /// Combines two runs into one over the frames of both, still with the model of `a`.
-pub(super) fn together(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
-    let config = a.config.whole();
+pub(super) fn combine_runs(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
+    let config = a.config.without_shard();
     let (ours, theirs) = (a.content.cursor, b.content.cursor);
     let cursor = Cursor {
         frames: ours.frames + theirs.frames,

@@ -1,6 +1,6 @@
 //! Errors of starting a scene.
 
-use crate::dataset::calibrated_size::OtherShape;
+use crate::dataset::calibrated_size::AspectRatioMismatch;
 use crate::dataset::surface::sample::NoUsableDepth;
 use crate::train::setting::ConfigError;
 
@@ -15,7 +15,7 @@ pub enum SceneError {
     NoPoints(#[from] NoUsableDepth),
     /// The calibration is for photographs of another shape.
     #[error("{0}")]
-    Photographs(#[from] OtherShape),
+    Photographs(#[from] AspectRatioMismatch),
     /// The structural scale is below the depth noise.
     #[error(
         "structural scale: expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"

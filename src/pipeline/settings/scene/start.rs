@@ -10,7 +10,7 @@ use super::table::SceneOverrides;
 use crate::dataset::Dataset;
 use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::surface::{PixelSampling, Sensor, SurfaceSettings};
-use crate::dataset::wild_poses::wild_poses;
+use crate::dataset::wild_poses::outlier_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
@@ -35,16 +35,16 @@ impl SceneRun {
         overrides: &SceneOverrides,
     ) -> Result<Self, SceneError> {
         let mut run = Self::defaults(dataset, plan, overrides);
-        nothing_native_of_plain(overrides)?;
+        check_plain_splats(overrides)?;
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
-        no_photographs_wait_unlearnt(overrides, &run.engine)?;
+        check_shuffle_buffer(overrides, &run.engine)?;
         if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
         {
-            dataset.splits[plan.split].scaling(&camera)?;
+            dataset.splits[plan.split].camera_scaling(&camera)?;
         }
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
-        run.engine.h = in_world_units(&run, &sample)?;
+        run.engine.h = scale_in_world_units(&run, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
@@ -52,7 +52,7 @@ impl SceneRun {
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
         let split = &dataset.splits[plan.split];
         // An outlier pose as origin would be far from all other frames.
-        let wild = wild_poses(split);
+        let wild = outlier_poses(split);
         let is_sound = |i: &&usize| wild.iter().all(|wild| wild.index != **i);
         let first = plan.frames.iter().find(is_sound).or(plan.frames.first());
         let first = first.map(|&i| split.frames[i].camera);
@@ -61,14 +61,14 @@ impl SceneRun {
         });
         let origin = first.map_or(DVec3::ZERO, |camera| {
             // Whole metres, so that the phase of a lattice does not depend on the unit of the world.
-            (camera.pose.centre() / dataset.metre()).round() * dataset.metre()
+            (camera.pose.centre() / dataset.units_per_metre()).round() * dataset.units_per_metre()
         });
         let mut surface = SurfaceSettings::new(dataset, origin);
         surface.sensor = overrides.sensor.unwrap_or(surface.sensor);
         // Computed depth has no mixed pixels. At a crease, where no plane fits, it is still correct.
         surface.flying_pixels = !matches!(surface.sensor, Sensor::Exact { .. });
         surface.sampling = sampling(surface.sensor, pixels);
-        let mut engine = measured_with(surface.sensor);
+        let mut engine = sensor_defaults(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
         engine.births = overrides.births.unwrap_or(engine.births);
         engine.track = dataset.options.track;
@@ -96,7 +96,7 @@ fn sampling(sensor: Sensor, pixels: usize) -> PixelSampling {
 }
 
 /// Refuses options that plain splats do not support.
-fn nothing_native_of_plain(overrides: &SceneOverrides) -> Result<(), ConfigError> {
+fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     let asked = [(overrides.gradient, "gradient"), (overrides.crack_filling, "crack-filling")];
     let asked = asked.into_iter().find(|(asked, _)| *asked == Some(true));
     match (overrides.splats, asked) {
@@ -110,7 +110,7 @@ fn nothing_native_of_plain(overrides: &SceneOverrides) -> Result<(), ConfigError
 }
 
 /// Refuses a shuffle buffer without photometric training.
-fn no_photographs_wait_unlearnt(
+fn check_shuffle_buffer(
     overrides: &SceneOverrides,
     engine: &SceneConfig,
 ) -> Result<(), ConfigError> {
@@ -125,7 +125,7 @@ fn no_photographs_wait_unlearnt(
 }
 
 /// Settings measured with each kind of sensor (`scene.md`, Settings by sensor), except `h`.
-fn measured_with(sensor: Sensor) -> SceneConfig {
+fn sensor_defaults(sensor: Sensor) -> SceneConfig {
     match sensor {
         Sensor::Inverse8Ray => SceneConfig::fine(f64::NAN),
         Sensor::Exact { .. } => SceneConfig::exact(f64::NAN),
@@ -134,9 +134,9 @@ fn measured_with(sensor: Sensor) -> SceneConfig {
 }
 
 /// Converts the structural scale to world units; at least the limit from depth noise.
-fn in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, SceneError> {
+fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, SceneError> {
     let scale = run.scale;
-    let least = scale.least(sample.tolerance, run.engine.ray_search > 0.0);
+    let least = scale.min_length(sample.tolerance, run.engine.ray_search > 0.0);
     // Beyond this maximum, one component would cover the whole scene.
     let (asked, most) = match scale {
         StructuralScale::Pixels(n) => (n, sample.depths[1] / sample.footprint),

@@ -1,7 +1,7 @@
 //! Converts image-plane moments to gradients and Gauss-Newton blocks of the parameters, eight splats at a
 //! time, one per lane (`photometric.md`, Lift).
 
-use super::lift::{BY_MEAN, BY_SHAPE, DIRECTION, MOVING, N_LINEAR, PLACES};
+use super::lift::{BY_MEAN, BY_SHAPE, COLOR_BY_MEAN, DIRECTION, N_LINEAR, PLANE_VECTORS};
 use super::sums::{COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, N_IMAGE_SUMS, N_QUADRATIC, moment};
 use crate::math::lane_cholesky::at;
 use crate::math::simd::Vector;
@@ -94,10 +94,10 @@ impl<V: Vector> ParameterSums<V> {
         for k in 0..3 {
             let pull = sums[COLOR + 3 * k];
             for i in 0..3 {
-                let a = linear[MOVING + 3 * k + i];
+                let a = linear[COLOR_BY_MEAN + 3 * k + i];
                 self.gradient[i] = self.gradient[i] + a * pull;
                 for j in 0..=i {
-                    let b = linear[MOVING + 3 * k + j];
+                    let b = linear[COLOR_BY_MEAN + 3 * k + j];
                     self.curvature[at(i, j)] = self.curvature[at(i, j)] + a * b * bend;
                 }
             }
@@ -116,7 +116,7 @@ impl<V: Vector> ParameterSums<V> {
             }
             for i in 0..3 {
                 self.color[k][4 + i] =
-                    linear[PLACES + i] * pulls[1] + linear[PLACES + 3 + i] * pulls[2];
+                    linear[PLANE_VECTORS + i] * pulls[1] + linear[PLANE_VECTORS + 3 + i] * pulls[2];
             }
         }
         let bends = &sums[COLOR_CURVATURE..];
@@ -126,7 +126,7 @@ impl<V: Vector> ParameterSums<V> {
             }
         }
         for i in 0..3 {
-            let (by_p, by_q) = (linear[PLACES + i], linear[PLACES + 3 + i]);
+            let (by_p, by_q) = (linear[PLANE_VECTORS + i], linear[PLANE_VECTORS + 3 + i]);
             let shift = by_p * bends[1] + by_q * bends[2];
             for (j, factor) in fixed.into_iter().enumerate() {
                 self.color_curvature[at(4 + i, j)] = factor * shift;
@@ -135,7 +135,7 @@ impl<V: Vector> ParameterSums<V> {
                 (by_p * bends[3] + by_q * bends[4], by_p * bends[4] + by_q * bends[5]);
             for j in 0..=i {
                 self.color_curvature[at(4 + i, 4 + j)] =
-                    with_p * linear[PLACES + j] + with_q * linear[PLACES + 3 + j];
+                    with_p * linear[PLANE_VECTORS + j] + with_q * linear[PLANE_VECTORS + 3 + j];
             }
         }
     }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Sums over the pixels of a photograph, per splat of a view.
-pub struct Compared<'a> {
+pub struct PhotometricSums<'a> {
     pub(super) view: PreparedView<'a>,
     pub(super) sums: &'a [ImageSums],
     pub(super) order: SumOrder,
@@ -31,17 +31,17 @@ pub(super) enum SumOrder {
 
 /// Splat that is visible in at least one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SeenSplat {
+pub struct VisibleSplat {
     /// Index among the splats of the view.
     pub id: u32,
     record: u32,
     /// Index of its sums.
-    place: u32,
+    sum_index: u32,
 }
 
-impl<'a> Compared<'a> {
+impl<'a> PhotometricSums<'a> {
     /// Wraps the result of another device: sums in splat order, [`PreparedView::n_drawn`] entries.
-    pub fn by_splat(
+    pub fn from_splat_sums(
         view: PreparedView<'a>,
         sums: &'a [ImageSums],
         squared_error: f64,
@@ -51,7 +51,7 @@ impl<'a> Compared<'a> {
     }
 
     /// Splats whose blending weights sum to more than `weight` over the pixels (px), in splat order.
-    pub fn seen(&self, weight: f32) -> Vec<SeenSplat> {
+    pub fn visible_splats(&self, weight: f32) -> Vec<VisibleSplat> {
         let lists = self.view.lists;
         let seen = |(rank, record): (u32, u32)| {
             let place = match self.order {
@@ -60,7 +60,7 @@ impl<'a> Compared<'a> {
             };
             let id = lists.records.ids[record as usize];
             let is_seen = self.sums[place as usize][WEIGHT] > weight;
-            is_seen.then_some(SeenSplat { id, record, place })
+            is_seen.then_some(VisibleSplat { id, record, sum_index: place })
         };
         let mut n_before = 0;
         let ranked = |run: Range<u32>| {
@@ -68,7 +68,7 @@ impl<'a> Compared<'a> {
             n_before += run.len() as u32;
             (rank, run)
         };
-        let runs: Vec<_> = lists.runs().map(ranked).collect();
+        let runs: Vec<_> = lists.visible_runs().map(ranked).collect();
         let runs = runs.into_par_iter().with_min_len(4);
         runs.flat_map_iter(|(rank, run)| (rank..).zip(run).filter_map(seen)).collect()
     }
@@ -76,7 +76,10 @@ impl<'a> Compared<'a> {
     /// Parameter sums of up to eight splats, one per lane. `splats` must be as they were when rendered; lanes
     /// without a splat are 0.
     #[inline(always)]
-    pub fn lift<V: Vector>(&self, splats: &[(SeenSplat, Splat, Appearance)]) -> ParameterSums<V> {
+    pub fn parameter_sums<V: Vector>(
+        &self,
+        splats: &[(VisibleSplat, Splat, Appearance)],
+    ) -> ParameterSums<V> {
         let view = &self.view.view;
         let mut lanes = SplatLanes::new();
         let mut sums = [&[0.0; N_IMAGE_SUMS]; LANES];
@@ -84,7 +87,7 @@ impl<'a> Compared<'a> {
             let gradients = &self.view.lists.records.gradients;
             let gradient = gradients.get(seen.record as usize).copied().unwrap_or_default();
             lanes.set(lane, view, (splat, appearance), &gradient);
-            sums[lane] = &self.sums[seen.place as usize];
+            sums[lane] = &self.sums[seen.sum_index as usize];
         }
         ParameterSums::new(&lanes.linearize(view), &gather_rows(sums))
     }

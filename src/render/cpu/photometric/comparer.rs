@@ -1,7 +1,7 @@
 //! Interface between photometric training and the device that compares photographs.
 
-use super::compared::Compared;
-use super::row::RowChoice;
+use super::compared::PhotometricSums;
+use super::row::RowSubset;
 use super::view::PreparedView;
 use super::walk::PixelRule;
 use crate::math::image::Image;
@@ -23,8 +23,8 @@ pub trait PhotometricComparer: Send + Sync {
         view: &PreparedView<'a>,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
-        rows: RowChoice,
-    ) -> Result<Compared<'a>, ComparerError>;
+        rows: RowSubset,
+    ) -> Result<PhotometricSums<'a>, ComparerError>;
 }
 
 /// A photograph could not be compared on a device.

@@ -7,9 +7,10 @@
 
 use super::super::record::{ConicRecord, Gradient, Records};
 use super::super::tile::{
-    GROUPS, LANE_COLUMNS, Passed, Plane, covered, offset_color, pass, row_is_finished, untouched,
+    BlendStep, GROUPS, LANE_COLUMNS, Plane, attenuate, covered_rows_and_groups,
+    initial_transmittance, offset_color, row_is_finished,
 };
-use super::target::{TargetTile, rows_of};
+use super::target::{TargetTile, set_bits};
 use crate::math::simd::{LANES, Vector};
 use crate::render::constants::TILE;
 
@@ -21,9 +22,9 @@ pub(super) struct Hit {
 }
 
 /// Splat visible in the tile.
-pub(super) struct Shown {
+pub(super) struct VisibleSplat {
     /// Index in the row's list.
-    pub place: usize,
+    pub list_index: usize,
     /// End of its hits, which is the start of the next splat's.
     pub end: usize,
 }
@@ -36,10 +37,10 @@ pub(super) struct DrawnTile {
     pub transmittance: Plane,
     pub color: [Plane; 3],
     /// Blended depth error (`wrongness`); only set if measured depths are known.
-    pub wrong: Plane,
+    pub depth_error: Plane,
     open_rows: u32,
     /// Visible splats, nearest first.
-    pub shown: Vec<Shown>,
+    pub shown: Vec<VisibleSplat>,
     pub hits: Vec<Hit>,
 }
 
@@ -51,7 +52,7 @@ impl Default for DrawnTile {
             top: 0,
             transmittance: empty,
             color: [empty; 3],
-            wrong: empty,
+            depth_error: empty,
             open_rows: 0,
             shown: Vec::new(),
             hits: Vec::new(),
@@ -62,16 +63,16 @@ impl Default for DrawnTile {
 impl DrawnTile {
     /// Resets the tile at pixel `(left, top)`, with `columns` pixels to the image's right edge and the rows
     /// of `mask`.
-    pub(super) fn begin(&mut self, [left, top]: [usize; 2], columns: usize, mask: u32) {
+    pub(super) fn reset(&mut self, [left, top]: [usize; 2], columns: usize, mask: u32) {
         (self.left, self.top, self.open_rows) = (left, top, mask);
         self.shown.clear();
         self.hits.clear();
-        for row in rows_of(mask) {
+        for row in set_bits(mask) {
             for half in 0..GROUPS {
                 let group = row * GROUPS + half;
-                self.transmittance[group] = untouched(half * LANES, columns);
+                self.transmittance[group] = initial_transmittance(half * LANES, columns);
                 self.color.iter_mut().for_each(|plane| plane[group] = [0.0; LANES]);
-                self.wrong[group] = [0.0; LANES];
+                self.depth_error[group] = [0.0; LANES];
             }
         }
     }
@@ -99,7 +100,7 @@ impl DrawnTile {
             let before = self.hits.len();
             self.draw_splat::<V>(&all.records[index], all.gradients.get(index), target);
             if self.hits.len() > before {
-                self.shown.push(Shown { place: first + index, end: self.hits.len() });
+                self.shown.push(VisibleSplat { list_index: first + index, end: self.hits.len() });
             }
         }
     }
@@ -111,11 +112,11 @@ impl DrawnTile {
         gradient: Option<&Gradient>,
         target: &TargetTile,
     ) {
-        let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
+        let (rows, groups) = covered_rows_and_groups(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
         let x =
             [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];
-        for row in rows_of(self.open_rows & ((1 << rows.end) - (1 << rows.start))) {
+        for row in set_bits(self.open_rows & ((1 << rows.end) - (1 << rows.start))) {
             let y = V::splat((self.top + row) as f32 + 0.5 - splat.v);
             let mut stopped = false;
             for half in groups.clone() {
@@ -139,17 +140,19 @@ impl DrawnTile {
         target: &TargetTile,
     ) -> bool {
         let group = group % (TILE * GROUPS); // no-op that removes the bounds checks
-        let [p, q] = whitened(splat, offset);
+        let [p, q] = whiten_offset(splat, offset);
         let exponent = V::splat(0.0) - (p * p + q * q);
-        let passed = pass(&mut self.transmittance[group], splat, exponent);
-        let Some(Passed { free, weight, stopped }) = passed else { return false };
+        let passed = attenuate(&mut self.transmittance[group], splat, exponent);
+        let Some(BlendStep { uncapped_alpha: free, weight, stopped }) = passed else {
+            return false;
+        };
         for (k, plane) in self.color.iter_mut().enumerate() {
             let color = color_at(splat, gradient, k, offset);
             (V::load(&plane[group]) + weight * color).store(&mut plane[group]);
         }
         if target.has_depth {
-            let wrong = weight * target.wrongness(group, splat, offset);
-            (V::load(&self.wrong[group]) + wrong).store(&mut self.wrong[group]);
+            let wrong = weight * target.depth_error(group, splat, offset);
+            (V::load(&self.depth_error[group]) + wrong).store(&mut self.depth_error[group]);
         }
         let mut hit = Hit { free: [0.0; LANES], group: group as u32 };
         free.store(&mut hit.free);
@@ -160,7 +163,7 @@ impl DrawnTile {
 
 /// Offset from a splat's centre, whitened: `[p, q]`.
 #[inline(always)]
-pub(super) fn whitened<V: Vector>(splat: &ConicRecord, [x, y]: [V; 2]) -> [V; 2] {
+pub(super) fn whiten_offset<V: Vector>(splat: &ConicRecord, [x, y]: [V; 2]) -> [V; 2] {
     [V::splat(splat.p_x) * x + V::splat(splat.p_y) * y, V::splat(splat.q_y) * y]
 }
 

@@ -8,7 +8,7 @@
 
 use super::super::record::Gradient;
 use super::super::view::CpuView;
-use crate::math::simd::{EVERY_BIT, LANES, Vector, dot, load_rows, scaled, turned};
+use crate::math::simd::{LANES, SET_LANE, Vector, dot, load_rows, scaled, turned};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
@@ -22,13 +22,13 @@ pub(super) const BY_MEAN: usize = 0;
 /// Per log-scale, then per rotation axis: the coefficients on `p², pq, q²`.
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
 /// Per channel: derivative of the colour at a pixel by each world axis of the mean.
-pub(super) const MOVING: usize = BY_SHAPE + 18;
+pub(super) const COLOR_BY_MEAN: usize = BY_SHAPE + 18;
 /// Unit direction from the camera in world axes, limited to the observed cone.
-pub(super) const DIRECTION: usize = MOVING + 9;
+pub(super) const DIRECTION: usize = COLOR_BY_MEAN + 9;
 /// World vectors from the splat's centre to its plane, per unit of a record's `p` and `q`.
-pub(super) const PLACES: usize = DIRECTION + 3;
+pub(super) const PLANE_VECTORS: usize = DIRECTION + 3;
 /// Length of a linearisation.
-pub(super) const N_LINEAR: usize = PLACES + 6;
+pub(super) const N_LINEAR: usize = PLANE_VECTORS + 6;
 
 /// Converts the records' `p²` to squared Mahalanobis distance: `p²` is `½ log₂e` times the latter.
 const UNIT: f64 = 2.0 * LN_2;
@@ -77,7 +77,7 @@ impl SplatLanes {
         // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let centre = (view.camera_from_world * (mean - view.centre)).as_vec3();
-        let scale = view.look.scales(splat).as_vec3();
+        let scale = view.style.display_scales(splat).as_vec3();
         for axis in 0..3 {
             self.centre[axis][lane] = centre[axis];
             self.scale[axis][lane] = scale[axis];
@@ -108,9 +108,9 @@ impl SplatLanes {
         let mut linear = [V::splat(0.0); N_LINEAR];
         let camera = LiftCamera::new(view);
         let shape = self.shape::<V>(&camera);
-        shape.by_form(&camera, &mut linear);
-        self.moving_color(&camera, &shape, &mut linear);
-        shape.places(&camera, &mut linear);
+        shape.write_form_derivatives(&camera, &mut linear);
+        self.write_color_derivatives(&camera, &shape, &mut linear);
+        shape.write_plane_vectors(&camera, &mut linear);
         linear
     }
 
@@ -120,7 +120,7 @@ impl SplatLanes {
         let per_z = V::splat(1.0) / z;
         let tangent = [x * per_z, y * per_z];
         // Only the Jacobian's point is clamped, not the centre, as in the projected renderer.
-        let (mut clamped, mut follows) = (tangent, V::splat(EVERY_BIT));
+        let (mut clamped, mut follows) = (tangent, V::splat(SET_LANE));
         for (k, clamped) in clamped.iter_mut().enumerate() {
             let [low, high] = [V::splat(camera.tangent_lo[k]), V::splat(camera.tangent_hi[k])];
             follows = follows.and(low.mask_at_most(tangent[k]).and(tangent[k].mask_at_most(high)));
@@ -133,11 +133,12 @@ impl SplatLanes {
             let along = V::splat(camera.focal[k]) * per_z;
             rows[k] = [along, V::splat(0.0) - along * clamped[k]];
         }
-        let scaled = [in_image(&axes, scale, 0, rows[0]), in_image(&axes, scale, 1, rows[1])];
+        let scaled =
+            [project_axes(&axes, scale, 0, rows[0]), project_axes(&axes, scale, 1, rows[1])];
         let whitening = Whitening::new(&scaled);
         let mut shifts = [tangent; 3];
         for (axis, shift) in shifts.iter_mut().enumerate() {
-            *shift = camera.shift(axis, tangent, per_z);
+            *shift = camera.centre_derivative(axis, tangent, per_z);
         }
         Shape { per_z, tangent, shifts, follows, axes, scale, rows, scaled, whitening, depth: z }
     }
@@ -162,7 +163,7 @@ impl SplatLanes {
     /// Per channel, derivative of the colour at a pixel by the mean along the world axes: spatial variation
     /// shifts with the mean, and the viewing direction rotates.
     #[inline(always)]
-    fn moving_color<V: Vector>(
+    fn write_color_derivatives<V: Vector>(
         &self,
         camera: &LiftCamera,
         shape: &Shape<V>,
@@ -190,7 +191,7 @@ impl SplatLanes {
             for axis in 0..3 {
                 let turning = (w[axis] - direction[axis] * along) * turning;
                 let [u, v] = shape.shifts[axis];
-                linear[MOVING + 3 * k + axis] = turning - x * u - y * v;
+                linear[COLOR_BY_MEAN + 3 * k + axis] = turning - x * u - y * v;
             }
         }
     }
@@ -221,7 +222,7 @@ impl LiftCamera {
 
     /// Derivative of the projected centre by the mean along a world axis, px per world unit.
     #[inline(always)]
-    fn shift<V: Vector>(&self, axis: usize, tangent: [V; 2], per_z: V) -> [V; 2] {
+    fn centre_derivative<V: Vector>(&self, axis: usize, tangent: [V; 2], per_z: V) -> [V; 2] {
         let ahead = V::splat(self.from_world[2][axis]);
         let mut shift = tangent;
         for (k, shift) in shift.iter_mut().enumerate() {
@@ -255,7 +256,7 @@ struct Shape<V> {
 impl<V: Vector> Shape<V> {
     /// Derivative of the image covariance by the mean along a world axis, px² per world unit: xx, xy, yy.
     #[inline(always)]
-    fn change(&self, camera: &LiftCamera, axis: usize) -> [V; 3] {
+    fn covariance_derivative(&self, camera: &LiftCamera, axis: usize) -> [V; 3] {
         let zero = V::splat(0.0);
         let nearer = zero - V::splat(camera.from_world[2][axis]) * self.per_z;
         let mut moved = [[zero; 3]; 2];
@@ -264,7 +265,7 @@ impl<V: Vector> Shape<V> {
             // Decreasing depth enlarges both entries.
             let turned = self.shifts[axis][k].and(self.follows) * self.per_z;
             let row = [self.rows[k][0] * nearer, self.rows[k][1] * nearer - turned];
-            *moved = in_image(&self.axes, self.scale, k, row);
+            *moved = project_axes(&self.axes, self.scale, k, row);
         }
         let [w_x, w_y] = self.scaled;
         let two = V::splat(2.0);
@@ -276,14 +277,14 @@ impl<V: Vector> Shape<V> {
     }
 
     #[inline(always)]
-    fn by_form(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
+    fn write_form_derivatives(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
         let root = V::splat(UNIT.sqrt() as f32);
         let Whitening { p_x, p_y, q_y } = self.whitening;
         for axis in 0..3 {
             let shift = self.shifts[axis];
             linear[BY_MEAN + 5 * axis] = root * (p_x * shift[0] + p_y * shift[1]);
             linear[BY_MEAN + 5 * axis + 1] = root * q_y * shift[1];
-            let change = self.whitening.quadratic(self.change(camera, axis));
+            let change = self.whitening.quadratic(self.covariance_derivative(camera, axis));
             linear[BY_MEAN + 5 * axis + 2..][..3].copy_from_slice(&change);
             let wider = self.whitening.quadratic(self.product(axis, axis));
             linear[BY_SHAPE + 3 * axis..][..3].copy_from_slice(&wider);
@@ -308,7 +309,7 @@ impl<V: Vector> Shape<V> {
     /// World vectors from the splat's centre to the point of largest response on the ray through an
     /// offset in the image (`rendering.md`, Rational conic), per unit of `p` and `q`.
     #[inline(always)]
-    fn places(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
+    fn write_plane_vectors(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
         let [x, y] = self.tangent;
         let zero = V::splat(0.0);
         // In standard deviations along each axis: the ray through the centre and its change per pixel.
@@ -334,8 +335,8 @@ impl<V: Vector> Shape<V> {
         let (by_p, by_q) = (root / p_x, root / q_y);
         let aside = zero - by_q * p_y / p_x;
         for axis in 0..3 {
-            linear[PLACES + axis] = worlds[0][axis] * by_p;
-            linear[PLACES + 3 + axis] = worlds[0][axis] * aside + worlds[1][axis] * by_q;
+            linear[PLANE_VECTORS + axis] = worlds[0][axis] * by_p;
+            linear[PLANE_VECTORS + 3 + axis] = worlds[0][axis] * aside + worlds[1][axis] * by_q;
         }
     }
 }
@@ -377,7 +378,12 @@ impl<V: Vector> Whitening<V> {
 
 /// Splat axes projected by one row of the Jacobian, given as its entries for `across` and depth; px.
 #[inline(always)]
-fn in_image<V: Vector>(axes: &[[V; 3]; 3], scale: [V; 3], across: usize, row: [V; 2]) -> [V; 3] {
+fn project_axes<V: Vector>(
+    axes: &[[V; 3]; 3],
+    scale: [V; 3],
+    across: usize,
+    row: [V; 2],
+) -> [V; 3] {
     let mut image = scale;
     for (image, axis) in image.iter_mut().zip(axes) {
         *image = (row[0] * axis[across] + row[1] * axis[2]) * *image;

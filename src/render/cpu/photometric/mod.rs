@@ -21,22 +21,22 @@ mod view;
 mod walk;
 
 pub use blocks::ParameterSums;
-pub use compared::{Compared, SeenSplat};
+pub use compared::{PhotometricSums, VisibleSplat};
 pub use comparer::{ComparerError, PhotometricComparer};
 #[cfg(feature = "gui")]
-pub(in crate::render) use packed::{PackedPlace, PackedSplat, PackedView};
-pub use row::RowChoice;
+pub(in crate::render) use packed::{PackedSplat, PackedSumLocation, PackedView};
+pub use row::RowSubset;
 pub use sums::{ImageSums, N_IMAGE_SUMS};
 pub use view::{PreparedView, ViewBuffers};
 pub use walk::PixelRule;
 #[cfg(feature = "gui")]
-pub(in crate::render) use walk::{MIN_WEIGHT, SEEN};
+pub(in crate::render) use walk::{MIN_COUNTED_COVERAGE, MIN_WEIGHT};
 
 use super::lists::ViewLists;
 use super::longest_first::longest_first;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
-use crate::math::pieces::pieces;
+use crate::math::pieces::split_by_sizes;
 use crate::math::simd::Isa;
 use crate::render::constants::TILE;
 use compared::SumOrder;
@@ -64,21 +64,21 @@ impl PhotometricComparer for PhotometricWalk {
         view: &PreparedView<'a>,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
-        rows: RowChoice,
-    ) -> Result<Compared<'a>, ComparerError> {
-        Ok(self.walk(view, photograph, rule, rows))
+        rows: RowSubset,
+    ) -> Result<PhotometricSums<'a>, ComparerError> {
+        Ok(self.compare_view(view, photograph, rule, rows))
     }
 }
 
 impl PhotometricWalk {
     /// Infallible form of [`PhotometricComparer::compare`].
-    pub fn walk<'a>(
+    pub fn compare_view<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
-        rows: RowChoice,
-    ) -> Compared<'a> {
+        rows: RowSubset,
+    ) -> PhotometricSums<'a> {
         self.walk_rows(view.lists, photograph, rule, rows);
         self.add_rows(view.lists);
         let (squared_error, pixels) = self
@@ -86,7 +86,7 @@ impl PhotometricWalk {
             .iter()
             .fold((0.0, 0.0), |(error, n), row| (error + row.squared_error, n + row.pixels));
         let (view, sums, order) = (view.clone(), &self.totals[..], SumOrder::ByRecord);
-        Compared { view, sums, order, squared_error, pixels }
+        PhotometricSums { view, sums, order, squared_error, pixels }
     }
 
     fn walk_rows(
@@ -94,7 +94,7 @@ impl PhotometricWalk {
         lists: &ViewLists,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
-        rows: RowChoice,
+        rows: RowSubset,
     ) {
         let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), lists);
         let n_rows = if photograph.width > 0 { photograph.height.div_ceil(TILE) } else { 0 };
@@ -111,7 +111,7 @@ impl PhotometricWalk {
     /// scans all rows for its own records, so the number of tasks is close to the number of threads.
     fn add_rows(&mut self, lists: &ViewLists) {
         let (canvases, rows_of) = (&self.canvases, &lists.rows);
-        let runs: Vec<Range<u32>> = lists.runs().collect();
+        let runs: Vec<Range<u32>> = lists.visible_runs().collect();
         // Visible records are clustered. Tasks with equal numbers of records, visible or not, would leave
         // most threads idle.
         let share = (lists.n_visible() / rayon::current_num_threads()).max(MIN_TASK);
@@ -126,7 +126,8 @@ impl PhotometricWalk {
         let firsts = || tasks.iter().map(|runs| runs[0].start as usize);
         let ends = firsts().skip(1).chain([n_records]);
         let sizes = firsts().zip(ends).map(|(first, end)| end - first);
-        let totals = pieces(&mut self.totals, sizes).into_par_iter().zip(&tasks).with_max_len(1);
+        let totals =
+            split_by_sizes(&mut self.totals, sizes).into_par_iter().zip(&tasks).with_max_len(1);
         totals.for_each(|(totals, runs)| {
             let first = runs[0].start;
             for Range { start, end } in runs.iter() {

@@ -17,15 +17,15 @@ const N_ABOVE: usize = N_QUARTIC - N_QUADRATIC;
 #[derive(Clone, Copy)]
 pub(super) struct HitTerms<V> {
     /// Whitened offset from the splat's centre, `[p, q]`.
-    pub at: [V; 2],
+    pub whitened_offset: [V; 2],
     /// Derivative of the objective by `ln α`.
-    pub slope: V,
+    pub alpha_gradient: V,
     /// Gauss-Newton curvature by `ln α`.
-    pub bend: V,
+    pub alpha_curvature: V,
     /// Gauss-Newton curvature by the colour.
-    pub color_bend: V,
+    pub color_curvature: V,
     /// Derivatives by the colour channels.
-    pub pulls: [V; 3],
+    pub color_gradients: [V; 3],
     /// Blending weight.
     pub weight: V,
 }
@@ -35,24 +35,24 @@ impl<V: Vector> HitTerms<V> {
     pub(super) fn none() -> Self {
         let zero = V::splat(0.0);
         Self {
-            at: [zero; 2],
-            slope: zero,
-            bend: zero,
-            color_bend: zero,
-            pulls: [zero; 3],
+            whitened_offset: [zero; 2],
+            alpha_gradient: zero,
+            alpha_curvature: zero,
+            color_curvature: zero,
+            color_gradients: [zero; 3],
             weight: zero,
         }
     }
 
     #[inline(always)]
     fn quadratic(&self) -> [V; N_QUADRATIC] {
-        let [p, q] = self.at;
+        let [p, q] = self.whitened_offset;
         [V::splat(1.0), p, q, p * p, p * q, q * q]
     }
 
     /// Moments of third and fourth order, in decreasing powers of `p`.
     #[inline(always)]
-    fn above(&self) -> [V; N_ABOVE] {
+    fn higher_moments(&self) -> [V; N_ABOVE] {
         let [_, p, q, pp, pq, qq] = self.quadratic();
         [pp * p, pp * q, p * qq, q * qq, pp * pp, pp * pq, pp * qq, pq * qq, qq * qq]
     }
@@ -66,25 +66,25 @@ pub(super) fn sum_hits<V: Vector>(hits: &[HitTerms<V>], sums: &mut ImageSums) {
     let mut slopes = [zero; N_QUADRATIC];
     let mut weight = zero;
     for hit in hits {
-        add(&mut slopes, hit.slope, hit.quadratic());
+        add(&mut slopes, hit.alpha_gradient, hit.quadratic());
         weight = weight + hit.weight;
     }
     lanes[GRADIENT..][..N_QUADRATIC].copy_from_slice(&slopes);
     lanes[WEIGHT] = weight;
     let mut bends = [zero; N_QUADRATIC];
     for hit in hits {
-        add(&mut bends, hit.bend, hit.quadratic());
+        add(&mut bends, hit.alpha_curvature, hit.quadratic());
     }
     lanes[CURVATURE..][..N_QUADRATIC].copy_from_slice(&bends);
     let mut bends = [zero; N_ABOVE];
     for hit in hits {
-        add(&mut bends, hit.bend, hit.above());
+        add(&mut bends, hit.alpha_curvature, hit.higher_moments());
     }
     lanes[CURVATURE + N_QUADRATIC..][..N_ABOVE].copy_from_slice(&bends);
     let mut pulls = [[zero; 3]; 3];
     for hit in hits {
-        for (pulls, pull) in pulls.iter_mut().zip(hit.pulls) {
-            add(pulls, pull, [V::splat(1.0), hit.at[0], hit.at[1]]);
+        for (pulls, pull) in pulls.iter_mut().zip(hit.color_gradients) {
+            add(pulls, pull, [V::splat(1.0), hit.whitened_offset[0], hit.whitened_offset[1]]);
         }
     }
     for (k, pulls) in pulls.iter().enumerate() {
@@ -92,7 +92,7 @@ pub(super) fn sum_hits<V: Vector>(hits: &[HitTerms<V>], sums: &mut ImageSums) {
     }
     let mut bends = [zero; N_QUADRATIC];
     for hit in hits {
-        add(&mut bends, hit.color_bend, hit.quadratic());
+        add(&mut bends, hit.color_curvature, hit.quadratic());
     }
     lanes[COLOR_CURVATURE..][..N_QUADRATIC].copy_from_slice(&bends);
     add_lanes(sums, &lanes);

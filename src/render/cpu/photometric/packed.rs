@@ -4,7 +4,7 @@ use super::super::buckets::Buckets;
 use super::super::prepare::CHUNK;
 use super::super::record::{ConicRecord, Gradient};
 use super::view::PreparedView;
-use crate::math::pieces::pieces;
+use crate::math::pieces::split_by_sizes;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -32,7 +32,7 @@ pub(in crate::render) struct PackedSplat {
 /// Location of a splat's sums among those of all splat-tile pairs, ordered by tile row and column.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub(in crate::render) struct PackedPlace {
+pub(in crate::render) struct PackedSumLocation {
     /// Number of pairs of all preceding splats.
     first: u32,
     /// First tile column, plus first tile row times 2¹⁶.
@@ -50,7 +50,7 @@ pub(in crate::render) struct PackedView {
     /// Visible splats in their original order.
     pub(in crate::render) splats: Vec<PackedSplat>,
     /// Location of each splat's sums.
-    pub(in crate::render) places: Vec<PackedPlace>,
+    pub(in crate::render) places: Vec<PackedSumLocation>,
     /// Start of each tile's entries, followed by the total number of entries.
     pub(in crate::render) starts: Vec<u32>,
     /// Indices into `splats`, tile by tile, nearest first.
@@ -89,7 +89,7 @@ impl PackedView {
 
     fn find_runs(&mut self, view: &PreparedView<'_>) {
         let records = &view.lists.records.records;
-        let runs = view.lists.runs().map(|records| Run {
+        let runs = view.lists.visible_runs().map(|records| Run {
             records: records.start as usize..records.end as usize,
             rank: 0,
             first: 0,
@@ -113,13 +113,16 @@ fn pack_splats(
     view: &PreparedView<'_>,
     runs: &[Run],
     splats: &mut Vec<PackedSplat>,
-    places: &mut Vec<PackedPlace>,
+    places: &mut Vec<PackedSumLocation>,
 ) {
     let all = &view.lists.records;
     splats.resize(view.n_drawn(), PackedSplat::zeroed());
-    places.resize(view.n_drawn(), PackedPlace::zeroed());
+    places.resize(view.n_drawn(), PackedSumLocation::zeroed());
     let sizes = || runs.iter().map(|run| run.records.len());
-    let tasks = pieces(splats, sizes()).into_par_iter().zip(pieces(places, sizes())).zip(runs);
+    let tasks = split_by_sizes(splats, sizes())
+        .into_par_iter()
+        .zip(split_by_sizes(places, sizes()))
+        .zip(runs);
     tasks.with_max_len(1).for_each(|((splats, places), run)| {
         let mut first = run.first;
         for ((i, splat), place) in run.records.clone().zip(splats).zip(places) {
@@ -141,7 +144,7 @@ fn pack_lists(runs: &[Run], rows: &[Buckets], starts: &mut Vec<u32>, entries: &m
         before += records.len();
     }
     entries.resize(before, 0);
-    let of_rows = pieces(entries, rows.iter().map(|row| row.lists().1.len()));
+    let of_rows = split_by_sizes(entries, rows.iter().map(|row| row.lists().1.len()));
     of_rows.into_par_iter().zip(rows).with_max_len(1).for_each(|(entries, row)| {
         for (entry, &record) in entries.iter_mut().zip(row.lists().1) {
             let run = &runs[record as usize / CHUNK];
@@ -159,7 +162,7 @@ fn packed(record: &ConicRecord, gradient: &Gradient) -> PackedSplat {
         centre: [record.u, record.v],
         p: [record.p_x, record.p_y],
         q_y: record.q_y,
-        cut: record.cut,
+        cut: record.min_exponent,
         opacity: record.opacity,
         color: record.color,
         across: gradient.across,
@@ -169,10 +172,10 @@ fn packed(record: &ConicRecord, gradient: &Gradient) -> PackedSplat {
     }
 }
 
-fn placed(record: &ConicRecord, first: usize) -> PackedPlace {
+fn placed(record: &ConicRecord, first: usize) -> PackedSumLocation {
     let (columns, rows) = (record.rect.tile_columns(), record.rect.tile_rows());
     let pair = |low: usize, high: usize| (low | high << 16) as u32;
-    PackedPlace {
+    PackedSumLocation {
         first: first as u32,
         corner: pair(columns.start, rows.start),
         size: pair(columns.len(), rows.len()),

@@ -14,26 +14,26 @@ use crate::render::constants::TILE;
 /// Pixel rows to compare: every `every`-th row (1, 2, 4, 8 or 16), starting at `first`. Rows rather than
 /// tiles, because a splat that is compared in only some of its tiles would be fitted to those alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RowChoice {
+pub struct RowSubset {
     every: u32,
     first: u32,
 }
 
-impl RowChoice {
+impl RowSubset {
     /// Maximum of `every`: one row per tile remains.
-    pub const MOST: u32 = TILE as u32;
+    pub const MAX_STRIDE: u32 = TILE as u32;
     /// Every row.
     pub const ALL: Self = Self { every: 1, first: 0 };
 
     /// Chooses every `every`-th row, rounded down to a power of two of at most 16. `turn` cycles through
     /// the possible first rows.
     pub fn new(every: u32, turn: u64) -> Self {
-        let every = 1 << every.clamp(1, Self::MOST).ilog2();
+        let every = 1 << every.clamp(1, Self::MAX_STRIDE).ilog2();
         Self { every, first: (turn % u64::from(every)) as u32 }
     }
 
     /// Distance between compared rows.
-    pub fn every(self) -> u32 {
+    pub fn stride(self) -> u32 {
         self.every
     }
 
@@ -44,7 +44,9 @@ impl RowChoice {
 
     /// One bit per compared row of a tile.
     fn mask(self) -> u32 {
-        (self.first..Self::MOST).step_by(self.every as usize).fold(0, |mask, row| mask | 1 << row)
+        (self.first..Self::MAX_STRIDE)
+            .step_by(self.every as usize)
+            .fold(0, |mask, row| mask | 1 << row)
     }
 }
 
@@ -71,7 +73,7 @@ pub(super) struct WalkRow<'a> {
     pub row: usize,
     pub photograph: &'a Image<MeasuredPixel>,
     pub rule: PixelRule,
-    pub rows: RowChoice,
+    pub rows: RowSubset,
     pub canvas: &'a mut WalkCanvas,
 }
 
@@ -81,7 +83,7 @@ impl Kernel for WalkRow<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { records, list, row, photograph, rule, rows, canvas } = self;
-        canvas.begin(list.len());
+        canvas.reset(list.len());
         let (width, height, top) = (photograph.width, photograph.height, row * TILE);
         let mask = rows.mask() & ((1 << TILE.min(height - top)) - 1);
         canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
@@ -95,11 +97,11 @@ impl Kernel for WalkRow<'_> {
             }
             let WalkCanvas { sums, batches, target, drawn, walk, .. } = &mut *canvas;
             target.fill(photograph, [left, top], mask, rule.depth > 0.0);
-            drawn.begin([left, top], width - left, mask);
+            drawn.reset([left, top], width - left, mask);
             for (batch, first) in batches.iter().zip((0..).step_by(BATCH)) {
                 drawn.draw::<V>(batch.by_tile.get(index), &batch.records, first, target);
             }
-            walk.begin::<V>(drawn, target, rule, mask);
+            walk.start_tile::<V>(drawn, target, rule, mask);
             let (error, pixels) = walk.error();
             walk.walk::<V>(drawn, batches, target, sums);
             canvas.squared_error += error;
@@ -110,7 +112,7 @@ impl Kernel for WalkRow<'_> {
 
 impl WalkCanvas {
     /// Resets the results.
-    fn begin(&mut self, n_records: usize) {
+    fn reset(&mut self, n_records: usize) {
         self.sums.clear();
         self.sums.resize(n_records, [0.0; N_IMAGE_SUMS]);
         (self.squared_error, self.pixels) = (0.0, 0.0);

@@ -42,7 +42,7 @@ impl TargetTile {
     ) {
         let beyond = MeasuredPixel { coverage: 0.0, ..MeasuredPixel::UNKNOWN };
         self.has_depth = false;
-        for row in rows_of(mask) {
+        for row in set_bits(mask) {
             let pixels = &photograph.data[(top + row) * photograph.width..];
             let pixels = &pixels[left..photograph.width.min(left + TILE)];
             for column in 0..TILE {
@@ -62,7 +62,7 @@ impl TargetTile {
     /// Depth error of a splat in eight pixels, at offsets from its centre in px: 0 at the measured depth or
     /// if depth is unknown, ½ at the tolerance, close to 1 far from it (`photometric.md`, Depth).
     #[inline(always)]
-    pub(super) fn wrongness<V: Vector>(
+    pub(super) fn depth_error<V: Vector>(
         &self,
         group: usize,
         splat: &ConicRecord,
@@ -78,7 +78,7 @@ impl TargetTile {
 
 /// Indices of the bits set in `mask`, ascending.
 #[inline(always)]
-pub(super) fn rows_of(mut mask: u32) -> impl Iterator<Item = usize> {
+pub(super) fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let row = (mask != 0).then(|| mask.trailing_zeros() as usize)?;
         mask &= mask - 1;

@@ -12,19 +12,19 @@
 
 use super::super::raster::{BATCH, Batch};
 use super::super::record::{ConicRecord, Gradient};
-use super::super::tile::{GROUPS, LANE_COLUMNS, Plane, capped};
-use super::drawn::{DrawnTile, Hit, color_at, whitened};
+use super::super::tile::{GROUPS, LANE_COLUMNS, Plane, cap_alpha};
+use super::drawn::{DrawnTile, Hit, color_at, whiten_offset};
 use super::moments::{HitTerms, sum_hits};
 use super::sums::ImageSums;
-use super::target::{TargetTile, rows_of};
-use crate::math::simd::{EVERY_BIT, LANES, Vector};
+use super::target::{TargetTile, set_bits};
+use crate::math::simd::{LANES, SET_LANE, Vector};
 use crate::render::constants::{ALPHA_CAP, TILE};
 
 /// Lower bound of the weight that a pixel's curvature share is divided by.
 pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;
 
 /// Coverage from which a pixel's difference counts as noise and contributes to the error.
-pub(in crate::render) const SEEN: f32 = 0.5;
+pub(in crate::render) const MIN_COUNTED_COVERAGE: f32 = 0.5;
 
 /// Weighting of pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,14 +52,14 @@ pub(super) struct SecondWalk {
     /// Weighted residual `ρ·r`.
     residual: [Plane; 3],
     /// Curvature weight of the pixel, without the splat's own weight: `ρ·A^¾`.
-    share: Plane,
+    curvature_weight: Plane,
     /// Final transmittance where the target coverage is known, else 0.
-    end: Plane,
+    final_transmittance: Plane,
     /// Weighted missing coverage.
-    lacking: Plane,
+    missing_coverage: Plane,
     /// Depth error behind the splats processed so far, and the weighted total depth error.
-    wrong: Plane,
-    wronged: Plane,
+    depth_error_behind: Plane,
+    weighted_depth_error: Plane,
     /// Weights, see [`PixelRule`].
     coverage: f32,
     depth: f32,
@@ -77,11 +77,11 @@ impl Default for SecondWalk {
             behind: [empty; 3],
             fill: empty,
             residual: [empty; 3],
-            share: empty,
-            end: empty,
-            lacking: empty,
-            wrong: empty,
-            wronged: empty,
+            curvature_weight: empty,
+            final_transmittance: empty,
+            missing_coverage: empty,
+            depth_error_behind: empty,
+            weighted_depth_error: empty,
             coverage: 0.0,
             depth: 0.0,
             error: (0.0, 0.0),
@@ -92,7 +92,7 @@ impl Default for SecondWalk {
 impl SecondWalk {
     /// Initialises the walk from a drawn tile and its target, in the rows of `mask`.
     #[inline(always)]
-    pub(super) fn begin<V: Vector>(
+    pub(super) fn start_tile<V: Vector>(
         &mut self,
         tile: &DrawnTile,
         target: &TargetTile,
@@ -101,7 +101,7 @@ impl SecondWalk {
     ) {
         [self.left, self.top] = tile.corner();
         (self.coverage, self.depth, self.error) = (rule.coverage, rule.depth, (0.0, 0.0));
-        for row in rows_of(mask) {
+        for row in set_bits(mask) {
             for group in row * GROUPS..(row + 1) * GROUPS {
                 self.compare::<V>(tile, target, rule, group);
             }
@@ -142,26 +142,27 @@ impl SecondWalk {
         // Without a known coverage, a mostly covered pixel is assumed to lie inside a surface.
         let coverage = V::load(&target.coverage[group]);
         let (is_number, is_seen) =
-            (coverage.mask_at_most(coverage), V::splat(SEEN).mask_at_most(covered));
-        let is_known = V::select(is_number, V::splat(EVERY_BIT), is_seen);
+            (coverage.mask_at_most(coverage), V::splat(MIN_COUNTED_COVERAGE).mask_at_most(covered));
+        let is_known = V::select(is_number, V::splat(SET_LANE), is_seen);
         let lacks = V::select(is_number, coverage, one) - covered;
-        end.and(is_known).store(&mut self.end[group]);
+        end.and(is_known).store(&mut self.final_transmittance[group]);
         let lacking = rho * V::splat(rule.coverage) * lacks;
-        lacking.and(is_known).store(&mut self.lacking[group]);
+        lacking.and(is_known).store(&mut self.missing_coverage[group]);
         if target.has_depth {
-            let wrong = V::load(&tile.wrong[group]);
-            wrong.store(&mut self.wrong[group]);
-            (rho * V::splat(rule.depth) * wrong).store(&mut self.wronged[group]);
+            let wrong = V::load(&tile.depth_error[group]);
+            wrong.store(&mut self.depth_error_behind[group]);
+            (rho * V::splat(rule.depth) * wrong).store(&mut self.weighted_depth_error[group]);
         }
         fill.store(&mut self.fill[group]);
-        (rho * covered.sqrt() * covered.sqrt().sqrt()).store(&mut self.share[group]);
+        (rho * covered.sqrt() * covered.sqrt().sqrt()).store(&mut self.curvature_weight[group]);
         self.transmittance[group] = [1.0; LANES];
     }
 
     /// Accumulates the error. Pixels with little coverage are skipped: they carry no information about noise.
     #[inline(always)]
     fn count_error(&mut self, squared: [f32; LANES], covered: [f32; LANES]) {
-        for (squared, _) in squared.into_iter().zip(covered).filter(|(_, covered)| *covered >= SEEN)
+        for (squared, _) in
+            squared.into_iter().zip(covered).filter(|(_, covered)| *covered >= MIN_COUNTED_COVERAGE)
         {
             self.error.0 += f64::from(squared);
             self.error.1 += 1.0;
@@ -186,14 +187,14 @@ impl SecondWalk {
         let mut terms = [HitTerms::<V>::none(); TILE * GROUPS];
         let mut first = 0;
         for shown in &tile.shown {
-            let all = &batches[shown.place / BATCH].records;
-            let index = shown.place % BATCH;
+            let all = &batches[shown.list_index / BATCH].records;
+            let index = shown.list_index % BATCH;
             let (splat, gradient) = (&all.records[index], all.gradients.get(index));
             let hits = &tile.hits[first..shown.end];
             for (terms, hit) in terms.iter_mut().zip(hits) {
                 *terms = self.terms(hit, splat, gradient, target);
             }
-            sum_hits(&terms[..hits.len().min(TILE * GROUPS)], &mut sums[shown.place]);
+            sum_hits(&terms[..hits.len().min(TILE * GROUPS)], &mut sums[shown.list_index]);
             first = shown.end;
         }
     }
@@ -211,9 +212,9 @@ impl SecondWalk {
         let x = self.left as f32 + 0.5 - splat.u;
         let x = V::load(&LANE_COLUMNS[group % GROUPS]) + V::splat(x);
         let offset = [x, V::splat((self.top + group / GROUPS) as f32 + 0.5 - splat.v)];
-        let [p, q] = whitened(splat, offset);
+        let [p, q] = whiten_offset(splat, offset);
         let free = V::load(&hit.free);
-        let alpha = capped(free);
+        let alpha = cap_alpha(free);
         // While capped, alpha does not depend on position, shape or opacity.
         let moving = alpha.and(free.mask_at_most(V::splat(ALPHA_CAP as f32)));
         let front = V::load(&self.transmittance[group]);
@@ -237,38 +238,38 @@ impl SecondWalk {
             *pull = residual * filled;
         }
         // Coverage is an extra channel in which every splat is 1 and the background is 0.
-        let closing = V::load(&self.end[group]) * per_open;
-        along = along + closing * V::load(&self.lacking[group]);
+        let closing = V::load(&self.final_transmittance[group]) * per_open;
+        along = along + closing * V::load(&self.missing_coverage[group]);
         squared = squared + V::splat(self.coverage) * closing * closing;
         if target.has_depth {
-            let wrongness = target.wrongness(group, splat, offset);
-            let wronging = self.wronging(wrongness, group, [weight, front, per_open]);
-            along = along - wronging * V::load(&self.wronged[group]);
+            let wrongness = target.depth_error(group, splat, offset);
+            let wronging = self.depth_error_derivative(wrongness, group, [weight, front, per_open]);
+            along = along - wronging * V::load(&self.weighted_depth_error[group]);
             squared = squared + V::splat(self.depth) * wronging * wronging;
         }
         // `(A/w)^¾`: all splats of a pixel move at once, so exact blocks would overshoot.
         let root = weight.max(V::splat(MIN_WEIGHT)).sqrt();
-        let share = V::load(&self.share[group]) / (root * root.sqrt());
+        let share = V::load(&self.curvature_weight[group]) / (root * root.sqrt());
         HitTerms {
-            at: [p, q],
-            slope: along * moving,
-            bend: share * squared * moving * moving,
-            color_bend: share * filled * filled,
-            pulls,
+            whitened_offset: [p, q],
+            alpha_gradient: along * moving,
+            alpha_curvature: share * squared * moving * moving,
+            color_curvature: share * filled * filled,
+            color_gradients: pulls,
             weight,
         }
     }
     /// Derivative of the depth error of eight pixels by alpha. The error is an extra channel with target 0.
     /// It only adjusts how visible splats are; their positions are determined by the measured points.
     #[inline(always)]
-    fn wronging<V: Vector>(
+    fn depth_error_derivative<V: Vector>(
         &mut self,
         wrongness: V,
         group: usize,
         [weight, front, per_open]: [V; 3],
     ) -> V {
-        let behind = V::load(&self.wrong[group]) - weight * wrongness;
-        behind.store(&mut self.wrong[group]);
+        let behind = V::load(&self.depth_error_behind[group]) - weight * wrongness;
+        behind.store(&mut self.depth_error_behind[group]);
         front * wrongness - behind * per_open
     }
 }

@@ -1,17 +1,17 @@
 //! Sorts component means into grid cells on the GPU.
 
 use super::layout::Index;
-use super::memory::{Load, Memory, Part};
+use super::memory::{Memory, Part, PassSizes};
 use super::shader;
 use crate::model::paper::mixture_device::GridShape;
 use crate::render::gpu::constants::{STRIP_CELLS, module};
-use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
+use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid};
 
 /// Kernels of a counting sort in execution order, with their bindings.
 pub(super) struct IndexKernels([(ComputeKernel, &'static [(u32, Part)]); 5]);
 
 /// The kernels of [`IndexKernels`] with bound buffers.
-pub(super) struct BoundIndex([Bound; 5]);
+pub(super) struct BoundIndex([BoundKernel; 5]);
 
 const RENEW: [(u32, Part); 3] = [(0, Part::Index), (1, Part::Moved), (2, Part::Components)];
 const COUNT: [(u32, Part); 4] =
@@ -55,7 +55,7 @@ impl BoundIndex {
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         memory: &Memory,
-        load: &Load,
+        load: &PassSizes,
         shape: &GridShape,
     ) {
         let settings = Index::new(shape, [load.means, load.moved]);

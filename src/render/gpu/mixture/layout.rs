@@ -76,7 +76,7 @@ impl Frame {
             equal_share: rule.equal_share,
             equal_gain: rule.equal_gain,
             color_ratio: rule.color_ratio,
-            open_gap: rule.open_gap,
+            open_gap: rule.certain_gap,
             minus_zero: -0.0,
             candidates: rule.candidates as u32,
             n_points: n_points as u32,

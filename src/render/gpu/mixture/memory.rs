@@ -4,7 +4,7 @@ use super::layout::{Frame, Index, Mean};
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::render::gpu::constants::STRIP_CELLS;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, WAY_IN, WAY_OUT};
+use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, READBACK_STAGING, UPLOAD_STAGING};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
@@ -57,14 +57,14 @@ const PARTS: [(Part, &str, Usage); 17] = [
     (Part::Components, "components", Usage::STORAGE),
     (Part::Places, "positions in cells", Usage::STORAGE),
     (Part::Strips, "sums of cells", Usage::STORAGE),
-    (Part::Upload, "uploaded points", WAY_IN),
-    (Part::MeanUpload, "uploaded means", WAY_IN),
-    (Part::Readback, "sums read back", WAY_OUT),
+    (Part::Upload, "uploaded points", UPLOAD_STAGING),
+    (Part::MeanUpload, "uploaded means", UPLOAD_STAGING),
+    (Part::Readback, "sums read back", READBACK_STAGING),
 ];
 
 /// Sizes of a pass.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Load {
+pub(super) struct PassSizes {
     pub(super) points: u64,
     pub(super) tiles: u64,
     pub(super) means: u64,
@@ -75,7 +75,7 @@ pub(super) struct Load {
     pub(super) records: u64,
 }
 
-impl Load {
+impl PassSizes {
     pub(super) fn bytes(&self, part: Part) -> u64 {
         let Self { points, tiles, means, moved, cells, records } = *self;
         let mean = size_of::<Mean>() as u64;
@@ -133,14 +133,14 @@ impl Memory {
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
-    pub(super) fn make_room(
+    pub(super) fn ensure_capacity(
         &mut self,
         device: &wgpu::Device,
-        load: &Load,
+        load: &PassSizes,
         parts: &[Part],
     ) -> Result<bool, GpuError> {
         let needed = parts.iter().map(|&part| (part as usize, load.bytes(part)));
-        self.buffers.make_room_for_pass(device, needed)
+        self.buffers.ensure_pass_capacity(device, needed)
     }
 }
 

@@ -10,12 +10,12 @@ mod layout;
 mod memory;
 pub mod shader;
 
-use super::answer::{answer_of, forget};
+use super::answer::{release_result, wait_for_result};
 use super::constants::module;
 use super::context::GpuCaps;
-use super::error::{GpuError, no_pass};
+use super::error::{GpuError, pass_failed};
 use super::faults::GpuFaults;
-use super::kernel::{Bound, ComputeKernel, Grid};
+use super::kernel::{BoundKernel, ComputeKernel, Grid};
 use super::parallel_copy::copy_pieces;
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::device_error::DeviceError;
@@ -24,7 +24,9 @@ use crate::model::paper::mixture_device::{
 };
 use index::{BoundIndex, IndexKernels};
 use layout::{Frame, Mean};
-use memory::{HEAD_WORDS, Load, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, READ, RECORD_BYTES};
+use memory::{
+    HEAD_WORDS, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, PassSizes, READ, RECORD_BYTES,
+};
 use rayon::prelude::*;
 
 /// Minimum capacity for records.
@@ -42,16 +44,16 @@ pub struct GpuMixture {
     index: IndexKernels,
     memory: Memory,
     /// Kernels bound to the current buffers; `None` if a buffer was replaced.
-    bound: Option<(Bound, BoundIndex)>,
-    load: Load,
+    bound: Option<(BoundKernel, BoundIndex)>,
+    load: PassSizes,
     /// Capacity for records in the next pass with sums.
-    room: u64,
+    record_capacity: u64,
     cells: GridShape,
     packed: Vec<Mean>,
     /// Uploads written to mapped memory, to be submitted with the next pass.
-    due: Vec<Upload>,
+    pending_uploads: Vec<Upload>,
     /// Mapped result of the last pass.
-    answer: Option<wgpu::BufferView>,
+    mapped_result: Option<wgpu::BufferView>,
 }
 
 /// Parts that are uploaded together.
@@ -84,19 +86,19 @@ impl GpuMixture {
             queue,
             faults,
             name: caps.to_string(),
-            load: Load::default(),
-            room: MIN_RECORDS,
+            load: PassSizes::default(),
+            record_capacity: MIN_RECORDS,
             cells: GridShape::default(),
             packed: Vec::new(),
-            due: Vec::new(),
-            answer: None,
+            pending_uploads: Vec::new(),
+            mapped_result: None,
         }
     }
 
     fn upload_means(&mut self, means: &MeanCells<'_>) -> Result<(), GpuError> {
-        let &MeanCells { shape, space, color, weight, moved } = means;
+        let &MeanCells { shape, space, color, weight, changed_components: moved } = means;
         // If the previous upload was never submitted, the GPU lacks its changes: upload all means.
-        let moved = moved.filter(|_| !self.due.contains(&MEAN_UPLOAD));
+        let moved = moved.filter(|_| !self.pending_uploads.contains(&MEAN_UPLOAD));
         self.cells = shape;
         self.load.means = space.len() as u64;
         self.load.moved = moved.map_or(space.len(), <[u32]>::len) as u64;
@@ -113,7 +115,7 @@ impl GpuMixture {
                 *packed = Mean { position, weight, color, id };
             }
         });
-        let written = self.write(MEAN_UPLOAD, [bytemuck::cast_slice(&packed)].into_iter());
+        let written = self.stage_upload(MEAN_UPLOAD, [bytemuck::cast_slice(&packed)].into_iter());
         self.packed = packed;
         written
     }
@@ -129,11 +131,11 @@ impl GpuMixture {
         self.make_room(&OF_FRAME)?;
         self.make_room(&[Part::Distances, Part::Outcome])?;
         let columns = columns.map(bytemuck::cast_slice);
-        self.write(FRAME_UPLOAD, columns.into_iter().chain([bytemuck::cast_slice(tiles)]))
+        self.stage_upload(FRAME_UPLOAD, columns.into_iter().chain([bytemuck::cast_slice(tiles)]))
     }
 
     /// Writes data to mapped memory for the next pass, in the order of the parts.
-    fn write<'a>(
+    fn stage_upload<'a>(
         &mut self,
         upload: Upload,
         pieces: impl Iterator<Item = &'a [u8]>,
@@ -141,9 +143,9 @@ impl GpuMixture {
         self.make_room(&[upload.from])?;
         let buffer = self.memory.buffer(upload.from);
         let bytes = self.load.bytes(upload.from);
-        copy_pieces(buffer, bytes, pieces).map_err(no_pass)?;
-        if !self.due.contains(&upload) {
-            self.due.push(upload);
+        copy_pieces(buffer, bytes, pieces).map_err(pass_failed)?;
+        if !self.pending_uploads.contains(&upload) {
+            self.pending_uploads.push(upload);
         }
         Ok(())
     }
@@ -162,28 +164,29 @@ impl GpuMixture {
         self.bound = Some(bound);
         let readback = self.memory.buffer(Part::Readback);
         let bytes = self.load.bytes(Part::Readback);
-        let uploads = self.due.iter().map(|upload| self.memory.buffer(upload.from));
+        let uploads = self.pending_uploads.iter().map(|upload| self.memory.buffer(upload.from));
         uploads.clone().for_each(wgpu::Buffer::unmap);
         let submission = self.queue.submit([encoder.finish()]);
-        let answer = answer_of(&self.device, &self.faults, submission, (readback, bytes), uploads)
-            .map_err(no_pass)?;
-        self.due.clear();
+        let answer =
+            wait_for_result(&self.device, &self.faults, submission, (readback, bytes), uploads)
+                .map_err(pass_failed)?;
+        self.pending_uploads.clear();
         let head: [u32; HEAD_WORDS as usize] =
             bytemuck::pod_read_unaligned(&answer[..HEAD_WORDS as usize * 4]);
-        self.answer = Some(answer);
+        self.mapped_result = Some(answer);
         Ok(head.map(u64::from))
     }
 
     /// Ensures the size of some parts, whose contents may be lost.
     fn make_room(&mut self, parts: &[Part]) -> Result<(), GpuError> {
-        let is_other = self.memory.make_room(&self.device, &self.load, parts);
+        let is_other = self.memory.ensure_capacity(&self.device, &self.load, parts);
         if !matches!(is_other, Ok(false)) {
             self.bound = None;
         }
         is_other.map(drop)
     }
 
-    fn bind(&self) -> (Bound, BoundIndex) {
+    fn bind(&self) -> (BoundKernel, BoundIndex) {
         use Part::*;
         let parts = [Frame, Points, Tiles, Starts, Means, Appearance, Distances, Records, Outcome];
         let resource = |(at, part)| (at, self.memory.buffer(part).as_entire_binding());
@@ -192,20 +195,24 @@ impl GpuMixture {
         (self.kernel.bind(&self.device, &resources), index)
     }
 
-    fn record(&self, encoder: &mut wgpu::CommandEncoder, (bound, index): &(Bound, BoundIndex)) {
+    fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        (bound, index): &(BoundKernel, BoundIndex),
+    ) {
         let Self { memory, load, .. } = self;
         let copy = |encoder: &mut wgpu::CommandEncoder, (from, at), (to, by), bytes| {
             let (from, to) = (memory.buffer(from), memory.buffer(to));
             encoder.copy_buffer_to_buffer(from, at, to, by, bytes);
         };
-        for upload in &self.due {
+        for upload in &self.pending_uploads {
             let mut at = 0;
             for &part in upload.parts {
                 copy(encoder, (upload.from, at), (part, 0), load.bytes(part));
                 at += load.bytes(part);
             }
         }
-        if self.due.contains(&MEAN_UPLOAD) {
+        if self.pending_uploads.contains(&MEAN_UPLOAD) {
             index.record(&self.queue, encoder, memory, load, &self.cells);
         }
         let head = HEAD_WORDS * size_of::<u32>() as u64;
@@ -225,15 +232,19 @@ impl GpuMixture {
 
     /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of records
     /// and of open tiles.
-    fn run_with_room(&mut self, rule: &PassRule, with_sums: bool) -> Result<[usize; 2], GpuError> {
+    fn run_until_fits(&mut self, rule: &PassRule, with_sums: bool) -> Result<[usize; 2], GpuError> {
         loop {
-            self.forget_answer();
-            self.load.records = if with_sums { self.room } else { 0 };
+            self.release_result();
+            self.load.records = if with_sums { self.record_capacity } else { 0 };
             let [records, open] = self.run(rule, with_sums)?;
             // Successive frames are similar, so the estimate decays slowly: unused capacity is read back as
             // well.
-            let kept = if with_sums { self.room - self.room / 8 } else { self.room };
-            self.room = kept.max(records + records / 4).max(MIN_RECORDS);
+            let kept = if with_sums {
+                self.record_capacity - self.record_capacity / 8
+            } else {
+                self.record_capacity
+            };
+            self.record_capacity = kept.max(records + records / 4).max(MIN_RECORDS);
             if records <= self.load.records {
                 return Ok([records as usize, open as usize]);
             }
@@ -241,8 +252,8 @@ impl GpuMixture {
     }
 
     /// Releases the mapped result.
-    fn forget_answer(&mut self) {
-        forget(&mut self.answer, self.memory.buffer(Part::Readback));
+    fn release_result(&mut self) {
+        release_result(&mut self.mapped_result, self.memory.buffer(Part::Readback));
     }
 
     fn refused(&self, error: &GpuError) -> DeviceError {
@@ -269,8 +280,8 @@ impl MixtureDevice for GpuMixture {
             return Ok(DevicePass { q: &[], open: &[], records: &[] });
         }
         let [n_records, n_open] =
-            self.run_with_room(rule, with_sums).map_err(|error| self.refused(&error))?;
-        let bytes: &[u8] = self.answer.as_deref().unwrap_or_default();
+            self.run_until_fits(rule, with_sums).map_err(|error| self.refused(&error))?;
+        let bytes: &[u8] = self.mapped_result.as_deref().unwrap_or_default();
         let (outcome, rest) = bytes.split_at(self.load.bytes(Part::Outcome) as usize);
         let (q, records) = rest.split_at(self.load.bytes(Part::Distances) as usize);
         let outcome: &[u32] = bytemuck::cast_slice(outcome);

@@ -1,10 +1,10 @@
 //! Kernels of the comparison and the recording of its commands.
 
-use super::memory::{Load, Memory, Part, UPLOADED};
+use super::memory::{ComparisonSizes, Memory, Part, UPLOADED};
 use super::shader;
 use super::upload::offset;
 use crate::render::gpu::constants::{N_QUARTERS, module};
-use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
+use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid};
 
 /// Pipelines. Walks are specialised by the number of chosen pixels per tile.
 #[derive(Debug)]
@@ -18,11 +18,11 @@ pub(super) struct Kernels {
 
 /// Bound kernels of one comparison.
 pub(super) struct Commands {
-    draw: Bound,
-    walk: Bound,
-    add: Bound,
+    draw: BoundKernel,
+    walk: BoundKernel,
+    add: BoundKernel,
     tiles: Grid,
-    load: Load,
+    load: ComparisonSizes,
 }
 
 impl Kernels {
@@ -41,7 +41,7 @@ impl Kernels {
         &mut self,
         device: &wgpu::Device,
         memory: &Memory,
-        load: Load,
+        load: ComparisonSizes,
         (columns, rows): (usize, usize),
     ) -> Commands {
         use Part::*;

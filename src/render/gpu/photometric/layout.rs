@@ -3,13 +3,15 @@
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::TILE;
-use crate::render::cpu::photometric::{ImageSums, PackedPlace, PackedSplat, PixelRule, RowChoice};
+use crate::render::cpu::photometric::{
+    ImageSums, PackedSplat, PackedSumLocation, PixelRule, RowSubset,
+};
 use bytemuck::{Pod, Zeroable};
 
 /// Bytes per splat.
 pub(super) const SPLAT_BYTES: usize = size_of::<PackedSplat>();
 /// Bytes per location of sums.
-pub(super) const PLACE_BYTES: usize = size_of::<PackedPlace>();
+pub(super) const PLACE_BYTES: usize = size_of::<PackedSumLocation>();
 /// Bytes per splat's sums.
 pub(super) const SUM_BYTES: usize = size_of::<ImageSums>();
 /// Bytes per pixel of the photograph.
@@ -37,13 +39,13 @@ impl Frame {
         photograph: &Image<MeasuredPixel>,
         n_splats: usize,
         rule: PixelRule,
-        rows: RowChoice,
+        rows: RowSubset,
     ) -> Self {
         Self {
             size: [photograph.width as u32, photograph.height as u32],
             columns: photograph.width.div_ceil(TILE) as u32,
             n_splats: n_splats as u32,
-            every: rows.every(),
+            every: rows.stride(),
             first: rows.first(),
             full_coverage: rule.full_coverage,
             per_tau: 1.0 / (rule.tau * rule.tau),

@@ -3,7 +3,9 @@
 use super::layout::{Frame, MEASURED_BYTES, PIXEL_BYTES, PLACE_BYTES, SPLAT_BYTES, SUM_BYTES};
 use crate::render::gpu::constants::N_QUARTERS;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
+use crate::render::gpu::growing::{
+    GrowingBuffers, GrowthError, IN, OUT, READBACK_STAGING, UPLOAD_STAGING,
+};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
@@ -46,13 +48,13 @@ const PARTS: [(Part, &str, Usage); 13] = [
     (Part::Shown, "visible splats of tiles", IN),
     (Part::PartialSums, "sums by tile", Usage::STORAGE),
     (Part::Totals, "sums by splat", OUT),
-    (Part::Upload, "upload of comparison", WAY_IN),
-    (Part::Readback, "readback of sums", WAY_OUT),
+    (Part::Upload, "upload of comparison", UPLOAD_STAGING),
+    (Part::Readback, "readback of sums", READBACK_STAGING),
 ];
 
 /// Sizes of a comparison.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Load {
+pub(super) struct ComparisonSizes {
     pub(super) splats: u64,
     pub(super) tiles: u64,
     /// Number of splat-tile pairs.
@@ -63,7 +65,7 @@ pub(super) struct Load {
     pub(super) lanes: u64,
 }
 
-impl Load {
+impl ComparisonSizes {
     pub(super) fn bytes(&self, part: Part) -> u64 {
         let Self { splats, tiles, entries, pixels, lanes } = *self;
         match part {
@@ -107,9 +109,13 @@ impl Memory {
     ///
     /// # Errors
     /// [`GpuError::ComparisonTooLarge`], [`GpuError::NoMemoryToCompare`].
-    pub(super) fn make_room(&mut self, device: &wgpu::Device, load: &Load) -> Result<(), GpuError> {
+    pub(super) fn ensure_capacity(
+        &mut self,
+        device: &wgpu::Device,
+        load: &ComparisonSizes,
+    ) -> Result<(), GpuError> {
         for (number, (part, ..)) in PARTS.into_iter().enumerate() {
-            let room = self.buffers.make_room(device, number, load.bytes(part));
+            let room = self.buffers.ensure_capacity(device, number, load.bytes(part));
             room.map_err(|error| match error {
                 GrowthError::TooLarge { needed_mib, limit_mib } => {
                     GpuError::ComparisonTooLarge { needed_mib, limit_mib }

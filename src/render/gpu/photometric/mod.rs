@@ -18,14 +18,15 @@ mod memory;
 pub mod shader;
 mod upload;
 
-use super::answer::{answer_of, forget};
+use super::answer::{release_result, wait_for_result};
 use super::context::GpuCaps;
 use super::error::GpuError;
 use super::faults::GpuFaults;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::cpu::photometric::{
-    Compared, ComparerError, PackedView, PhotometricComparer, PixelRule, PreparedView, RowChoice,
+    ComparerError, PackedView, PhotometricComparer, PhotometricSums, PixelRule, PreparedView,
+    RowSubset,
 };
 use kernels::Kernels;
 use layout::SUM_BYTES;
@@ -70,8 +71,8 @@ impl GpuComparer {
     fn run(&mut self, comparison: Comparison<'_>) -> Result<(f64, f64), GpuError> {
         let Self { device, queue, kernels, memory, .. } = self;
         let started = Instant::now();
-        let load = comparison.load();
-        memory.make_room(device, &load)?;
+        let load = comparison.sizes();
+        memory.ensure_capacity(device, &load)?;
         let upload = memory.buffer(Part::Upload);
         let mut mapped = upload.get_mapped_range_mut(..load.bytes(Part::Upload)).map_err(failed)?;
         comparison.write(mapped.slice(..), &load);
@@ -103,13 +104,13 @@ impl GpuComparer {
     ) -> Result<wgpu::BufferView, GpuError> {
         let readback = self.memory.buffer(Part::Readback);
         let upload = self.memory.buffer(Part::Upload);
-        answer_of(&self.device, &self.faults, submission, (readback, bytes), [upload])
+        wait_for_result(&self.device, &self.faults, submission, (readback, bytes), [upload])
             .map_err(failed)
     }
 
     /// Releases the mapped result.
-    fn forget_answer(&mut self) {
-        forget(&mut self.answer, self.memory.buffer(Part::Readback));
+    fn release_result(&mut self) {
+        release_result(&mut self.answer, self.memory.buffer(Part::Readback));
     }
 }
 
@@ -127,9 +128,9 @@ impl PhotometricComparer for GpuComparer {
         view: &PreparedView<'a>,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
-        rows: RowChoice,
-    ) -> Result<Compared<'a>, ComparerError> {
-        self.forget_answer();
+        rows: RowSubset,
+    ) -> Result<PhotometricSums<'a>, ComparerError> {
+        self.release_result();
         let mut packed = std::mem::take(&mut self.packed);
         packed.fill(view, tile_grid(photograph));
         let comparison = Comparison { packed: &packed, photograph, rule, rows };
@@ -143,12 +144,12 @@ impl PhotometricComparer for GpuComparer {
         })?;
         let Some(answer) = self.answer.as_deref() else {
             // No splat is visible, so no work was submitted.
-            return Ok(Compared::by_splat(view.clone(), &[], squared_error, pixels));
+            return Ok(PhotometricSums::from_splat_sums(view.clone(), &[], squared_error, pixels));
         };
         // The errors of the tiles precede the sums.
         let sums = &answer[answer.len() - view.n_drawn() * SUM_BYTES..];
         let sums: &[f32] = bytemuck::cast_slice(sums);
         let (sums, _) = sums.as_chunks();
-        Ok(Compared::by_splat(view.clone(), sums, squared_error, pixels))
+        Ok(PhotometricSums::from_splat_sums(view.clone(), sums, squared_error, pixels))
     }
 }

@@ -1,11 +1,11 @@
 //! Writes the inputs of a comparison directly to mapped memory.
 
 use super::layout::{Frame, MEASURED_BYTES};
-use super::memory::{Load, Part, UPLOADED};
+use super::memory::{ComparisonSizes, Part, UPLOADED};
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::render::TILE;
-use crate::render::cpu::photometric::{PackedView, PixelRule, RowChoice};
+use crate::render::cpu::photometric::{PackedView, PixelRule, RowSubset};
 use crate::render::gpu::parallel_copy::copy_all;
 use bytemuck::cast_slice;
 use wgpu::WriteOnly;
@@ -16,7 +16,7 @@ pub(super) struct Comparison<'a> {
     pub(super) packed: &'a PackedView,
     pub(super) photograph: &'a Image<MeasuredPixel>,
     pub(super) rule: PixelRule,
-    pub(super) rows: RowChoice,
+    pub(super) rows: RowSubset,
 }
 
 /// Number of tile columns and rows of a photograph.
@@ -25,25 +25,25 @@ pub(super) fn tile_grid(photograph: &Image<MeasuredPixel>) -> (usize, usize) {
 }
 
 impl Comparison<'_> {
-    pub(super) fn load(&self) -> Load {
+    pub(super) fn sizes(&self) -> ComparisonSizes {
         let Self { packed, photograph, rows, .. } = *self;
         let (columns, tile_rows) = tile_grid(photograph);
-        Load {
+        ComparisonSizes {
             splats: packed.splats.len() as u64,
             tiles: (columns * tile_rows) as u64,
             entries: packed.entries.len() as u64,
             pixels: (self.chosen_rows().count() * photograph.width) as u64,
-            lanes: (TILE * TILE / rows.every() as usize) as u64,
+            lanes: (TILE * TILE / rows.stride() as usize) as u64,
         }
     }
 
     fn chosen_rows(&self) -> impl Iterator<Item = usize> {
         let rows = self.rows;
-        (rows.first() as usize..self.photograph.height).step_by(rows.every() as usize)
+        (rows.first() as usize..self.photograph.height).step_by(rows.stride() as usize)
     }
 
     /// Fills the memory of [`Part::Upload`].
-    pub(super) fn write(&self, memory: WriteOnly<'_, [u8]>, load: &Load) {
+    pub(super) fn write(&self, memory: WriteOnly<'_, [u8]>, load: &ComparisonSizes) {
         let Self { packed, photograph, rule, rows } = *self;
         let frame = Frame::new(photograph, packed.splats.len(), rule, rows);
         let (mut rest, mut copies) = (memory, Vec::new());
@@ -68,7 +68,7 @@ impl Comparison<'_> {
         to: WriteOnly<'m, [u8]>,
     ) -> impl Iterator<Item = (WriteOnly<'m, [u8]>, &[u8])> {
         let Self { photograph, rows, .. } = *self;
-        let is_whole = rows == RowChoice::ALL;
+        let is_whole = rows == RowSubset::ALL;
         let n_pixels = if is_whole { photograph.data.len() } else { photograph.width };
         let firsts = self.chosen_rows().map(|row| row * photograph.width);
         let mut rest = to;
@@ -81,6 +81,6 @@ impl Comparison<'_> {
 }
 
 /// Byte offset of a part in [`Part::Upload`].
-pub(super) fn offset(part: Part, load: &Load) -> u64 {
+pub(super) fn offset(part: Part, load: &ComparisonSizes) -> u64 {
     UPLOADED.iter().take_while(|&&before| before != part).map(|&part| load.bytes(part)).sum()
 }

@@ -4,7 +4,7 @@ use super::layout::Settings;
 use crate::model::scene::points_device::POINT_WORDS;
 use crate::model::scene::sums::N_SUMS;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, WAY_IN, WAY_OUT};
+use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, READBACK_STAGING, UPLOAD_STAGING};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
@@ -42,15 +42,15 @@ const PARTS: [(Part, &str, Usage); 12] = [
     (Part::Fits, "components of points", IN),
     (Part::References, "seeds of sums", IN),
     (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST)),
-    (Part::PointUpload, "uploaded points", WAY_IN),
-    (Part::SeedUpload, "uploaded seeds", WAY_IN),
-    (Part::FitUpload, "uploaded components", WAY_IN),
-    (Part::Readback, "sums read back", WAY_OUT),
+    (Part::PointUpload, "uploaded points", UPLOAD_STAGING),
+    (Part::SeedUpload, "uploaded seeds", UPLOAD_STAGING),
+    (Part::FitUpload, "uploaded components", UPLOAD_STAGING),
+    (Part::Readback, "sums read back", READBACK_STAGING),
 ];
 
 /// Sizes of a frame.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Load {
+pub(super) struct PointSizes {
     pub(super) points: u64,
     pub(super) seeds: u64,
     /// Index of the first seed that is not on the GPU yet.
@@ -60,7 +60,7 @@ pub(super) struct Load {
     pub(super) slots: u64,
 }
 
-impl Load {
+impl PointSizes {
     pub(super) fn bytes(&self, part: Part) -> u64 {
         let Self { points, seeds, first_new, buckets, slots } = *self;
         match part {
@@ -98,14 +98,14 @@ impl Memory {
     ///
     /// # Errors
     /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
-    pub(super) fn make_room(
+    pub(super) fn ensure_capacity(
         &mut self,
         device: &wgpu::Device,
-        load: &Load,
+        load: &PointSizes,
         parts: &[Part],
     ) -> Result<bool, GpuError> {
         let needed = parts.iter().map(|&part| (part as usize, load.bytes(part)));
-        self.buffers.make_room_for_pass(device, needed)
+        self.buffers.ensure_pass_capacity(device, needed)
     }
 }
 

@@ -8,18 +8,18 @@ mod layout;
 mod memory;
 pub mod shader;
 
-use super::answer::{answer_of, forget};
+use super::answer::{release_result, wait_for_result};
 use super::constants::{SUM_GROUP, module};
 use super::context::GpuCaps;
-use super::error::{GpuError, no_pass};
+use super::error::{GpuError, pass_failed};
 use super::faults::GpuFaults;
-use super::kernel::{Bound, ComputeKernel, Grid};
+use super::kernel::{BoundKernel, ComputeKernel, Grid};
 use super::parallel_copy::copy_pieces;
 use crate::model::device_error::DeviceError;
 use crate::model::scene::points_device::{POINT_WORDS, PointsDevice, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
 use layout::Settings;
-use memory::{Load, Memory, Part, SEED_BYTES};
+use memory::{Memory, Part, PointSizes, SEED_BYTES};
 
 /// Minimum number of hash buckets.
 const MIN_BUCKETS: u64 = 1 << 12;
@@ -34,10 +34,10 @@ pub struct GpuPoints {
     find: ComputeKernel,
     sum: ComputeKernel,
     memory: Memory,
-    load: Load,
+    load: PointSizes,
     search: Settings,
     /// Uploads written to mapped memory, to be submitted with the next commands.
-    due: Vec<Part>,
+    pending_uploads: Vec<Part>,
     /// Mapped result of the last commands.
     answer: Option<wgpu::BufferView>,
 }
@@ -62,9 +62,9 @@ impl GpuPoints {
             queue,
             faults,
             name: caps.to_string(),
-            load: Load::default(),
+            load: PointSizes::default(),
             search: bytemuck::Zeroable::zeroed(),
-            due: Vec::new(),
+            pending_uploads: Vec::new(),
             answer: None,
         }
     }
@@ -76,8 +76,8 @@ impl GpuPoints {
         let buckets = (2 * load.seeds).next_power_of_two().max(MIN_BUCKETS);
         let is_refiled = seeds.are_new || buckets != load.buckets || load.first_new > load.seeds;
         load.buckets = buckets;
-        let is_lost = memory.make_room(device, load, &[Part::Seeds, Part::Heads])?;
-        if is_refiled || is_lost || self.due.contains(&Part::SeedUpload) {
+        let is_lost = memory.ensure_capacity(device, load, &[Part::Seeds, Part::Heads])?;
+        if is_refiled || is_lost || self.pending_uploads.contains(&Part::SeedUpload) {
             load.first_new = 0;
         }
         self.search = Settings::search(seeds);
@@ -86,23 +86,24 @@ impl GpuPoints {
             return Ok(());
         }
         let packed: Vec<[f32; 4]> = new.iter().map(|&[x, y, z]| [x, y, z, 0.0]).collect();
-        self.write(Part::SeedUpload, &[bytemuck::cast_slice(&packed)])
+        self.stage_upload(Part::SeedUpload, &[bytemuck::cast_slice(&packed)])
     }
 
     fn upload_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), GpuError> {
         self.load.points = points.len() as u64;
         let parts = [Part::Points, Part::Nearest];
-        self.memory.make_room(&self.device, &self.load, &parts)?;
-        self.write(Part::PointUpload, &[bytemuck::cast_slice(points)])
+        self.memory.ensure_capacity(&self.device, &self.load, &parts)?;
+        self.stage_upload(Part::PointUpload, &[bytemuck::cast_slice(points)])
     }
 
     /// Writes data to mapped memory for the next commands.
-    fn write(&mut self, upload: Part, pieces: &[&[u8]]) -> Result<(), GpuError> {
-        self.memory.make_room(&self.device, &self.load, &[upload])?;
+    fn stage_upload(&mut self, upload: Part, pieces: &[&[u8]]) -> Result<(), GpuError> {
+        self.memory.ensure_capacity(&self.device, &self.load, &[upload])?;
         let buffer = self.memory.buffer(upload);
-        copy_pieces(buffer, self.load.bytes(upload), pieces.iter().copied()).map_err(no_pass)?;
-        if !self.due.contains(&upload) {
-            self.due.push(upload);
+        copy_pieces(buffer, self.load.bytes(upload), pieces.iter().copied())
+            .map_err(pass_failed)?;
+        if !self.pending_uploads.contains(&upload) {
+            self.pending_uploads.push(upload);
         }
         Ok(())
     }
@@ -144,9 +145,9 @@ impl GpuPoints {
         }
         self.load.slots = asked.seeds.len() as u64;
         let parts = [Part::Fits, Part::References, Part::Sums];
-        self.memory.make_room(&self.device, &self.load, &parts)?;
+        self.memory.ensure_capacity(&self.device, &self.load, &parts)?;
         let pieces = [bytemuck::cast_slice(asked.points), bytemuck::cast_slice(asked.seeds)];
-        self.write(Part::FitUpload, &pieces)?;
+        self.stage_upload(Part::FitUpload, &pieces)?;
         let bytes = self.load.bytes(Part::Sums);
         let groups = Grid::groups(asked.points.len().div_ceil(SUM_GROUP as usize));
         self.run(Settings::sums(asked), Part::Sums, |gpu, encoder| {
@@ -170,25 +171,28 @@ impl GpuPoints {
         answer: Part,
         commands: impl FnOnce(&Self, &mut wgpu::CommandEncoder),
     ) -> Result<(), GpuError> {
-        self.memory.make_room(&self.device, &self.load, &[Part::Readback])?;
+        self.memory.ensure_capacity(&self.device, &self.load, &[Part::Readback])?;
         let to = self.memory.buffer(Part::Settings);
         self.queue.write_buffer(to, 0, bytemuck::bytes_of(&settings));
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        self.due.iter().for_each(|&upload| self.send_up(&mut encoder, upload));
+        self.pending_uploads
+            .iter()
+            .for_each(|&upload| self.record_upload_copies(&mut encoder, upload));
         commands(self, &mut encoder);
         let (readback, bytes) = (self.memory.buffer(Part::Readback), self.load.bytes(answer));
         encoder.copy_buffer_to_buffer(self.memory.buffer(answer), 0, readback, 0, bytes);
-        let uploads = self.due.iter().map(|&upload| self.memory.buffer(upload));
+        let uploads = self.pending_uploads.iter().map(|&upload| self.memory.buffer(upload));
         uploads.clone().for_each(wgpu::Buffer::unmap);
         let submission = self.queue.submit([encoder.finish()]);
-        let answer = answer_of(&self.device, &self.faults, submission, (readback, bytes), uploads);
-        self.answer = Some(answer.map_err(no_pass)?);
-        self.due.clear();
+        let answer =
+            wait_for_result(&self.device, &self.faults, submission, (readback, bytes), uploads);
+        self.answer = Some(answer.map_err(pass_failed)?);
+        self.pending_uploads.clear();
         Ok(())
     }
 
     /// Records the copy from a staging buffer to its destinations.
-    fn send_up(&self, encoder: &mut wgpu::CommandEncoder, upload: Part) {
+    fn record_upload_copies(&self, encoder: &mut wgpu::CommandEncoder, upload: Part) {
         let Self { memory, load, .. } = self;
         let mut copy = |from_byte, part, to_byte, bytes| {
             let (from, to) = (memory.buffer(upload), memory.buffer(part));
@@ -207,14 +211,14 @@ impl GpuPoints {
         }
     }
 
-    fn bind(&self, kernel: &ComputeKernel, parts: &[(u32, Part)]) -> Bound {
+    fn bind(&self, kernel: &ComputeKernel, parts: &[(u32, Part)]) -> BoundKernel {
         let resource = |&(at, part)| (at, self.memory.buffer(part).as_entire_binding());
         kernel.bind(&self.device, &parts.iter().map(resource).collect::<Vec<_>>())
     }
 
     /// Releases the mapped result.
-    fn forget_answer(&mut self) {
-        forget(&mut self.answer, self.memory.buffer(Part::Readback));
+    fn release_result(&mut self) {
+        release_result(&mut self.answer, self.memory.buffer(Part::Readback));
     }
 
     fn refused(&self, error: &GpuError) -> DeviceError {
@@ -244,7 +248,7 @@ impl PointsDevice for GpuPoints {
     }
 
     fn nearest(&mut self) -> Result<&[u32], DeviceError> {
-        self.forget_answer();
+        self.release_result();
         // Without points there is nothing to submit.
         if self.load.points > 0 {
             self.run_search().map_err(|error| self.refused(&error))?;
@@ -253,7 +257,7 @@ impl PointsDevice for GpuPoints {
     }
 
     fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError> {
-        self.forget_answer();
+        self.release_result();
         if !asked.seeds.is_empty() {
             self.run_sums(asked).map_err(|error| self.refused(&error))?;
         }

@@ -29,9 +29,9 @@ pub(super) struct SplatBuffers {
     pub(super) order: [wgpu::Buffer; 2],
     pub(super) records: wgpu::Buffer,
     /// Packed tile list of splats that touch at most 2×2 tiles, one word each.
-    pub(super) fews: wgpu::Buffer,
+    pub(super) small_footprints: wgpu::Buffer,
     pub(super) footprints: wgpu::Buffer,
-    pub(super) blocks: wgpu::Buffer,
+    pub(super) entry_counts: wgpu::Buffer,
     /// One per splat if the scene has appearance, otherwise a single unused one.
     pub(super) gradients: wgpu::Buffer,
     /// Placeholder for the appearance buffer of a scene without appearance.
@@ -73,9 +73,9 @@ impl SplatBuffers {
             keys,
             order,
             records,
-            fews,
+            small_footprints: fews,
             footprints,
-            blocks,
+            entry_counts: blocks,
             gradients,
             no_appearance,
             capacity,
@@ -130,7 +130,10 @@ pub(super) fn tile_grid((width, height): (u32, u32)) -> (u32, u32) {
 }
 
 /// Creates the buffer of entry ranges per tile: first entry, and one past the last.
-pub(super) fn ends_of_tiles(device: &wgpu::Device, (columns, rows): (u32, u32)) -> wgpu::Buffer {
+pub(super) fn create_tile_ranges(
+    device: &wgpu::Device,
+    (columns, rows): (u32, u32),
+) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("ends of tiles"),
         size: u64::from(columns) * u64::from(rows) * PAIR,

@@ -41,7 +41,7 @@ impl EntryDemand {
     }
 
     /// Records that a capacity could not be allocated, so that it is not requested again.
-    pub(super) fn refuse(&mut self, capacity: u64, error: GpuError) {
+    pub(super) fn record_failure(&mut self, capacity: u64, error: GpuError) {
         self.refused = capacity;
         self.shortage = Some(error);
     }
@@ -54,7 +54,7 @@ impl EntryDemand {
     /// Sends the counters of the image to the CPU. Must follow the image in the same encoder.
     pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
         let needed = &mut self.needed;
-        let free = self.ring.turn(|_, bytes| {
+        let free = self.ring.collect_and_reserve(|_, bytes| {
             let counts: [u32; slot::N_SLOTS] = bytemuck::pod_read_unaligned(bytes);
             *needed = (*needed).max(u64::from(counts[slot::N_NEEDED as usize]));
         });

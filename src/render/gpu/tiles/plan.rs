@@ -4,11 +4,11 @@
 //! passes. The buffers of a sort alternate. Which of the two holds the result depends only on the number
 //! of passes, so it is bound here.
 
-use super::buffers::{EntryBuffers, SplatBuffers, ends_of_tiles, tile_grid};
+use super::buffers::{EntryBuffers, SplatBuffers, create_tile_ranges, tile_grid};
 use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
-use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
+use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
 use crate::render::gpu::timer::GpuStage;
@@ -85,15 +85,15 @@ impl Inputs {
 #[derive(Debug)]
 pub(super) struct TilePlan {
     inputs: Inputs,
-    preprocess: Bound,
+    preprocess: BoundKernel,
     by_depth: SortPlan,
-    count: Bound,
-    offsets: Bound,
-    emit: Bound,
+    count: BoundKernel,
+    offsets: BoundKernel,
+    emit: BoundKernel,
     by_tile: SortPlan,
-    ranges: Bound,
-    raster: Bound,
-    ends_of_tiles: wgpu::Buffer,
+    ranges: BoundKernel,
+    raster: BoundKernel,
+    tile_ranges: wgpu::Buffer,
 }
 
 /// Buffers shared by the kernels of the tile path.
@@ -140,7 +140,11 @@ impl TileMemory<'_> {
 }
 
 /// Binds whole buffers by binding number.
-fn bind(device: &wgpu::Device, kernel: &ComputeKernel, buffers: &[(u32, &wgpu::Buffer)]) -> Bound {
+fn bind(
+    device: &wgpu::Device,
+    kernel: &ComputeKernel,
+    buffers: &[(u32, &wgpu::Buffer)],
+) -> BoundKernel {
     let resources: Vec<_> =
         buffers.iter().map(|(binding, buffer)| (*binding, buffer.as_entire_binding())).collect();
     kernel.bind(device, &resources)
@@ -152,7 +156,7 @@ impl Kernels {
         device: &wgpu::Device,
         inputs: &Inputs,
         TileMemory { counts, splats, .. }: TileMemory<'_>,
-    ) -> Bound {
+    ) -> BoundKernel {
         let buffers = [
             (0, &inputs.view),
             (1, counts),
@@ -162,7 +166,7 @@ impl Kernels {
             (5, &splats.footprints),
             (6, inputs.appearance.as_ref().unwrap_or(&splats.no_appearance)),
             (7, &splats.gradients),
-            (8, &splats.fews),
+            (8, &splats.small_footprints),
         ];
         bind(device, &self.preprocess[inputs.variant()], &buffers)
     }
@@ -175,8 +179,8 @@ impl Kernels {
         inputs: &Inputs,
         TileMemory { counts, splats, entries }: TileMemory<'_>,
         order: &wgpu::Buffer,
-    ) -> [Bound; 3] {
-        let SplatBuffers { footprints, blocks, fews, .. } = splats;
+    ) -> [BoundKernel; 3] {
+        let SplatBuffers { footprints, entry_counts: blocks, small_footprints: fews, .. } = splats;
         let all = [&inputs.view, counts, order, footprints, blocks, &entries.pairs[0], fews];
         let bind = |kernel: &ComputeKernel, used: &[u32]| {
             let buffers: Vec<_> = used.iter().map(|&i| (i, all[i as usize])).collect();
@@ -195,7 +199,7 @@ impl Kernels {
         inputs: &Inputs,
         splats: &SplatBuffers,
         [ends_of_tiles, sorted]: [&wgpu::Buffer; 2],
-    ) -> Bound {
+    ) -> BoundKernel {
         self.raster[inputs.variant()].bind(
             device,
             &[
@@ -224,7 +228,7 @@ impl TilePlan {
         let by_tile = memory.sort_by_tile(device, queue, &kernels.sort, grid);
         let order = &splats.order[by_depth.result()];
         let sorted = by_tile.result();
-        let ends_of_tiles = ends_of_tiles(device, grid);
+        let ends_of_tiles = create_tile_ranges(device, grid);
         let [count, offsets, emit] = kernels.bind_bin(device, &inputs, memory, order);
         let ranges = [(1, counts), (7, &entries.pairs[sorted]), (8, &ends_of_tiles)];
         let of_entries = [&ends_of_tiles, &entries.pairs[sorted]];
@@ -237,14 +241,14 @@ impl TilePlan {
             raster: kernels.bind_raster(device, &inputs, splats, of_entries),
             by_depth,
             by_tile,
-            ends_of_tiles,
+            tile_ranges: ends_of_tiles,
             inputs,
         }
     }
 
     /// Clears the entry ranges before an image, because only tiles with entries are written.
     pub(super) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
-        encoder.clear_buffer(&self.ends_of_tiles, 0, None);
+        encoder.clear_buffer(&self.tile_ranges, 0, None);
     }
 
     pub(super) fn inputs(&self) -> &Inputs {

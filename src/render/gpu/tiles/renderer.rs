@@ -60,7 +60,7 @@ impl TilePath {
         frame: TileFrame<'_>,
     ) -> Result<(), GpuError> {
         let TileFrame { view, scene, image, timer } = frame;
-        self.make_room(device, scene)?;
+        self.ensure_capacity(device, scene)?;
         let inputs = Inputs::new(view, scene, image);
         // After a resize or growth the bound resources no longer exist.
         if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
@@ -96,7 +96,7 @@ impl TilePath {
         self.demand.shortage()
     }
 
-    fn make_room(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
+    fn ensure_capacity(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
         self.splats.check()?;
         let has_appearance = scene.appearance_buffer().is_some();
         if scene.capacity() > self.splats.capacity || has_appearance != self.splats.has_appearance {
@@ -121,7 +121,7 @@ impl TilePath {
             // fatal.
             Err(error) if self.entries.capacity > 1 => {
                 tracing::warn!("{error}");
-                self.demand.refuse(capacity, error);
+                self.demand.record_failure(capacity, error);
                 Ok(())
             }
             Err(error) => Err(error),

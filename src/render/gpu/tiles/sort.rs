@@ -7,7 +7,7 @@
 
 use super::shader;
 use crate::render::gpu::constants::{N_STRIPS, module};
-use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid, storage};
+use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid, storage};
 
 /// Maximum bits per digit: one lane of a workgroup per value.
 const DIGIT_BITS: u32 = 8;
@@ -57,7 +57,7 @@ pub struct SortBuffers<'a> {
 /// Sort of specific buffers, to be recorded every frame.
 #[derive(Debug)]
 pub struct SortPlan {
-    passes: Vec<[(Bound, Grid); 3]>,
+    passes: Vec<[(BoundKernel, Grid); 3]>,
 }
 
 /// `Digit` in `sort.wgsl`.
@@ -119,7 +119,7 @@ impl RadixSort {
         counts: &wgpu::Buffer,
         [from, to]: [&wgpu::Buffer; 2],
         digit: Digit,
-    ) -> [(Bound, Grid); 3] {
+    ) -> [(BoundKernel, Grid); 3] {
         let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("digit"),
             size: size_of::<Digit>() as u64,

@@ -1,7 +1,7 @@
 //! Runs selected tiles of a frame: those that a device left open, and those run again because a mean
 //! has moved within reach of their points (`train.md`, Reassignment).
 
-use super::reached::Again;
+use super::reached::RerunTiles;
 use super::tasks::{Columns, for_each_part};
 use super::{Output, Pass, Worker};
 use crate::math::simd::Isa;
@@ -40,9 +40,9 @@ impl Pass {
         inputs: &FusedInputs<'_>,
         places: &[[f32; 3]],
         q: &[f64],
-        again: &mut Again,
+        again: &mut RerunTiles,
     ) {
-        let Again { is_again, tiles, places: grid } = again;
+        let RerunTiles { is_again, tiles, places: grid } = again;
         is_again.clear();
         // If no grid can hold the places, all tiles count as reached.
         is_again.resize(inputs.points.n_tiles(), grid.rebuild(places).is_err());

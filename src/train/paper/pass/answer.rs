@@ -18,7 +18,7 @@ type RecordBits = (u32, u32, [u32; N_SUMS]);
 
 impl Pass {
     /// Copies scores and records; scores of open tiles are computed later.
-    pub(in crate::train::paper) fn take_over(
+    pub(in crate::train::paper) fn adopt_device_pass(
         &self,
         shard_bits: u32,
         found: &DevicePass<'_>,
@@ -28,11 +28,11 @@ impl Pass {
         // In parallel, because both are dominated by the time to wake threads.
         rayon::join(
             || scores.for_each(|(q, &found)| *q = found.into()),
-            || self.take_over_records(shard_bits, found.records),
+            || self.adopt_records(shard_bits, found.records),
         );
     }
 
-    fn take_over_records(&self, shard_bits: u32, records: &[[u32; RECORD_WORDS]]) {
+    fn adopt_records(&self, shard_bits: u32, records: &[[u32; RECORD_WORDS]]) {
         // Equal parts per worker, whichever thread runs them, so that warm buffers suffice.
         let each = records.len().div_ceil(self.workers.len()).max(1);
         self.workers.par_iter().zip(records.par_chunks(each)).for_each(|(worker, records)| {
@@ -45,12 +45,12 @@ impl Pass {
     }
 
     /// Adds the times of another clock to the CPU's.
-    pub(in crate::train::paper) fn book(&self, mut clock: StageClock) {
-        self.worker().clock.add(clock.take());
+    pub(in crate::train::paper) fn add_clock(&self, mut clock: StageClock) {
+        self.worker().clock.add(clock.take_nanos());
     }
 
     /// Records of the last pass that affect the totals, sorted for comparison.
-    pub(in crate::train::paper) fn kept_records(&self) -> Vec<RecordBits> {
+    pub(in crate::train::paper) fn effective_records(&self) -> Vec<RecordBits> {
         let mut kept = Vec::new();
         for worker in self.read_workers() {
             let records = worker.narrow.iter().flatten().filter(|r| r.sums[0] >= MIN_COUNT);

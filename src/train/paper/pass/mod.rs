@@ -22,10 +22,10 @@ use crate::model::conjugate::statistics::TileRecord;
 use crate::model::paper::mixture::InitialModel;
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
-use crate::train::component_elbo::NOBODY;
+use crate::train::component_elbo::NO_OWNER;
 use crate::train::estep::Scoring;
 use crate::train::timing::{Lap, StageClock};
-use reached::{Again, ReachMemory};
+use reached::{ReachMemory, RerunTiles};
 use std::ops::Range;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tasks::{Columns, batch_end, for_each_task, for_each_tile};
@@ -61,7 +61,7 @@ pub struct Pass {
     /// Scratch memory by thread; results never depend on earlier tasks.
     workers: Vec<RwLock<Worker>>,
     /// Tiles that were run again.
-    again: Again,
+    again: RerunTiles,
     /// Candidates and responsibilities of a batch, if materialised.
     ids: Vec<u32>,
     responsibilities: Vec<f64>,
@@ -129,7 +129,7 @@ impl Pass {
         inputs.index.sorted(inputs.model);
         q.resize(points.len(), 0.0);
         if let Some(owners) = &mut owners {
-            owners.resize(points.len(), NOBODY);
+            owners.resize(points.len(), NO_OWNER);
         }
         self.begin(inputs.statistics);
         let mut tile = 0;
@@ -302,7 +302,7 @@ impl Pass {
 
     /// Clears the records for a device's results. Workers receive equal parts of these, so reserving
     /// space for all would waste memory.
-    pub(super) fn begin_answer(&mut self, statistics: &Statistics) {
+    pub(super) fn begin_device_pass(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         (0..statistics.shards()).for_each(|shard| self.clear_records(shard, [0; 2]));
     }
@@ -343,7 +343,7 @@ impl Pass {
             Width::F32 => statistics.add_frame(|shard, add| {
                 self.read_workers().for_each(|w| {
                     let n_first = w.first_run.get(shard).map_or(0, |n| *n);
-                    self.again.counted(&w.narrow[shard], n_first).for_each(&mut *add);
+                    self.again.valid_records(&w.narrow[shard], n_first).for_each(&mut *add);
                 });
             }),
             Width::F64 => statistics.add_frame(|shard, add| {
@@ -358,7 +358,7 @@ impl Pass {
         let mut sum = [0; 3];
         for worker in &mut self.workers {
             let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
-            let own = worker.clock.take();
+            let own = worker.clock.take_nanos();
             sum = std::array::from_fn(|i| sum[i] + own[i]);
         }
         sum

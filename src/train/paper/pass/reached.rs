@@ -8,7 +8,7 @@ use crate::train::paper::fused::FusedInputs;
 
 /// Tiles that were run again.
 #[derive(Default)]
-pub(super) struct Again {
+pub(super) struct RerunTiles {
     /// True for each tile that was run again; empty if none were.
     pub is_again: Vec<bool>,
     /// These tiles, ascending.
@@ -25,7 +25,7 @@ pub(super) struct ReachMemory {
     reach2: Vec<f32>,
 }
 
-impl Again {
+impl RerunTiles {
     /// Marks no tile as run again.
     pub fn clear(&mut self) {
         self.is_again.clear();
@@ -33,7 +33,7 @@ impl Again {
 
     /// Selects the valid records, in slices. Of the first `n_first` records, made before tiles were run
     /// again, those of such tiles are outdated.
-    pub fn counted<'a>(
+    pub fn valid_records<'a>(
         &'a self,
         records: &'a [TileRecord<f32>],
         n_first: usize,
@@ -63,7 +63,7 @@ impl ReachMemory {
             return true;
         }
         reach2.clear();
-        reach2.extend(q.iter().map(|&q| inputs.reach2(q)));
+        reach2.extend(q.iter().map(|&q| inputs.influence_radius2(q)));
         let points = [&points.x, &points.y, &points.z].map(|column| &column[range.clone()]);
         Isa::best().run(AnyWithin { places, near, tile: memory, points, reach2 })
     }

@@ -15,7 +15,7 @@ use crate::model::scene::photometric::{
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::train::scene::photometric::rule::PhotometricRule;
-use crate::train::scene::photometric::{LEAST_OPACITY, is_taught, prior_precision};
+use crate::train::scene::photometric::{LEAST_OPACITY, is_trained, prior_precision};
 use glam::{DQuat, DVec3};
 
 /// Maximum rotation between two estimates of one splat whose forms are compared, radians: beyond it their
@@ -42,7 +42,7 @@ pub struct Later {
 impl Estimate {
     /// Reads the estimate of a component; `None` without a splat.
     pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
-        state.has(component).then(|| Self {
+        state.has_splat(component).then(|| Self {
             splat: state.splats[component],
             appearance: state.appearance[component],
             form: state.form[component],
@@ -52,7 +52,7 @@ impl Estimate {
 
     /// True if a photograph has increased its precision.
     pub fn is_taught(&self, rule: &PhotometricRule) -> bool {
-        is_taught(&self.color, &rule.prior)
+        is_trained(&self.color, &rule.prior)
     }
 
     /// Writes the estimate into the row of a component.
@@ -65,7 +65,7 @@ impl Estimate {
 
     /// Returns the difference in position and form from `other`, in the other's parameters; `None` if their
     /// axes do not correspond.
-    fn form_beyond(&self, other: &Self) -> Option<[f64; N_FORM]> {
+    fn form_difference(&self, other: &Self) -> Option<[f64; N_FORM]> {
         let (a, b) = (&self.splat, &other.splat);
         let turn = (rotation(b).conjugate() * rotation(a)).normalize();
         let turn = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
@@ -83,7 +83,7 @@ impl Estimate {
     }
 
     /// Returns the difference of a channel's coefficients from those of `other`.
-    fn color_beyond(&self, other: &Self, channel: usize) -> [f64; N_COLOR] {
+    fn color_difference(&self, other: &Self, channel: usize) -> [f64; N_COLOR] {
         let (a, b) = (self.coefficients(channel), other.coefficients(channel));
         std::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
     }
@@ -94,7 +94,7 @@ impl Estimate {
         [self.splat.color[channel], a, b, c, d, e, f]
     }
 
-    fn reform(&mut self, step: &[f64], precision: &[f64], most_opacity: f64) {
+    fn apply_form_step(&mut self, step: &[f64], precision: &[f64], most_opacity: f64) {
         let splat = &mut self.splat;
         for i in 0..3 {
             splat.mean[i] = (f64::from(splat.mean[i]) + step[i]) as f32;
@@ -108,7 +108,7 @@ impl Estimate {
         put_triangle::<N_FORM>(&mut self.form, precision);
     }
 
-    fn recolor(&mut self, steps: &[Vec<f64>; 3], precision: &[f64]) {
+    fn apply_color_step(&mut self, steps: &[Vec<f64>; 3], precision: &[f64]) {
         for (channel, step) in steps.iter().enumerate() {
             let old = self.coefficients(channel);
             let new: [f32; N_COLOR] = std::array::from_fn(|i| (f64::from(old[i]) + step[i]) as f32);
@@ -132,18 +132,18 @@ pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -
     let mut color = Joint::<N_COLOR, 3>::new();
     for one in later {
         let (estimate, remembered) = (&one.estimate, remembers(one));
-        if let Some(step) = estimate.form_beyond(&base) {
+        if let Some(step) = estimate.form_difference(&base) {
             form.add(&estimate.form, [step], &base.form, &form_prior, remembered);
         }
-        let steps = std::array::from_fn(|channel| estimate.color_beyond(&base, channel));
+        let steps = std::array::from_fn(|channel| estimate.color_difference(&base, channel));
         color.add(&estimate.color, steps, &base.color, &color_prior, remembered);
     }
     let mut result = base;
     if let Some(([step], precision)) = form.solved(&base.form, &form_prior, known) {
-        result.reform(&step, &precision, rule.most_opacity);
+        result.apply_form_step(&step, &precision, rule.most_opacity);
     }
     if let Some((steps, precision)) = color.solved(&base.color, &color_prior, known) {
-        result.recolor(&steps, &precision);
+        result.apply_color_step(&steps, &precision);
     }
     let sound = result.splat.is_drawable() && result.appearance.is_valid();
     Some(if sound { result } else { base })
@@ -175,7 +175,7 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         self.remembered *= remembered;
         for i in 0..N {
             for j in 0..N {
-                let before = faded(entry(start, i, j), prior, (i, j), remembered);
+                let before = blended_precision(entry(start, i, j), prior, (i, j), remembered);
                 self.precision[i * N + j] += entry(own, i, j) - before;
                 for (sum, step) in self.information.iter_mut().zip(&steps) {
                     sum[i] += entry(own, i, j) * step[j];
@@ -195,7 +195,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         for i in 0..N {
             for j in 0..N {
                 let remembered = known * self.remembered;
-                self.precision[i * N + j] += faded(entry(start, i, j), prior, (i, j), remembered);
+                self.precision[i * N + j] +=
+                    blended_precision(entry(start, i, j), prior, (i, j), remembered);
             }
         }
         let factor = Cholesky::new(N, &self.precision)?;
@@ -205,7 +206,7 @@ impl<const N: usize, const M: usize> Joint<N, M> {
 }
 
 /// Blends a precision with the prior's: `remembered` is its share.
-fn faded<const N: usize>(
+fn blended_precision<const N: usize>(
     value: f64,
     prior: &[f64; N],
     (i, j): (usize, usize),
@@ -238,7 +239,7 @@ fn rotation(splat: &Splat) -> DQuat {
 }
 
 /// Sets the running means of photographs to those over all scenes, weighted by their frames.
-pub fn take_noise<'a>(
+pub fn average_residuals<'a>(
     state: &mut PhotometricState,
     scenes: impl Iterator<Item = &'a PhotometricState>,
 ) {

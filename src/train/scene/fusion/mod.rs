@@ -31,10 +31,12 @@ pub fn fuse<W: SumScalar>(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
-    let start = start.map(|start| settled::<W>(config, start));
+    let start = start.map(|start| with_settled_photographs::<W>(config, start));
     let start = start.as_deref();
-    let scenes: Option<Vec<_>> =
-        scenes.iter().map(|scene| back_at::<W>(start, settled::<W>(config, scene))).collect();
+    let scenes: Option<Vec<_>> = scenes
+        .iter()
+        .map(|scene| back_at::<W>(start, with_settled_photographs::<W>(config, scene)))
+        .collect();
     let scenes = scenes?;
     let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
     let first = scenes.first()?;
@@ -43,11 +45,11 @@ pub fn fuse<W: SumScalar>(
     let all = all?;
     let of_start = shared.par_iter().enumerate().map(|(id, start)| {
         let later: Vec<&Component> = all.iter().filter_map(|scene| scene.get(id)).collect();
-        start.with_all(&later, config.photometric_rule().as_ref())
+        start.with_gains_of(&later, config.photometric_rule().as_ref())
     });
-    let mut fused = Fused::new(config.h * factor(first.coarsened), of_start.collect());
+    let mut fused = Fused::new(config.h * factor(first.coarsening_steps), of_start.collect());
     for scene in all {
-        fused.take_in(scene.into_iter().skip(shared.len()));
+        fused.add_new_components(scene.into_iter().skip(shared.len()));
     }
     let mut state = fused.state::<W>(first);
     // Every scene's log begins with the entries of the start.
@@ -61,15 +63,18 @@ pub fn fuse<W: SumScalar>(
     state.photometric = state.photometric.filter(|_| config.photometric.is_some());
     if let Some(photometric) = &mut state.photometric {
         let taught = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
-        estimate::take_noise(photometric, taught);
+        estimate::average_residuals(photometric, taught);
     }
     Some(state)
 }
 
 /// Returns the scene after training on its buffered photographs.
-fn settled<'a, W: SumScalar>(config: &SceneConfig, state: &'a SceneState) -> Cow<'a, SceneState> {
+fn with_settled_photographs<'a, W: SumScalar>(
+    config: &SceneConfig,
+    state: &'a SceneState,
+) -> Cow<'a, SceneState> {
     let photographs = state.photometric.as_ref();
-    let is_waiting = photographs.is_some_and(|photometric| !photometric.waiting.is_empty());
+    let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
     let trainer =
         is_waiting.then(|| SceneTrainer::<W>::restore(config, state.clone(), 0)).flatten();
     match trainer.and_then(SceneTrainer::settled_photographs) {
@@ -92,7 +97,7 @@ fn back_at<'a, W: SumScalar>(
         return Some(scene);
     }
     let (turn, place) = now.inverse();
-    let motion = then.attached(place, DQuat::from_mat3(&turn));
+    let motion = then.attached_camera(place, DQuat::from_mat3(&turn));
     moved::<W>(scene.into_owned(), &motion).map(Cow::Owned)
 }
 
@@ -128,7 +133,7 @@ fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
 impl Component {
     /// Adds what all `later` versions of this component have gained. Sums are whole quanta, so the order of
     /// `later` is irrelevant to them.
-    fn with_all(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
+    fn with_gains_of(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
         let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
@@ -159,7 +164,7 @@ impl Component {
     /// Adds another component, its sums moved to this one's seed; `h` is the structural scale.
     fn add(&mut self, other: &Self, h: f64) {
         let way = (vector(other.seed) - vector(self.seed)) / h;
-        let moved = SceneSums::new(&other.sums, 1.0).moved(way).to_array();
+        let moved = SceneSums::new(&other.sums, 1.0).about_shifted_seed(way).to_array();
         for (sum, moved) in self.sums.iter_mut().zip(moved) {
             *sum += (moved / QUANTUM).round_ties_even() * QUANTUM;
         }
@@ -191,7 +196,7 @@ impl Fused {
     /// Adds the new components of one scene. One whose mean lies within reach of another scene's new seed
     /// adds its sums to that component; its photometric estimate refers to a different splat and is dropped.
     /// The others are appended: they were apart from the start's components when born.
-    fn take_in(&mut self, own: impl Iterator<Item = Component>) {
+    fn add_new_components(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
         for component in own.filter(|component| component.sums[0] > 0.0) {
             let mean = component.mean(self.h);
@@ -226,7 +231,7 @@ impl Fused {
         let shares: Vec<u8> = self.components.iter().map(|component| component.share).collect();
         SceneState {
             origin: like.origin,
-            coarsened: like.coarsened,
+            coarsening_steps: like.coarsening_steps,
             seeds: self.components.iter().map(|component| component.seed).collect(),
             shares: shares.iter().any(|&share| share != WHOLE).then_some(shares),
             components: None,
@@ -236,7 +241,7 @@ impl Fused {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: Some(photometric),
-            kept: Vec::new(),
+            stored_frames: Vec::new(),
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::grid::NONE;
-use crate::train::scene::observe::Viewer;
+use crate::train::scene::observe::FrameView;
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::scene::sum_scalar::SumScalar;
 use glam::DVec3;
@@ -65,7 +65,7 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
             found.squared_error += squared_error;
             found.points += points;
         }
-        (found.in_view, found.seen_through) = self.seen();
+        (found.in_view, found.seen_through) = self.count_seen_through();
         if found.points < MIN_MATCHES {
             (found.squared_error, found.points) = (0.0, 0.0);
         }
@@ -99,8 +99,8 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
     }
 
     /// Number of components in view that the frame measured or measured through, and number of the latter.
-    fn seen(&self) -> (f64, f64) {
-        let viewer = Viewer::new(self.frame, self.camera, self.h);
+    fn count_seen_through(&self) -> (f64, f64) {
+        let viewer = FrameView::new(self.frame, self.camera, self.h);
         let every = self.component_sums.len().div_ceil(MAX_COMPONENTS).max(1);
         let is_through = |id: usize| {
             let (n, offset, _) = self.component_sums.plane_sums(id);
@@ -108,7 +108,7 @@ impl<W: SumScalar> FrameBesideScene<'_, W> {
                 return None;
             }
             let seed = DVec3::from_array(self.seed_positions.of(id).map(f64::from));
-            viewer.sees_through(seed + DVec3::from_array(offset) * (self.h / n))
+            viewer.measures_through(seed + DVec3::from_array(offset) * (self.h / n))
         };
         let ids = (0..self.component_sums.len().div_ceil(every)).into_par_iter();
         let seen = ids.with_min_len(MIN_TASK).filter_map(|at| is_through(at * every));

@@ -7,23 +7,23 @@ use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::photometric::{
-    Compared, ComparerError, PhotometricComparer, PhotometricWalk, PixelRule, RowChoice,
+    ComparerError, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
     ViewBuffers,
 };
 use crate::train::comparer_use::{ComparerMs, ComparerUse};
-use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};
+use crate::train::device_trial::{DeviceChoice, DevicePolicy, DeviceTrial};
 use crate::train::timing::Stopwatch;
 
 /// View of a photograph and parameters of its comparison.
-pub struct LearntView {
+pub struct TrainingView {
     /// The camera that took it.
     pub camera: Camera,
     /// Distance, world units, below which splats are not compared.
     pub near: f64,
     /// Rows to compare.
-    pub rows: RowChoice,
+    pub rows: RowSubset,
     /// Factor on the usual mean square residual above which the photograph is an outlier.
-    pub contradicts_from: f64,
+    pub outlier_factor: f64,
     /// Pixels of the photograph per pixel of depth, at least 1.
     pub per_depth_pixel: f64,
 }
@@ -71,7 +71,7 @@ impl Comparers {
     }
 
     /// Counts the latest comparison, after a step that took `step_ms` milliseconds.
-    pub fn learnt(&mut self, step_ms: f64) {
+    pub fn count_step(&mut self, step_ms: f64) {
         let LatestComparison { is_by_device, ms } = std::mem::take(&mut self.latest);
         let Self { counts, .. } = self;
         let n = if is_by_device { &mut counts.device_frames } else { &mut counts.processor_frames };
@@ -82,13 +82,13 @@ impl Comparers {
     }
 
     /// Starts training that is only for the final picture and repeated once training resumes.
-    pub fn come_to_rest(&mut self) {
-        self.go_on();
+    pub fn begin_settling(&mut self) {
+        self.end_settling();
         self.before_rest = Some(self.counts.clone());
     }
 
     /// Discards the counts since [`Self::come_to_rest`].
-    pub fn go_on(&mut self) {
+    pub fn end_settling(&mut self) {
         if let Some(before) = self.before_rest.take() {
             // Except those of the device, which may have failed meanwhile.
             let (trial, given_up) = (self.counts.trial, self.counts.given_up.take());
@@ -100,11 +100,11 @@ impl Comparers {
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,
-        learnt: &LearntView,
+        learnt: &TrainingView,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
-    ) -> Compared<'_> {
-        let LearntView { camera, near, rows, .. } = *learnt;
+    ) -> PhotometricSums<'_> {
+        let TrainingView { camera, near, rows, .. } = *learnt;
         self.view.near = near;
         if self.counts.given_up.is_some() {
             self.device = None;
@@ -113,30 +113,32 @@ impl Comparers {
         let mut clock = Stopwatch::start();
         let view = view.prepare(splats, &camera, photograph.height);
         let prepare = clock.lap_ms();
-        let turn =
-            device.as_mut().map_or(Turn::Processor, |device| device.trial.turn(view.n_drawn()));
+        let turn = device
+            .as_mut()
+            .map_or(DeviceChoice::Processor, |device| device.trial.choose(view.n_drawn()));
         let by_device = match device {
-            Some(Device { comparer, trial }) if turn == Turn::Both => {
+            Some(Device { comparer, trial }) if turn == DeviceChoice::Both => {
                 // The device first, so that the processor's result is the one returned.
                 let answer = comparer.compare(&view, photograph, rule, rows);
                 let (is_there, ms) = (note(answer, counts).is_some(), clock.lap_ms());
-                let compared = processor.walk(&view, photograph, rule, rows);
+                let compared = processor.compare_view(&view, photograph, rule, rows);
                 let processor_ms = clock.lap_ms();
                 let ms_of_both = ComparerMs { prepare, compare: ms + processor_ms, step: 0.0 };
                 *latest = LatestComparison { is_by_device: false, ms: ms_of_both };
                 if is_there {
-                    trial.measured(processor_ms, ms);
+                    trial.record_times(processor_ms, ms);
                     counts.trial = trial.medians;
                 }
                 return compared;
             }
-            Some(Device { comparer, .. }) if turn == Turn::Device => {
+            Some(Device { comparer, .. }) if turn == DeviceChoice::Device => {
                 note(comparer.compare(&view, photograph, rule, rows), counts)
             }
             _ => None,
         };
         let is_by_device = by_device.is_some();
-        let compared = by_device.unwrap_or_else(|| processor.walk(&view, photograph, rule, rows));
+        let compared =
+            by_device.unwrap_or_else(|| processor.compare_view(&view, photograph, rule, rows));
         let ms = ComparerMs { prepare, compare: clock.lap_ms(), step: 0.0 };
         *latest = LatestComparison { is_by_device, ms };
         compared
@@ -145,9 +147,9 @@ impl Comparers {
 
 /// Returns a device's result; a failure is logged once, since the device is not used again.
 fn note<'a>(
-    answer: Result<Compared<'a>, ComparerError>,
+    answer: Result<PhotometricSums<'a>, ComparerError>,
     counts: &mut ComparerUse,
-) -> Option<Compared<'a>> {
+) -> Option<PhotometricSums<'a>> {
     answer
         .inspect_err(|error| {
             tracing::warn!("{error}");
@@ -182,8 +184,8 @@ mod tests {
             view: &PreparedView<'a>,
             photograph: &Image<MeasuredPixel>,
             rule: PixelRule,
-            rows: RowChoice,
-        ) -> Result<Compared<'a>, ComparerError> {
+            rows: RowSubset,
+        ) -> Result<PhotometricSums<'a>, ComparerError> {
             let error = ComparerError { device: self.name(), reason: "gone".to_owned() };
             self.left = self.left.checked_sub(1).ok_or(error)?;
             self.walk.compare(view, photograph, rule, rows)
@@ -193,20 +195,20 @@ mod tests {
     fn squared_error(comparers: &mut Comparers) -> f64 {
         let intrinsics = Intrinsics::from_horizontal_fov(24, 20, 0.8);
         let camera = Camera { intrinsics, pose: Pose::IDENTITY };
-        let photograph = Image::filled(24, 20, MeasuredPixel::flat([0.25, 0.5, 0.5, 1.0]));
+        let photograph = Image::filled(24, 20, MeasuredPixel::without_depth([0.25, 0.5, 0.5, 1.0]));
         let mean = [0.0, 0.0, 2.0];
         let splat = Splat { mean, opacity: 0.9, scale: [0.3; 3], ..Splat::default() };
         let splats = [splat];
         let Some(view) = SplatView::new(&splats, &[]) else { return f64::NAN };
-        let learnt = LearntView {
+        let learnt = TrainingView {
             camera,
             near: 0.2,
-            rows: RowChoice::ALL,
-            contradicts_from: 6.0,
+            rows: RowSubset::ALL,
+            outlier_factor: 6.0,
             per_depth_pixel: 1.0,
         };
         let squared_error = comparers.compare(view, &learnt, &photograph, RULE).squared_error;
-        comparers.learnt(1.0);
+        comparers.count_step(1.0);
         squared_error
     }
 
@@ -238,16 +240,16 @@ mod tests {
         comparers.add(Box::new(failing), DevicePolicy::Device);
         squared_error(&mut comparers);
         for _ in 0..2 {
-            comparers.come_to_rest();
+            comparers.begin_settling();
             squared_error(&mut comparers);
             squared_error(&mut comparers);
         }
         assert_eq!(frames(&comparers), [1, 2]);
-        comparers.go_on();
+        comparers.end_settling();
         assert_eq!(frames(&comparers), [1, 0]);
         assert_eq!(comparers.used().ms.step, 1.0, "a mean");
         assert!(comparers.used().given_up.is_some(), "which happened at rest");
-        comparers.go_on();
+        comparers.end_settling();
         squared_error(&mut comparers);
         assert_eq!(frames(&comparers), [1, 1]);
     }

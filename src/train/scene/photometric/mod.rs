@@ -15,23 +15,25 @@ use crate::math::pose::Pose;
 use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::waiting::WaitingPhotograph;
+use crate::model::scene::waiting::BufferedPhotograph;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{Compared, PhotometricComparer, PixelRule, SeenSplat};
+use crate::render::cpu::photometric::{
+    PhotometricComparer, PhotometricSums, PixelRule, VisibleSplat,
+};
 use crate::train::comparer_use::ComparerUse;
 use crate::train::device_trial::DevicePolicy;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::timing::Stopwatch;
 use agreement::FrameAgreement;
 use comparers::Comparers;
-pub use comparers::LearntView;
+pub use comparers::TrainingView;
 pub use noise::CONTRADICTION;
 use rayon::prelude::*;
 use rule::PhotometricRule;
 pub use step::PointExtents;
-pub use step::{LEAST_OPACITY, is_taught, prior_precision};
+pub use step::{LEAST_OPACITY, is_trained, prior_precision};
 use step::{LearnRun, SplatRun};
 
 /// Minimum weight of a splat, px, for a photometric step.
@@ -90,14 +92,14 @@ impl PhotometricLearner {
 
     /// Moves the camera of a frame's photograph, if it is still buffered.
     pub fn move_photograph(&mut self, frame: u64, motion: &Pose) {
-        let is_it = |waiting: &&mut WaitingPhotograph| waiting.view.frame == frame as f64;
-        let waiting = self.state.waiting.iter_mut().filter(is_it);
+        let is_it = |waiting: &&mut BufferedPhotograph| waiting.view.frame == frame as f64;
+        let waiting = self.state.buffered.iter_mut().filter(is_it);
         waiting.for_each(|waiting| waiting.view = waiting.view.moved(motion));
     }
 
     /// Resumes training after [`Self::settled`].
-    pub fn go_on(&mut self) {
-        self.comparers.go_on();
+    pub fn resume(&mut self) {
+        self.comparers.end_settling();
     }
 
     /// Returns the state.
@@ -107,7 +109,7 @@ impl PhotometricLearner {
 
     /// Initialises splats from the points for touched components without one, with few points, or not yet
     /// trained by a photograph, if that splat can be drawn. `points` and `splat` return those of a component.
-    pub fn begin(
+    pub fn initialise_splats(
         &mut self,
         n_components: usize,
         touched: &[u32],
@@ -121,7 +123,7 @@ impl PhotometricLearner {
                 let (id, row) = (id as usize, id as usize - run.first);
                 let begins = !run.has(row)
                     || points(id) < rule.young
-                    || !is_taught(&run.color[row], &rule.prior);
+                    || !is_trained(&run.color[row], &rule.prior);
                 let begun = begins.then(|| splat(id)).filter(|(splat, _)| splat.is_drawable());
                 if let Some((splat, appearance)) = begun {
                     run.begin(row, splat, appearance, &rule.prior);
@@ -140,7 +142,7 @@ impl PhotometricLearner {
     }
 
     /// Removes a component's splat.
-    pub fn forget(&mut self, component: usize) {
+    pub fn remove_splat(&mut self, component: usize) {
         if let Some(splat) = self.state.splats.get_mut(component) {
             *splat = Splat::default();
         }
@@ -148,60 +150,60 @@ impl PhotometricLearner {
 
     /// Checks a frame by its points before training on it; returns an outcome only if the frame is an
     /// outlier.
-    pub fn judge(&mut self, agreement: &FrameAgreement) -> Option<PhotographOutcome> {
-        noise::judge_points(&mut self.state, agreement)
+    pub fn check_points(&mut self, agreement: &FrameAgreement) -> Option<PhotographOutcome> {
+        noise::update_point_residuals(&mut self.state, agreement)
     }
 
     /// Adds a photograph to the shuffle buffer.
-    pub fn put_off(&mut self, photograph: WaitingPhotograph) {
-        self.state.waiting.push(photograph);
+    pub fn buffer_photograph(&mut self, photograph: BufferedPhotograph) {
+        self.state.buffered.push(photograph);
     }
 
     /// If the buffer holds more than `most` photographs, draws one at random and takes its step. Returns the
     /// changed splats and the comparison.
-    pub fn learn_one_beyond(
+    pub fn train_on_buffered_beyond(
         &mut self,
         most: usize,
         full_coverage: f32,
         rule: &PhotometricRule,
         extents: &PointExtents<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
-        if self.state.waiting.len() <= most {
+        if self.state.buffered.len() <= most {
             return (Vec::new(), None);
         }
-        let mut draws = waiting::draws(&self.state.waiting);
-        self.learn_drawn(&mut draws, full_coverage, rule, extents)
+        let mut draws = waiting::buffer_rng(&self.state.buffered);
+        self.train_on_drawn(&mut draws, full_coverage, rule, extents)
     }
 
     /// Returns the state after steps for all buffered photographs, and their comparisons; the learner itself
     /// is unchanged.
-    pub fn settled(
+    pub fn settled_state(
         &mut self,
         full_coverage: f32,
         rule: &PhotometricRule,
         extents: &PointExtents<'_>,
     ) -> (PhotometricState, Vec<ComparedPhotograph>) {
         let (before, repaired) = (self.state.clone(), self.repaired);
-        self.comparers.come_to_rest();
-        let mut draws = waiting::draws(&self.state.waiting);
+        self.comparers.begin_settling();
+        let mut draws = waiting::buffer_rng(&self.state.buffered);
         let mut compared = Vec::new();
-        while !self.state.waiting.is_empty() {
-            compared.extend(self.learn_drawn(&mut draws, full_coverage, rule, extents).1);
+        while !self.state.buffered.is_empty() {
+            compared.extend(self.train_on_drawn(&mut draws, full_coverage, rule, extents).1);
         }
         self.repaired = repaired;
         (std::mem::replace(&mut self.state, before), compared)
     }
 
-    fn learn_drawn(
+    fn train_on_drawn(
         &mut self,
         draws: &mut Rng,
         full_coverage: f32,
         rule: &PhotometricRule,
         extents: &PointExtents<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
-        self.see_what_is_usual(full_coverage, rule);
-        let drawn = draws.below(self.state.waiting.len());
-        let drawn = self.state.waiting.swap_remove(drawn);
+        self.estimate_usual_residual(full_coverage, rule);
+        let drawn = draws.below(self.state.buffered.len());
+        let drawn = self.state.buffered.swap_remove(drawn);
         // Taken out of `self`, since `learn` borrows it mutably.
         let mut image =
             std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
@@ -215,28 +217,28 @@ impl PhotometricLearner {
 
     /// Before the first step, estimates the usual residual from a few buffered photographs, so that outliers
     /// are detected from the start.
-    fn see_what_is_usual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
+    fn estimate_usual_residual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
         let Self { state, comparers, image, .. } = self;
-        let n = state.waiting.len();
+        let n = state.buffered.len();
         if noise::is_known(&state.noise) || n < noise::SETTLED as usize {
             return;
         }
         let Some(splats) = SplatView::new(&state.splats, &state.appearance) else { return };
         let mut differences = Vec::new();
         for few in 0..noise::SETTLED as usize {
-            let waiting = &state.waiting[few * n / noise::SETTLED as usize];
+            let waiting = &state.buffered[few * n / noise::SETTLED as usize];
             let Some(view) = waiting::unpacked(waiting, image) else { continue };
             let pixels = pixel_rule(full_coverage, rule);
             let compared = comparers.compare(splats, &view, image, pixels);
             differences.extend(noise::difference(compared.squared_error, compared.pixels));
         }
-        noise::begin(&mut state.noise, differences);
+        noise::init_running_mean(&mut state.noise, differences);
     }
 
     /// Takes the step of a photograph unless it is an outlier. Returns the changed splats and the comparison.
     pub fn learn(
         &mut self,
-        view: &LearntView,
+        view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
         full_coverage: f32,
         rule: &PhotometricRule,
@@ -244,16 +246,16 @@ impl PhotometricLearner {
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
-        let every = view.rows.every();
+        let every = view.rows.stride();
         let mut comparers = std::mem::take(&mut self.comparers);
         let pixels = pixel_rule(full_coverage, rule);
         let compared = comparers.compare(splats, view, photograph, pixels);
         let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome =
-            noise::judge(noise, compared.squared_error, compared.pixels, view.contradicts_from);
+            noise::judge(noise, compared.squared_error, compared.pixels, view.outlier_factor);
         let deviation = rule.noise * noise::usual(noise);
-        let mut seen = compared.seen(MIN_SEEN / every as f32);
+        let mut seen = compared.visible_splats(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
         }
@@ -261,7 +263,7 @@ impl PhotometricLearner {
         // share surface point, pose and exposure.
         let variance = deviation * deviation * view.per_depth_pixel / f64::from(every);
         self.repaired += self.step(&compared, &seen, variance, rule, extents);
-        comparers.learnt(clock.elapsed_ms());
+        comparers.count_step(clock.elapsed_ms());
         self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
@@ -269,8 +271,8 @@ impl PhotometricLearner {
     /// Steps all visible splats; returns the number of reset precisions.
     fn step(
         &mut self,
-        compared: &Compared<'_>,
-        seen: &[SeenSplat],
+        compared: &PhotometricSums<'_>,
+        seen: &[VisibleSplat],
         variance: f64,
         rule: &PhotometricRule,
         extents: &PointExtents<'_>,

@@ -3,7 +3,7 @@
 
 use super::agreement::FrameAgreement;
 use crate::model::scene::photometric::PhotometricState;
-use crate::train::outcome::{Contradiction, PhotographOutcome};
+use crate::train::outcome::{OutlierReason, PhotographOutcome};
 
 /// Weight of the newest frame in the running mean.
 const SHARE: f64 = 0.05;
@@ -33,7 +33,7 @@ pub fn is_known(noise: &[f64; 2]) -> bool {
 
 /// Initialises the running mean with the median of a few residuals, which is robust against outliers among
 /// them.
-pub fn begin(noise: &mut [f64; 2], mut differences: Vec<f64>) {
+pub fn init_running_mean(noise: &mut [f64; 2], mut differences: Vec<f64>) {
     differences.sort_unstable_by(f64::total_cmp);
     if let Some(&median) = differences.get(differences.len() / 2) {
         *noise = [median, SETTLED];
@@ -49,32 +49,33 @@ pub fn judge(
     most: f64,
 ) -> Option<PhotographOutcome> {
     let (of_frame, usual) = (difference(squared_error, pixels)?, usual(noise));
-    let contradicts = take(noise, of_frame, most * usual * usual);
-    let contradiction = contradicts.then_some(Contradiction::Picture);
+    let contradicts = update_running_mean(noise, of_frame, most * usual * usual);
+    let contradiction = contradicts.then_some(OutlierReason::Picture);
     Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradiction })
 }
 
 /// Updates the running means with the agreement of a frame's points; returns an outcome only if the frame is
 /// an outlier.
-pub fn judge_points(
+pub fn update_point_residuals(
     state: &mut PhotometricState,
     agreement: &FrameAgreement,
 ) -> Option<PhotographOutcome> {
     let FrameAgreement { squared_error, points, in_view, seen_through } = *agreement;
     let colors = judge(&mut state.points, squared_error, points, CONTRADICTION)
         .filter(|outcome| outcome.contradiction.is_some())
-        .map(|outcome| PhotographOutcome { contradiction: Some(Contradiction::Colors), ..outcome });
+        .map(|outcome| PhotographOutcome { contradiction: Some(OutlierReason::Colors), ..outcome });
     let usual = state.seen_through[0];
     let difference = if in_view > 0.0 { seen_through / in_view } else { return colors };
     let [times, least] = SEEN_THROUGH;
-    let is_through = take(&mut state.seen_through, difference, (times * usual).max(least));
-    let contradiction = is_through.then_some(Contradiction::Depth);
+    let is_through =
+        update_running_mean(&mut state.seen_through, difference, (times * usual).max(least));
+    let contradiction = is_through.then_some(OutlierReason::Depth);
     colors.or(contradiction.map(|_| PhotographOutcome { difference, usual, contradiction }))
 }
 
 /// Updates a running mean and its weight with a frame's value; returns true if the mean has settled and the
 /// value exceeds `most`.
-fn take([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) -> bool {
+fn update_running_mean([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) -> bool {
     let contradicts = *weight >= SETTLED && of_frame > most;
     // A plain mean over the first frames, then an exponential one.
     let share = (1.0 / (*weight + 1.0)).max(SHARE);
@@ -114,9 +115,12 @@ mod tests {
     #[test]
     fn a_few_that_differ_do_not_change_what_is_usual_at_first() {
         let mut noise = [0.0, 0.0];
-        begin(&mut noise, Vec::new());
+        init_running_mean(&mut noise, Vec::new());
         assert!(!is_known(&noise));
-        begin(&mut noise, vec![0.09, 0.0024, 0.0026, 0.0025, 0.08, 0.0025, 0.07, 0.0025]);
+        init_running_mean(
+            &mut noise,
+            vec![0.09, 0.0024, 0.0026, 0.0025, 0.08, 0.0025, 0.07, 0.0025],
+        );
         assert!(is_known(&noise) && (usual(&noise) - 0.05).abs() < 0.002, "{noise:?}");
         assert!(
             judge(&mut noise, 27.0, 100.0, DRAWN_CONTRADICTION).unwrap().contradiction.is_some()

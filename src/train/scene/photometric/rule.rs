@@ -2,7 +2,7 @@
 
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::plain::OPAQUE;
-use crate::render::cpu::photometric::RowChoice;
+use crate::render::cpu::photometric::RowSubset;
 use crate::train::setting::value::{Choice, SettingValue, ValueError};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
@@ -106,13 +106,14 @@ impl PhotometricRule {
     /// Returns the row stride for an image of `pixels` pixels, with `per_depth_pixel` of them per pixel of
     /// depth. In full training about one row per row of depth remains, otherwise about 100,000 pixels at
     /// most.
-    pub fn rows_of(&self, pixels: usize, per_depth_pixel: f64) -> u32 {
-        let power_of_two = |rows: usize| rows.min(RowChoice::MOST as usize).next_power_of_two();
+    pub fn row_stride(&self, pixels: usize, per_depth_pixel: f64) -> u32 {
+        let power_of_two =
+            |rows: usize| rows.min(RowSubset::MAX_STRIDE as usize).next_power_of_two();
         let fewest = match self.rows {
             0 | 1 => per_depth_pixel.sqrt() as usize,
             _ => pixels.div_ceil(MOST_PIXELS),
         };
-        (power_of_two(fewest.max(1)) as u32).clamp(self.rows.max(1), RowChoice::MOST)
+        (power_of_two(fewest.max(1)) as u32).clamp(self.rows.max(1), RowSubset::MAX_STRIDE)
     }
 
     /// Returns the maximum number of buffered photographs of `bytes` bytes each.
@@ -122,8 +123,8 @@ impl PhotometricRule {
 
     /// Returns the maximum size in bytes of buffered photographs of `pixels` pixels.
     pub fn waiting_bytes(&self, pixels: usize) -> usize {
-        let of_one =
-            pixels / self.rows_of(pixels, 1.0) as usize * (size_of::<[u8; 4]>() + size_of::<u16>());
+        let of_one = pixels / self.row_stride(pixels, 1.0) as usize
+            * (size_of::<[u8; 4]>() + size_of::<u16>());
         of_one * self.most_waiting(of_one)
     }
 
@@ -223,10 +224,10 @@ mod tests {
 
     #[test]
     fn large_photographs_give_fewer_rows() {
-        let rows = |pixels| PhotometricRule::LIGHT.rows_of(pixels, 1.0);
+        let rows = |pixels| PhotometricRule::LIGHT.row_stride(pixels, 1.0);
         assert_eq!([rows(400 * 400), rows(640 * 480), rows(800 * 800)], [4, 4, 8]);
         assert_eq!(rows(1920 * 1440), 16);
-        let full = |ratio| PhotometricRule::DEFAULT.rows_of(1920 * 1440, ratio);
+        let full = |ratio| PhotometricRule::DEFAULT.row_stride(1920 * 1440, ratio);
         assert_eq!([full(1.0), full(3.9), full(14.0), full(56.25), full(1e9)], [1, 1, 4, 8, 16]);
     }
 }

@@ -8,7 +8,7 @@ use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FOR
 use crate::model::scene::splat_rule::PointExtent;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{Compared, ParameterSums, SeenSplat};
+use crate::render::cpu::photometric::{ParameterSums, PhotometricSums, VisibleSplat};
 use glam::{DMat3, DQuat, DVec3};
 
 /// Minimum opacity: a splat that one photograph makes transparent remains visible to later ones.
@@ -36,9 +36,9 @@ pub struct SplatRun<'a> {
 /// Steps of a run of splats for one photograph; returns the number of reset precisions.
 pub struct LearnRun<'a> {
     pub run: SplatRun<'a>,
-    pub compared: &'a Compared<'a>,
+    pub compared: &'a PhotometricSums<'a>,
     /// Visible splats of the run.
-    pub seen: &'a [SeenSplat],
+    pub seen: &'a [VisibleSplat],
     /// Variance of a pixel's colour.
     pub variance: f64,
     pub rule: &'a PhotometricRule,
@@ -64,11 +64,11 @@ impl Kernel for LearnRun<'_> {
                 group.push((seen, run.splats[row], run.appearance[row]));
                 rows.push(row);
             }
-            let sums = compared.lift::<V>(&group);
-            repaired += run.learn(&rows, &sums, variance, rule);
+            let sums = compared.parameter_sums::<V>(&group);
+            repaired += run.step_rows(&rows, &sums, variance, rule);
             for &row in &rows {
                 if let Some(extent) = extents(run.first + row) {
-                    bound(&mut run.splats[row], &extent);
+                    clamp_to_points(&mut run.splats[row], &extent);
                 }
             }
         }
@@ -98,7 +98,7 @@ impl SplatRun<'_> {
     /// Steps up to eight rows, one per lane, whose pixels have the given variance, and updates their
     /// precision; returns the number of precisions reset to the prior.
     #[inline(always)]
-    fn learn<V: Vector>(
+    fn step_rows<V: Vector>(
         &mut self,
         rows: &[usize],
         sums: &ParameterSums<V>,
@@ -112,7 +112,7 @@ impl SplatRun<'_> {
             (0..N_FORM).for_each(|i| priors.0[i][lane] = form[i] as f32);
             (0..N_COLOR).for_each(|i| priors.1[i][lane] = color[i] as f32);
         }
-        let (form, form_is_sound) = absorb::<V, N_FORM, N_FORM_PRECISION>(
+        let (form, form_is_sound) = update_precision::<V, N_FORM, N_FORM_PRECISION>(
             self.form,
             rows,
             &priors.0,
@@ -120,7 +120,7 @@ impl SplatRun<'_> {
             weight,
             rule,
         );
-        let (color, color_is_sound) = absorb::<V, N_COLOR, N_COLOR_PRECISION>(
+        let (color, color_is_sound) = update_precision::<V, N_COLOR, N_COLOR_PRECISION>(
             self.color,
             rows,
             &priors.1,
@@ -137,12 +137,12 @@ impl SplatRun<'_> {
             let (splat, look) = (&mut self.splats[row], &mut self.appearance[row]);
             let extent = largest(splat);
             if form_is_sound & (1 << lane) != 0 {
-                reform(splat, std::array::from_fn(|i| f64::from(step[i][lane])), rule);
+                apply_form_step(splat, std::array::from_fn(|i| f64::from(step[i][lane])), rule);
             }
             if color_is_sound & (1 << lane) != 0 {
                 for (k, recolored) in recolor.iter().enumerate() {
                     let step = std::array::from_fn(|i| f64::from(recolored[i][lane]));
-                    repaint(splat, look, k, step, rule, extent);
+                    apply_color_step(splat, look, k, step, rule, extent);
                 }
             }
         }
@@ -155,7 +155,7 @@ impl SplatRun<'_> {
 /// `Λ + cF`, which solve the frame's step, and a bit per lane for success: a sum that is not positive
 /// definite is reset to the prior.
 #[inline(always)]
-fn absorb<V: Vector, const N: usize, const P: usize>(
+fn update_precision<V: Vector, const N: usize, const P: usize>(
     triangles: &mut [[f32; P]],
     rows: &[usize],
     prior: &[[f32; LANES]; N],
@@ -186,7 +186,7 @@ fn absorb<V: Vector, const N: usize, const P: usize>(
         }
     }
     scatter_rows(&kept, rows, triangles);
-    (factors, sound.signs())
+    (factors, sound.sign_bits())
 }
 
 #[inline(always)]
@@ -208,7 +208,7 @@ fn solved<V: Vector, const N: usize, const P: usize>(
 }
 
 /// Applies a step to a splat's form, scaled down as a whole to the trust region.
-fn reform(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
+fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
     let extent = largest(splat);
     let mean = DVec3::new(step[0], step[1], step[2]);
     let far = step[3..9].iter().fold(mean.length() / extent, |far, x| far.max(x.abs()));
@@ -235,7 +235,7 @@ fn reform(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
 
 /// Applies a step to one colour channel, scaled down to the trust region; `extent` is the splat's largest
 /// scale.
-fn repaint(
+fn apply_color_step(
     splat: &mut Splat,
     look: &mut Appearance,
     channel: usize,
@@ -265,7 +265,7 @@ fn repaint(
 
 /// Keeps a splat on the surface of its points: photographs from one side determine neither its extent nor its
 /// position along the view.
-fn bound(splat: &mut Splat, extent: &PointExtent) {
+fn clamp_to_points(splat: &mut Splat, extent: &PointExtent) {
     let [w, x, y, z] = splat.rotation.map(f64::from);
     let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
     let at = DVec3::from_array(splat.mean.map(f64::from));
@@ -290,21 +290,30 @@ fn largest(splat: &Splat) -> f64 {
 /// Returns the prior precision of a splat's form and colour, parameter by parameter.
 pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f64; N_COLOR]) {
     let extent = largest(splat);
-    let (mean, scale, turn) = (per(prior.mean * extent), per(prior.scale), per(prior.turn));
-    let directional = per(prior.directional.max(HELD));
-    let gradient = per(prior.gradient.max(HELD) / extent);
-    let form = [mean, mean, mean, scale, scale, scale, turn, turn, turn, per(prior.opacity)];
-    let color =
-        [per(prior.color), directional, directional, directional, gradient, gradient, gradient];
+    let (mean, scale, turn) =
+        (precision_of(prior.mean * extent), precision_of(prior.scale), precision_of(prior.turn));
+    let directional = precision_of(prior.directional.max(HELD));
+    let gradient = precision_of(prior.gradient.max(HELD) / extent);
+    let form =
+        [mean, mean, mean, scale, scale, scale, turn, turn, turn, precision_of(prior.opacity)];
+    let color = [
+        precision_of(prior.color),
+        directional,
+        directional,
+        directional,
+        gradient,
+        gradient,
+        gradient,
+    ];
     (form, color)
 }
 
 /// True if photographs have increased the precision of a colour.
-pub fn is_taught(color: &[f32; N_COLOR_PRECISION], prior: &PriorDeviations) -> bool {
-    color[0] != per(prior.color) as f32
+pub fn is_trained(color: &[f32; N_COLOR_PRECISION], prior: &PriorDeviations) -> bool {
+    color[0] != precision_of(prior.color) as f32
 }
 
-fn per(deviation: f64) -> f64 {
+fn precision_of(deviation: f64) -> f64 {
     1.0 / (deviation * deviation)
 }
 
@@ -382,7 +391,7 @@ mod tests {
             sums.curvature[0] = V::splat(self.curvature);
             sums.color[0][0] = V::splat(10.0 * self.residual);
             sums.color_curvature[0] = V::splat(10.0);
-            self.run.learn(&[0], &sums, 0.01, self.rule)
+            self.run.step_rows(&[0], &sums, 0.01, self.rule)
         }
     }
 

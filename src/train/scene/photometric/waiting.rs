@@ -1,15 +1,15 @@
 //! Packing of photographs for the shuffle buffer, and unpacking (`photometric.md`, Order).
 
-use super::comparers::LearntView;
+use super::comparers::TrainingView;
 use super::noise::DRAWN_CONTRADICTION;
 use crate::math::image::{Image, unit_to_byte};
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::scene::waiting::{
-    DepthScale, PhotographView, UNKNOWN_COVERAGE, WaitingDepths, WaitingPhotograph,
+    BufferedDepths, BufferedPhotograph, DepthScale, PhotographView, UNKNOWN_COVERAGE,
 };
 use crate::observation::photograph::Photograph;
-use crate::render::cpu::photometric::RowChoice;
+use crate::render::cpu::photometric::RowSubset;
 use rayon::prelude::*;
 
 const COLOR_LEVELS: f32 = 255.0;
@@ -21,7 +21,7 @@ pub fn packed(
     view: PhotographView,
     photograph: &Photograph,
     margin: [f32; 2],
-) -> WaitingPhotograph {
+) -> BufferedPhotograph {
     let level = |pixel: &MeasuredPixel| match pixel.coverage.is_nan() {
         true => UNKNOWN_COVERAGE,
         false => (pixel.coverage.clamp(0.0, 1.0) * COVERAGE_LEVELS + 0.5) as u8,
@@ -33,25 +33,25 @@ pub fn packed(
     };
     let (mut colors, mut depths) = (vec![[0; 4]; view.n_pixels()], vec![0; view.n_pixels()]);
     let line = photograph.colors.width.max(1);
-    let rows: Vec<usize> = view.kept_rows().collect();
+    let rows: Vec<usize> = view.stored_rows().collect();
     let out = colors.par_chunks_mut(line).zip(depths.par_chunks_mut(line));
     out.zip(rows).for_each(|((colors, depths), row)| {
-        let pixels = photograph.row(row, margin);
+        let pixels = photograph.measured_row(row, margin);
         for ((color, depth), pixel) in colors.iter_mut().zip(depths).zip(pixels) {
             let [r, g, b] = pixel.color.map(unit_to_byte);
             (*color, *depth) = ([r, g, b, level(&pixel)], steps(&pixel));
         }
     });
-    let depths = scale.defect().is_none().then(|| WaitingDepths { scale, steps: depths.into() });
-    WaitingPhotograph { view, pixels: colors.into(), depths }
+    let depths = scale.defect().is_none().then(|| BufferedDepths { scale, steps: depths.into() });
+    BufferedPhotograph { view, pixels: colors.into(), depths }
 }
 
 /// Unpacks a photograph in the scene's exposure into `image`; rows that were not stored keep their content.
 /// `None` for an invalid pose, which file loading rejects.
 pub fn unpacked(
-    waiting: &WaitingPhotograph,
+    waiting: &BufferedPhotograph,
     image: &mut Image<MeasuredPixel>,
-) -> Option<LearntView> {
+) -> Option<TrainingView> {
     // Rebuilt from its numbers even if never written to a file, so that the bits are the same.
     let camera = waiting.view.camera().ok()?;
     let [width, height] = [camera.intrinsics.width, camera.intrinsics.height].map(|n| n as usize);
@@ -64,30 +64,30 @@ pub fn unpacked(
         let known = f32::from(covered) / COVERAGE_LEVELS;
         let covered = if covered == UNKNOWN_COVERAGE { f32::NAN } else { known };
         let [r, g, b] = [exposed(r, gain[0]), exposed(g, gain[1]), exposed(b, gain[2])];
-        MeasuredPixel::flat([r, g, b, covered])
+        MeasuredPixel::without_depth([r, g, b, covered])
     };
     let [every, first] = waiting.view.rows.map(|n| n as usize);
     let line = width.max(1);
     let rows = image.data.par_chunks_mut(line).skip(first).step_by(every.max(1)).enumerate();
     rows.zip(waiting.pixels.par_chunks_exact(line)).for_each(|((row, pixels), kept)| {
         pixels.iter_mut().zip(kept).for_each(|(out, kept)| *out = pixel(kept));
-        let Some(WaitingDepths { scale, steps }) = &waiting.depths else { return };
+        let Some(BufferedDepths { scale, steps }) = &waiting.depths else { return };
         let margin = scale.margin.map(|length| length as f32);
         let steps = steps.get(row * line..).unwrap_or_default();
         let known = pixels.iter_mut().zip(steps).filter(|(_, steps)| **steps > 0);
-        known.for_each(|(out, &steps)| *out = out.at_depth(scale.depth(steps), margin));
+        known.for_each(|(out, &steps)| *out = out.with_depth(scale.depth(steps), margin));
     });
-    let rows = RowChoice::new(every as u32, first as u64);
+    let rows = RowSubset::new(every as u32, first as u64);
     let (near, contradicts_from) = (waiting.view.near, DRAWN_CONTRADICTION);
     let per_depth_pixel = waiting.view.per_depth_pixel;
-    Some(LearntView { camera, near, rows, contradicts_from, per_depth_pixel })
+    Some(TrainingView { camera, near, rows, outlier_factor: contradicts_from, per_depth_pixel })
 }
 
 /// Returns the random numbers for drawing from the buffer. They depend on the newest photograph only, so that
 /// a resumed run draws the same.
-pub fn draws(waiting: &[WaitingPhotograph]) -> Rng {
+pub fn buffer_rng(waiting: &[BufferedPhotograph]) -> Rng {
     let newest = waiting.iter().map(|waiting| waiting.view.frame as u64).max();
-    Rng::new(0, Purpose::Photographs, newest.unwrap_or(0))
+    Rng::new(0, Purpose::ShuffleBuffer, newest.unwrap_or(0))
 }
 
 #[cfg(test)]
@@ -108,13 +108,13 @@ mod tests {
         let photograph = Photograph {
             intrinsics,
             offset: DVec3::ZERO,
-            turn: DQuat::IDENTITY,
+            rotation: DQuat::IDENTITY,
             colors: Image::from_vec(5, 9, (0..45).map(color).collect()).into(),
             gain: [1.0, 0.5, 1.0],
             depths: Image::from_vec(5, 9, (0..45).map(depth).collect()),
-            shows_coverage: true,
+            has_coverage: true,
         };
-        let expected = photograph.exposed([2.0, 1.0, 0.5], margin);
+        let expected = photograph.measured_pixels([2.0, 1.0, 0.5], margin);
         let view = PhotographView::new(3, &camera, [2.0, 1.0, 0.5], 0.0, [4, 1]);
         let waiting = packed(view, &photograph, margin);
         assert_eq!(waiting.pixels.len(), view.n_pixels());
@@ -136,6 +136,6 @@ mod tests {
             assert!((found.depth - depth).abs() < 0.03 / 16.0, "{i}: {found:?} for {expected:?}");
             assert_eq!(found.per_tolerance > 0.0, i % 3 == 1, "{i}");
         }
-        assert_eq!((learnt.rows.every(), learnt.rows.first()), (4, 1));
+        assert_eq!((learnt.rows.stride(), learnt.rows.first()), (4, 1));
     }
 }

@@ -103,7 +103,7 @@ fn gain(residuals: &[Residual]) -> f64 {
 
 /// Share of the rendered contrast that the frame has as well, 0 to 1: slope of its brightness over the
 /// scene's. The brightness of a uniform frame gives no information, whatever the contrast of the scene.
-fn contrast(residuals: &[Residual], gain: f64) -> f64 {
+fn shared_contrast(residuals: &[Residual], gain: f64) -> f64 {
     let mut sums = [0.0; 5];
     for r in residuals {
         let (trust, seen) = (r.depth_trust(), gain * r.brightness);
@@ -118,7 +118,7 @@ fn contrast(residuals: &[Residual], gain: f64) -> f64 {
 /// Standard deviations of rotation (radians) and centre (world units) along the least certain axes, computed
 /// with the frame's own normals and contrast. If the frame shows something else than the scene, the scene's
 /// slopes would give a false certainty. `None` unless all numbers are finite.
-fn certain(
+fn pose_deviations(
     residuals: &[Residual],
     gain: f64,
     alike: f64,
@@ -126,7 +126,7 @@ fn certain(
 ) -> Option<[f64; 2]> {
     let still = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
     let mut equations = RigidEquations::prior(&still, deviations);
-    let contrast = contrast(residuals, gain);
+    let contrast = shared_contrast(residuals, gain);
     for r in residuals {
         let (depth_trust, trust) = (r.depth_trust(), r.brightness_trust(gain));
         equations.add(r.distance, r.own_normal, r.arm, depth_trust / (alike * r.variance));
@@ -170,13 +170,13 @@ pub fn fit(
                 pose,
                 overlap: n / samples.len().max(1) as f64,
                 agreement: agreement / n.max(1.0),
-                deviations: certain(&residuals, gain, *alike, deviations)?,
+                deviations: pose_deviations(&residuals, gain, *alike, deviations)?,
             });
         }
         let step = Motion { turn: DQuat::from_scaled_axis(turn), shift };
         motion.turn = (step.turn * motion.turn).normalize();
         motion.shift += shift;
-        pose = step.of_pose(&pose);
+        pose = step.apply_to_pose(&pose);
     }
     None
 }

@@ -83,11 +83,11 @@ pub enum TrackingLoss {
 /// # Errors
 /// [`TrackingLoss`] if the frame has too few samples or too little light.
 pub fn begin(frame: &Observation) -> Result<TrackedPose, TrackingLoss> {
-    check(&FrameSamples::of(frame)).map(|()| TrackedPose::first(&frame.camera.pose))
+    check_samples(&FrameSamples::of(frame)).map(|()| TrackedPose::first(&frame.camera.pose))
 }
 
 /// Checks that a frame has enough samples and light.
-fn check(samples: &FrameSamples) -> Result<(), TrackingLoss> {
+fn check_samples(samples: &FrameSamples) -> Result<(), TrackingLoss> {
     let n = samples.levels[0].samples.len();
     if n < MIN_SAMPLES {
         Err(TrackingLoss::Depth(n))
@@ -103,14 +103,14 @@ fn check(samples: &FrameSamples) -> Result<(), TrackingLoss> {
 ///
 /// # Errors
 /// [`TrackingLoss`] of the best pose.
-pub fn place(
+pub fn find_pose(
     scene: SplatView<'_>,
     frame: &Observation,
     guesses: &[Pose],
     known: &[Pose],
 ) -> Result<TrackedPose, TrackingLoss> {
     let samples = FrameSamples::of(frame);
-    check(&samples)?;
+    check_samples(&samples)?;
     let mut tracker = Tracker {
         scene,
         intrinsics: frame.camera.intrinsics,
@@ -149,8 +149,8 @@ impl Tracker<'_> {
             best = better(best, found);
         }
         let found = best.ok_or(TrackingLoss::Overlap(0.0))?;
-        let settled = self.settle(&found).ok_or(TrackingLoss::Overlap(0.0))?;
-        self.judge(&settled)
+        let settled = self.refine_pose(&found).ok_or(TrackingLoss::Overlap(0.0))?;
+        self.check_fit(&settled)
     }
 
     /// Best pose within a rotation or a small motion of a guess.
@@ -170,7 +170,7 @@ impl Tracker<'_> {
 
     /// Refines a pose with the scene rendered from that pose, where no surface that the frame sees is
     /// occluded.
-    fn settle(&mut self, found: &PoseFit) -> Option<PoseFit> {
+    fn refine_pose(&mut self, found: &PoseFit) -> Option<PoseFit> {
         let mut settled = *found;
         for _ in 0..2 {
             let reference = self.draw(&settled.pose, MARGINS[1]);
@@ -183,7 +183,7 @@ impl Tracker<'_> {
         Some(settled)
     }
 
-    fn judge(&self, fit: &PoseFit) -> Result<TrackedPose, TrackingLoss> {
+    fn check_fit(&self, fit: &PoseFit) -> Result<TrackedPose, TrackingLoss> {
         let most = [MAX_DEVIATIONS[0], MAX_DEVIATIONS[1] * self.samples.depth];
         let PoseFit { pose, overlap, agreement, deviations, .. } = *fit;
         if overlap < MIN_OVERLAP {

@@ -56,7 +56,7 @@ impl Reference {
     ) -> Self {
         let intrinsics = widened(frame, block, margin);
         let options = RenderOptions {
-            exposing: Exposing::Neutral,
+            exposure_mode: Exposing::Neutral,
             near: 0.0,
             ..RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])
         };

@@ -39,7 +39,7 @@ pub fn search(
     }
     let pose = |turn: &[i32; 3]| {
         let [pitch, yaw, roll] = [0, 1, 2].map(|axis| f64::from(turn[axis]) * step[axis]);
-        guess.attached(DVec3::ZERO, DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll))
+        guess.attached_camera(DVec3::ZERO, DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll))
     };
     let scores = turns.par_iter().with_min_len(16);
     let scores: Vec<f64> = scores.map(|turn| score(&samples, level, from, &pose(turn))).collect();

@@ -2,7 +2,7 @@
 
 use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
-use crate::train::scene::births::{FrameBirths, Limits, give_birth};
+use crate::train::scene::births::{FrameBirths, Limits, create_components};
 use crate::train::scene::coarsening::{coarsened, factor};
 use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::config::SceneConfig;
@@ -14,7 +14,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Creates components for points without one. If the budget is exhausted, others are merged first; if
     /// merging cannot free enough, the structural scale grows. Returns the numbers of births and of merged
     /// components.
-    pub(super) fn bear(
+    pub(super) fn create_within_budget(
         &mut self,
         points: &[SurfacePoint],
         mut lap: impl FnMut(SceneStage),
@@ -23,7 +23,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         lap(SceneStage::Births);
         let mut merged = 0;
         while births.refused > 0
-            && let Some(freed) = self.make_room(births.refused)
+            && let Some(freed) = self.free_components(births.refused)
         {
             merged += freed;
             lap(SceneStage::Merge);
@@ -47,14 +47,14 @@ impl<W: SumScalar> SceneTrainer<W> {
             false => Limits { components: self.config.max_components, seeds },
         };
         let Self { grid, components, owners, .. } = self;
-        give_birth(rule, spacing, grid, components, points, owners, limits)
+        create_components(rule, spacing, grid, components, points, owners, limits)
     }
 
     /// Merges components to allow `refused` births, an eighth of the budget at most, and coarsens the scale
     /// if that frees less than half of it. Returns the number of merged components, `None` if nothing can be
     /// done. It runs before births, so that the budget holds at all times. Components of a lattice must not
     /// depend on when the budget was reached: they are merged only for drawing.
-    fn make_room(&mut self, refused: usize) -> Option<usize> {
+    fn free_components(&mut self, refused: usize) -> Option<usize> {
         if self.config.births.is_order_invariant() {
             return None;
         }
@@ -83,7 +83,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.config = wider.config;
         self.coarsened = wider.coarsened;
         (self.hyper, self.scoring) = (wider.hyper, wider.scoring);
-        self.component_elbo.score_by(wider.scoring);
+        self.component_elbo.set_scoring(wider.scoring);
         (self.grid, self.components) = (wider.grid, wider.components);
         self.component_sums = wider.component_sums;
         self.kept = wider.kept;
@@ -113,7 +113,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
             if count(&self.component_sums, id) != before {
-                self.photometric.forget(id);
+                self.photometric.remove_splat(id);
             }
         }
         used - self.components.used()

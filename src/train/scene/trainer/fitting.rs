@@ -1,9 +1,9 @@
 //! Assignment of a frame's points to components, and their sums: the stages that a device can run.
 
 use super::SceneTrainer;
-use crate::model::scene::kept::Taught;
+use crate::model::scene::kept::FrameContribution;
 use crate::observation::surface::SurfacePoint;
-use crate::train::scene::accumulate::Matched;
+use crate::train::scene::accumulate::AssignedPoints;
 use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use crate::train::scene::seed_positions::SeedPositions;
@@ -22,7 +22,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     /// Assigns the points of a new frame, for which the device is chosen first.
-    pub(super) fn assign_anew(&mut self, points: &[SurfacePoint]) {
+    pub(super) fn begin_and_assign(&mut self, points: &[SurfacePoint]) {
         self.fits.begin_frame(points.len(), self.config.h);
         self.assign(points);
     }
@@ -49,11 +49,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         points: &[SurfacePoint],
         weight: u32,
         gain: [f32; 3],
-    ) -> Option<Taught> {
+    ) -> Option<FrameContribution> {
         self.component_sums.grow(self.components.n_rows());
         let (owners, shifts) = (&self.owners, &self.shifts);
-        let is_noted = self.config.looks_twice();
-        let matched = Matched { points, owners, shifts, gain, weight, is_noted };
+        let is_noted = self.config.aligns_twice();
+        let matched =
+            AssignedPoints { points, owners, shifts, gain, weight, returns_contribution: is_noted };
         let (h, looks) = (self.config.h, self.config.visibility);
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let (sums, touched) = (&mut self.component_sums, &mut self.touched);

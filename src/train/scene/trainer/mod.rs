@@ -25,7 +25,7 @@ use super::seed_positions::SeedPositions;
 use super::sum_scalar::SumScalar;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::kept::{KeptFrame, Shown};
+use crate::model::scene::kept::{ComponentObservation, StoredFrame};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{PointExtent, SplatContext};
 use crate::model::scene::state::{SceneState, WHOLE, seed_order};
@@ -90,9 +90,9 @@ pub struct SceneTrainer<W> {
     /// Pose corrections of the frames, unless poses count as exact.
     poses: Vec<FramePose>,
     /// Means of the current frame's points by component, from its alignment.
-    shown: Vec<Shown>,
+    shown: Vec<ComponentObservation>,
     /// Frames that await a second alignment, oldest first.
-    kept: VecDeque<KeptFrame>,
+    kept: VecDeque<StoredFrame>,
     /// Tracked camera poses, if poses are tracked.
     trajectory: Vec<TrackedPose>,
     /// Buffer for the current frame's points under the corrected pose.
@@ -147,18 +147,18 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Resumes a scene with the same configuration after `frames` frames; `None` if its sums have another
     /// form, or seeds are too far from the origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
-        let h = config.h * coarsening::factor(state.coarsened);
+        let h = config.h * coarsening::factor(state.coarsening_steps);
         let mut trainer =
             Self::new(&SceneConfig { h, ..config.clone() }, DVec3::from_array(state.origin));
-        (trainer.scale, trainer.coarsened) = (config.h, state.coarsened);
+        (trainer.scale, trainer.coarsened) = (config.h, state.coarsening_steps);
         trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
         let shares = state.shares.unwrap_or_default();
         for (i, place) in state.seeds.into_iter().enumerate() {
-            if !trainer.grid.reaches(place) {
+            if !trainer.grid.has_cell(place) {
                 return None;
             }
             let seed = trainer.grid.insert(place);
-            trainer.components.born(seed, shares.get(i).copied().unwrap_or(WHOLE));
+            trainer.components.add_seed(seed, shares.get(i).copied().unwrap_or(WHOLE));
         }
         if let Some(components) = state.components {
             trainer.components =
@@ -166,7 +166,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         trainer.exposures = state.exposures;
         trainer.poses = state.poses;
-        trainer.kept = state.kept.into();
+        trainer.kept = state.stored_frames.into();
         trainer.trajectory = state.trajectory;
         trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
         let sums = &trainer.component_sums;
@@ -192,7 +192,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let photometric = self.config.photometric.map(|_| photometric.listed(&order));
         SceneState {
             origin: self.origin.to_array(),
-            coarsened: self.coarsened,
+            coarsening_steps: self.coarsened,
             seeds,
             shares: self.components.shares().map(<[u8]>::to_vec),
             components,
@@ -202,12 +202,12 @@ impl<W: SumScalar> SceneTrainer<W> {
             poses,
             trajectory: self.trajectory.clone(),
             photometric,
-            kept: self.kept_in(&order),
+            stored_frames: self.kept_in(&order),
         }
     }
 
     /// Stored frames, with component numbers converted to a stored order.
-    fn kept_in(&self, order: &[u32]) -> Vec<KeptFrame> {
+    fn kept_in(&self, order: &[u32]) -> Vec<StoredFrame> {
         if !self.config.births.is_order_invariant() {
             return self.kept.iter().cloned().collect();
         }
@@ -231,7 +231,7 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Trains on one frame; cannot fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
-        let was_settled = self.unsettle();
+        let was_settled = self.drop_settled();
         let outcome = self.learn_frame(frame);
         self.has_changed_all |= was_settled;
         outcome
@@ -242,20 +242,20 @@ impl<W: SumScalar> SceneTrainer<W> {
         let mut ms = StageMs::new(&SCENE_STAGES);
         let mut clock = Stopwatch::start();
         let mut lap = |ms: &mut StageMs, stage: SceneStage| ms.add(stage as usize, clock.lap_ms());
-        let (moved, camera) = match self.placed(frame) {
+        let (moved, camera) = match self.points_and_camera(frame) {
             Ok(placed) => placed,
             Err(loss) => {
                 lap(&mut ms, SceneStage::Pose);
                 ms.train = wall.elapsed_ms();
-                return self.leave_out(loss, ms);
+                return self.skip_frame(loss, ms);
             }
         };
         let tracking = self.tracking();
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
-        self.assign_anew(points);
+        self.begin_and_assign(points);
         let gain = self.gain(points, frame.point_weight);
-        let contradicts = self.contradicts(frame, &camera, points, gain);
+        let contradicts = self.is_outlier(frame, &camera, points, gain);
         lap(&mut ms, SceneStage::Assign);
         if contradicts {
             self.touched.clear();
@@ -264,7 +264,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             return FrameOutcome { tracking, ms, ..FrameOutcome::default() };
         }
         let coarsened = self.coarsened;
-        let [born, merged] = self.bear(points, |stage| lap(&mut ms, stage));
+        let [born, merged] = self.create_within_budget(points, |stage| lap(&mut ms, stage));
         let (n_points, elbo_mean) = self.explain(points, frame.tolerance);
         // Merging and coarsening may have changed the assignment.
         let is_rebuilt = merged > 0 || self.coarsened != coarsened;
@@ -273,13 +273,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         let taught = self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
         // After the sums, so that components count the frame in which they were born.
-        self.see(frame, &camera);
+        self.count_visibility(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
-        let changes = self.learn_photograph_and_look(frame, &camera, gain, taught);
+        let changes = self.train_on_photograph_and_realign(frame, &camera, gain, taught);
         lap(&mut ms, SceneStage::Photometric);
-        self.log(frame, &camera, gain);
-        changes.iter().for_each(|change| self.change(change));
-        let is_moved = self.hold_to_recorded(frame);
+        self.log_frame(frame, &camera, gain);
+        changes.iter().for_each(|change| self.apply_change(change));
+        let is_moved = self.move_to_recorded(frame);
         lap(&mut ms, SceneStage::Pose);
         // Second alignment, merging and coarsening also change components without points.
         self.end_frame(moved, is_rebuilt || is_moved);
@@ -288,7 +288,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             points: n_points,
             evidence: n_points as u64 * u64::from(frame.point_weight),
             elbo_mean,
-            born,
+            new_components: born,
             reassigned: 0,
             merged,
             tracking,
@@ -297,7 +297,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     /// Logs a frame's exposure and pose correction, if they were estimated.
-    fn log(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
+    fn log_frame(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
@@ -317,7 +317,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     /// Counts the components that the frame saw or saw through.
-    fn see(&mut self, frame: &Observation, camera: &Camera) {
+    fn count_visibility(&mut self, frame: &Observation, camera: &Camera) {
         // Every frame: a row that is not full can take one more frame, since accumulation sums a component
         // with more than 4,096 points wide at once.
         self.component_sums.spill_to_wide_rows(&self.touched);
@@ -341,7 +341,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let (sum, n) = explainer.explain(points, &self.owners, &mut self.q, &mut self.shifts);
         if let Some(owners) = self.component_elbo.owners() {
             owners.clone_from(&self.owners);
-            self.component_elbo.count(&self.q, self.components.n_rows());
+            self.component_elbo.accumulate(&self.q, self.components.n_rows());
         }
         (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
     }
@@ -379,16 +379,17 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Merged copy of a lattice that exceeds its budget; if merging does not suffice, components with the
     /// fewest points are dropped.
-    fn within_budget(&self) -> Option<Self> {
+    fn merged_to_budget(&self) -> Option<Self> {
         let most = self.config.max_components;
         if !self.config.births.is_order_invariant() || self.components.used() <= most {
             return None;
         }
         // Restored in stored order, that of the lattice, since the order of births depends on the frames.
-        let mut merged = Self::restore(&self.config, self.state_with(self.shown()), self.frames)?;
+        let mut merged =
+            Self::restore(&self.config, self.state_with(self.drawn_state()), self.frames)?;
         merged.merge_to(most);
-        for id in merged.component_sums.keep_fullest(most) {
-            merged.photometric.forget(id as usize);
+        for id in merged.component_sums.retain_fullest(most) {
+            merged.photometric.remove_splat(id as usize);
         }
         Some(merged)
     }

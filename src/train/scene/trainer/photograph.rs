@@ -6,12 +6,12 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::PhotographView;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::render::cpu::photometric::RowChoice;
-use crate::render::following_near;
+use crate::render::cpu::photometric::RowSubset;
+use crate::render::near_plane_for;
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, PhotographOutcome};
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::waiting::packed;
-use crate::train::scene::photometric::{CONTRADICTION, LearntView, PhotometricLearner};
+use crate::train::scene::photometric::{CONTRADICTION, PhotometricLearner, TrainingView};
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::scene::sum_scalar::SumScalar;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
@@ -42,17 +42,17 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Trains on the photograph of a frame whose points were added in an earlier pass, unless it is an
     /// outlier.
     pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
-        let was_settled = self.unsettle();
+        let was_settled = self.drop_settled();
         let wall = Stopwatch::start();
         let mut ms = StageMs::new(&SCENE_STAGES);
         let mut clock = Stopwatch::start();
-        let (moved, camera) = self.moved(frame);
+        let (moved, camera) = self.aligned_points(frame);
         let points = moved.as_deref().unwrap_or(&frame.points);
         ms.add(SceneStage::Pose as usize, clock.lap_ms());
-        self.fits.begin_look();
+        self.fits.begin_untimed_frame();
         self.assign(points);
         let gain = self.gain(points, frame.point_weight);
-        let contradicts = self.contradicts(frame, &camera, points, gain);
+        let contradicts = self.is_outlier(frame, &camera, points, gain);
         ms.add(SceneStage::Assign as usize, clock.lap_ms());
         self.touched.clear();
         if !contradicts {
@@ -66,7 +66,7 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// True if a frame's points show it to be an outlier. Tested only with photometric training, so that
     /// scenes without it keep the bits of earlier versions.
-    pub(super) fn contradicts(
+    pub(super) fn is_outlier(
         &mut self,
         frame: &Observation,
         camera: &Camera,
@@ -86,12 +86,12 @@ impl<W: SumScalar> SceneTrainer<W> {
             owners: &self.owners,
             gain,
         };
-        let outcome = self.photometric.judge(&comparison.agreement());
-        self.compared.extend(outcome.map(|outcome| self.of_this_frame(outcome)));
+        let outcome = self.photometric.check_points(&comparison.agreement());
+        self.compared.extend(outcome.map(|outcome| self.compared_photograph(outcome)));
         outcome.is_some()
     }
 
-    fn of_this_frame(&self, outcome: PhotographOutcome) -> ComparedPhotograph {
+    fn compared_photograph(&self, outcome: PhotographOutcome) -> ComparedPhotograph {
         ComparedPhotograph { frame: self.frames, outcome }
     }
 
@@ -122,12 +122,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.photometric = photometric;
         let (changed, compared) = learnt.unwrap_or_default();
         self.compared.extend(compared);
-        self.touch(&changed);
+        self.mark_changed(&changed);
         given
     }
 
     /// Adds components, ascending, to those changed by the frame.
-    pub(super) fn touch(&mut self, changed: &[u32]) {
+    pub(super) fn mark_changed(&mut self, changed: &[u32]) {
         self.touched.extend_from_slice(changed);
         // A stable sort, which merges the two sorted runs.
         self.touched.sort();
@@ -147,46 +147,58 @@ impl<W: SumScalar> SceneTrainer<W> {
         let photograph = frame.photograph.as_ref()?;
         let splat = |id| self.splat_of_points(id);
         let points = |id| self.component_sums.plane_sums(id).0;
-        photometric.begin(self.component_sums.len(), &self.touched, &rule, points, splat);
+        photometric.initialise_splats(
+            self.component_sums.len(),
+            &self.touched,
+            &rule,
+            points,
+            splat,
+        );
         photometric.observe(|id| self.component_sums.observed_cone(id));
         let full_coverage = self.config.splat_rule.full_coverage as f32;
         let camera = photograph.camera(&camera.pose);
-        let near = following_near(nearest(&frame.points));
+        let near = near_plane_for(nearest(&frame.points));
         let pixels = photograph.colors.data.len();
         let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, pixels);
-        let every = rule.rows_of(pixels, per_depth_pixel);
-        let rows = RowChoice::new(every, self.frames);
+        let every = rule.row_stride(pixels, per_depth_pixel);
+        let rows = RowSubset::new(every, self.frames);
         let margin = frame.tolerance.margin;
         let extent = |id| self.point_extent(id);
         Some(if rule.shuffle_buffer == 0 {
-            let pixels = photograph.exposed(gain, margin);
+            let pixels = photograph.measured_pixels(gain, margin);
             let contradicts_from = CONTRADICTION;
-            let view = LearntView { camera, near, rows, contradicts_from, per_depth_pixel };
+            let view = TrainingView {
+                camera,
+                near,
+                rows,
+                outlier_factor: contradicts_from,
+                per_depth_pixel,
+            };
             let (changed, outcome) =
                 photometric.learn(&view, &pixels, full_coverage, &rule, &extent);
-            (changed, outcome.map(|outcome| self.of_this_frame(outcome)))
+            (changed, outcome.map(|outcome| self.compared_photograph(outcome)))
         } else {
-            let rows = [rows.every(), rows.first()];
+            let rows = [rows.stride(), rows.first()];
             let view = PhotographView::new(self.frames, &camera, gain, near, rows);
             let view = PhotographView { per_depth_pixel, ..view };
             let waiting = packed(view, photograph, margin);
             let most = rule.most_waiting(waiting.bytes());
-            photometric.put_off(waiting);
-            photometric.learn_one_beyond(most, full_coverage, &rule, &extent)
+            photometric.buffer_photograph(waiting);
+            photometric.train_on_buffered_beyond(most, full_coverage, &rule, &extent)
         })
     }
 
     /// Resumes training: drops the settled state. Returns true if there was one.
-    pub(super) fn unsettle(&mut self) -> bool {
+    pub(super) fn drop_settled(&mut self) -> bool {
         self.compared.clear();
-        self.photometric.go_on();
+        self.photometric.resume();
         self.settled.take().is_some()
     }
 
     /// Computes the state after steps for all buffered photographs. Returns true if there were any.
     pub(super) fn settle_photographs(&mut self) -> bool {
         let Some(rule) = self.config.photometric_rule() else { return false };
-        if self.settled.is_some() || self.photometric.state().waiting.is_empty() {
+        if self.settled.is_some() || self.photometric.state().buffered.is_empty() {
             return false;
         }
         let full_coverage = self.config.splat_rule.full_coverage as f32;
@@ -194,7 +206,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let mut photometric = std::mem::take(&mut self.photometric);
         photometric.observe(|id| self.component_sums.observed_cone(id));
         let extent = |id| self.point_extent(id);
-        let (settled, compared) = photometric.settled(full_coverage, &rule, &extent);
+        let (settled, compared) = photometric.settled_state(full_coverage, &rule, &extent);
         self.photometric = photometric;
         self.settled = Some(settled);
         self.compared = compared;
@@ -209,7 +221,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     /// Returns the photometric state for drawing.
-    pub(super) fn shown(&self) -> &PhotometricState {
+    pub(super) fn drawn_state(&self) -> &PhotometricState {
         self.settled.as_ref().unwrap_or_else(|| self.photometric.state())
     }
 }

@@ -7,7 +7,8 @@ use crate::model::splat::pose_log::corrected;
 use crate::model::splat::viewpoint::reach;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::align::{
-    FEW, Improvement, PoseAlignment, ROUNDS, TURN_DEVIATION, a_few, looked_at,
+    GROUP_STRIDE, Improvement, PoseAlignment, ROUNDS, TURN_DEVIATION, alignment_subset,
+    first_groups,
 };
 use crate::train::scene::births::assign_to_lattice;
 use crate::train::scene::config::BirthRule;
@@ -29,7 +30,10 @@ const MIN_EXPOSED: f64 = 1000.0;
 impl<W: SumScalar> SceneTrainer<W> {
     /// Returns points and camera under the aligned pose; no points and the recorded camera if the pose is not
     /// aligned.
-    pub(super) fn moved(&mut self, frame: &Observation) -> (Option<Vec<SurfacePoint>>, Camera) {
+    pub(super) fn aligned_points(
+        &mut self,
+        frame: &Observation,
+    ) -> (Option<Vec<SurfacePoint>>, Camera) {
         match self.config.align.then(|| self.motion(frame)).flatten() {
             None => (None, frame.camera),
             Some(motion) => {
@@ -42,7 +46,7 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Returns the most probable motion of a frame; `None` if too little of the scene is known.
     pub(in crate::train::scene) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
-        self.motion_of(&looked_at(frame))
+        self.motion_of(&alignment_subset(frame))
     }
 
     /// The same for a frame reduced by [`looked_at`].
@@ -63,18 +67,25 @@ impl<W: SumScalar> SceneTrainer<W> {
         let ridge = self.config.splat_rule.gradient_ridge * h * h;
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let mut planes = KnownPlanes::new(&self.component_sums, seed_positions, h, ridge);
-        let likely = self.likely(&part.camera.pose);
+        let likely = self.predicted_motion(&part.camera.pose);
         // A subset of the points converges so closely that all of them need only one more round.
-        let few = a_few(part);
+        let few = first_groups(part);
         let fewest = fewest_matches(part.points.len(), MIN_EXPOSED);
-        let near = self.settled(&few, fewest / FEW as f64, ROUNDS, likely, &mut planes, owners);
+        let near = self.iterate_rounds(
+            &few,
+            fewest / GROUP_STRIDE as f64,
+            ROUNDS,
+            likely,
+            &mut planes,
+            owners,
+        );
         let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near.motion, 1));
-        self.settled(part, fewest, rounds, start, &mut planes, owners)
+        self.iterate_rounds(part, fewest, rounds, start, &mut planes, owners)
     }
 
     /// Iterates from `motion`, at most `rounds` times, at least once. The gain is estimated only from at
     /// least `fewest` known points.
-    fn settled(
+    fn iterate_rounds(
         &self,
         part: &Observation,
         fewest: f64,
@@ -92,8 +103,8 @@ impl<W: SumScalar> SceneTrainer<W> {
             let gain = self.assign_moved(part, &motion, near.as_mut(), fewest, owners);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
             let is_last = round >= rounds;
-            let improvement = alignment.improved(&motion, planes, is_last)?;
-            if improvement.has_settled || is_last {
+            let improvement = alignment.improve(&motion, planes, is_last)?;
+            if improvement.has_converged || is_last {
                 return Some(improvement);
             }
             motion = improvement.motion;
@@ -115,7 +126,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             let look = |points: &[SurfacePoint], owners: &[u32]| {
                 config.gain.then(|| Brightness::of(component_sums, points, owners))
             };
-            let place = motion.places(part);
+            let place = motion.point_mover(part);
             let parts = near.assign(components, &part.points, place, owners, look);
             return Brightness::gain(parts.into_iter().flatten(), fewest);
         }
@@ -127,7 +138,7 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Moves the whole scene to minimise its frames' pose corrections, each time their number has doubled:
     /// their common error shrinks with every doubling. Returns true if it moved.
-    pub(super) fn hold_to_recorded(&mut self, frame: &Observation) -> bool {
+    pub(super) fn move_to_recorded(&mut self, frame: &Observation) -> bool {
         let n = self.poses.len();
         if !self.config.align || self.config.track || n < FEWEST_FRAMES || !n.is_power_of_two() {
             return false;
@@ -140,16 +151,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.grid = moved;
         // The device has the old seeds.
         self.fits.forget_seeds();
-        self.component_sums.turn(motion.rotation());
+        self.component_sums.rotate(motion.rotation());
         self.photometric.move_by(motion);
-        self.kept.iter_mut().for_each(|kept| kept.taught.turn(motion.rotation()));
+        self.kept.iter_mut().for_each(|kept| kept.taught.rotate(motion.rotation()));
         self.poses.iter_mut().for_each(|frame| *frame = frame.moved(motion).unwrap_or(*frame));
         self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
         true
     }
 
     /// Predicts the motion of a frame: pose errors are similar from frame to frame.
-    fn likely(&self, recorded: &Pose) -> Motion {
+    fn predicted_motion(&self, recorded: &Pose) -> Motion {
         let recent = &self.poses[self.poses.len().saturating_sub(RECENT)..];
         Motion::between(recorded, &corrected(recent, reach(self.config.h), recorded))
     }

@@ -29,7 +29,7 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
         Ok(self.train(frame))
     }
 
-    fn look_again(&mut self, frame: &Observation) -> FrameOutcome {
+    fn revisit_photograph(&mut self, frame: &Observation) -> FrameOutcome {
         self.train_on_photograph(frame)
     }
 }
@@ -64,7 +64,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         if self.has_changed_all { Changed::All } else { Changed::Listed(&self.touched) }
     }
 
-    fn changes_unseen(&self) -> bool {
+    fn changes_unlisted_components(&self) -> bool {
         true
     }
 
@@ -85,11 +85,11 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         posterior
     }
 
-    fn photographed(&self, id: usize) -> Option<PhotometricDeviations> {
-        PhotometricDeviations::of(self.shown(), id)
+    fn photometric_deviations(&self, id: usize) -> Option<PhotometricDeviations> {
+        PhotometricDeviations::of(self.drawn_state(), id)
     }
 
-    fn compared(&self) -> &[ComparedPhotograph] {
+    fn compared_photographs(&self) -> &[ComparedPhotograph] {
         &self.compared
     }
 
@@ -125,7 +125,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
         let (splat, appearance) =
-            self.shown().splat(id).unwrap_or_else(|| self.splat_of_points(id));
+            self.drawn_state().splat(id).unwrap_or_else(|| self.splat_of_points(id));
         (splat, Appearance { observed: self.component_sums.observed_cone(id), ..appearance })
     }
 
@@ -137,7 +137,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
 
     /// In checkpoint order; components of a lattice that exceeds its budget are merged in that order first.
     fn stored_splats(&self) -> SplatSet {
-        match self.within_budget() {
+        match self.merged_to_budget() {
             Some(merged) => merged.every_splat(),
             None => self.splats_of(&self.stored_order()),
         }
@@ -162,14 +162,15 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
         let is_coarser = self.coarsened > 0;
         let (asked, scale) = (self.scale, round(self.config.h));
-        let coarsened = is_coarser.then_some(TrainingWarning::Coarsened { asked, scale });
-        let reach = (reach > 0).then_some(TrainingWarning::OutOfReach { points: reach });
+        let coarsened =
+            is_coarser.then_some(TrainingWarning::Coarsened { requested: asked, scale });
+        let reach = (reach > 0).then_some(TrainingWarning::TooFarFromOrigin { points: reach });
         let splats = self.photometric.repaired();
-        let repaired = (splats > 0).then_some(TrainingWarning::Repaired { splats });
+        let repaired = (splats > 0).then_some(TrainingWarning::PrecisionReset { splats });
         budget.into_iter().chain(coarsened).chain(reach).chain(repaired).collect()
     }
 
-    fn stored(&self) -> StoredModel {
+    fn checkpoint_model(&self) -> StoredModel {
         StoredModel::Scene(self.state())
     }
 }
