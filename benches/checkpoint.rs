@@ -8,7 +8,7 @@ mod common;
 
 use common::times_ms;
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, to_bytes, write};
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::conjugate::prior::Hyper;
 use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};

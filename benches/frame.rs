@@ -10,12 +10,12 @@
 mod scenes;
 
 use scenes::{draws, lego, smooth, together};
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::timing::StageMs;
 
 /// Frames of a measurement.
@@ -65,7 +65,7 @@ fn medians(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     let times: Vec<StageMs> = pool.install(|| {
         let mut engine =
-            engine::begin(&config, draw, Normalization::IDENTITY).expect("finite means");
+            learner::begin(&config, draw, Normalization::IDENTITY).expect("finite means");
         let frames = frames.iter().cycle().take(FRAMES);
         frames.map(|frame| engine.learn(frame).expect("finite means").ms).collect()
     });

@@ -13,7 +13,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use scenes::{draws, smooth};
 use std::hint::black_box;
 use std::num::NonZero;
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::model::conjugate::prior::Hyper;
@@ -23,8 +23,8 @@ use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{CandidateSearch, MeanGrid, nearest_in_tile};
 use vbgs_studio::train::estep::Scoring;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::reassign::{DestinationChooser, Quota};
 
 const COMPONENTS: usize = 100_000;
@@ -74,7 +74,7 @@ fn frame(criterion: &mut Criterion) {
             PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&overrides).expect("settings in range");
         let mut engine =
-            engine::begin(&config, &draw, Normalization::IDENTITY).expect("finite means");
+            learner::begin(&config, &draw, Normalization::IDENTITY).expect("finite means");
         group.bench_function(start, |bencher| {
             bencher.iter(|| engine.learn(&frame).expect("finite means"));
         });

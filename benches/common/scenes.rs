@@ -8,7 +8,7 @@ use vbgs_studio::dataset::unproject::{
 };
 use vbgs_studio::dataset::{LoadOptions, open};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::init::InitialDraw;

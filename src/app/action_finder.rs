@@ -2,10 +2,9 @@
 
 use super::color_mode::ColorMode;
 use super::command::UiCommand;
-use super::fuzzy::score;
-use super::panels::explained::named;
-use super::tab::SideTab;
-use super::viewer::mode::ViewMode;
+use super::layout::SideTab;
+use super::panels::card::named;
+use super::viewer::toolbar::ViewMode;
 use eframe::egui::{
     Align, Button, Context, Id, Key, Modal, Modifiers, RichText, ScrollArea, TextEdit, Ui, Vec2,
 };
@@ -171,6 +170,24 @@ fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(A
     found.into_iter().map(|(_, action, is_possible)| (action, is_possible)).collect()
 }
 
+/// Score of a name against a search text; `None` unless the name contains its letters in order. Letters that
+/// begin a word or follow each other score higher. Spaces and case are ignored.
+pub fn score(name: &str, typed: &str) -> Option<u32> {
+    let letters = typed.chars().filter(|c| !c.is_whitespace());
+    let mut wanted = letters.flat_map(char::to_lowercase).peekable();
+    let (mut score, mut run, mut before) = (0, 0, ' ');
+    for letter in name.chars().flat_map(char::to_lowercase) {
+        if wanted.next_if_eq(&letter).is_some() {
+            run += 1;
+            score += run + if before.is_alphanumeric() { 0 } else { 3 };
+        } else {
+            run = 0;
+        }
+        before = letter;
+    }
+    wanted.peek().is_none().then_some(score)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,5 +206,20 @@ mod tests {
         names.sort();
         names.dedup();
         assert_eq!(names.len(), n);
+    }
+}
+
+#[cfg(test)]
+mod fuzzy_tests {
+    use super::*;
+
+    #[test]
+    fn letters_in_order_are_found_and_beginnings_of_words_come_first() {
+        assert_eq!(score("Frame scene", "xf"), None);
+        assert_eq!(score("Frame scene", "scenes"), None);
+        assert_eq!(score("Frame scene", ""), Some(0));
+        assert!(score("Frame scene", "FS") > score("Quality of us", "fs"));
+        assert!(score("Export", "exp") > score("Next photograph", "exp"));
+        assert!(score("Wipe photograph", "wipe photo").is_some());
     }
 }

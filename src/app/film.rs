@@ -4,11 +4,13 @@
 //! renders.
 
 use super::background_job::BackgroundJob;
-use super::edit::left_out::LeftOut;
+use super::edit::marks::LeftOut;
+use super::settings_file::unused;
 use super::state::NoticeKind;
 use super::worker::{FileProgress, Waker};
 use crate::export::camera_path::PacedPath;
-use crate::export::film::{FilmError, FilmWriter};
+use crate::export::video::{FilmError, FilmWriter, write_png};
+use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
@@ -140,4 +142,55 @@ fn render_film(
     }
     film.finish()?;
     Ok(FilmOutcome::Complete(n))
+}
+
+pub struct Still {
+    /// Splats as displayed.
+    pub splats: Arc<SplatSet>,
+    /// Camera of the view, in its pixels.
+    pub camera: Camera,
+    /// Render options of the view at rest.
+    pub options: RenderOptions,
+}
+
+/// Picture in progress, if any.
+#[derive(Default)]
+pub struct StillJob(Option<(PathBuf, BackgroundJob<Result<PathBuf, String>>)>);
+
+impl StillJob {
+    /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
+    /// progress is finished without a notice.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
+        let asked = path.clone();
+        let draw = move || {
+            let picture =
+                CpuRenderer::new().render(still.splats.view(), &still.camera, &still.options).color;
+            let path = unused(&asked);
+            write_png(&path, &picture).map(|()| path).map_err(|error| error.to_string())
+        };
+        self.0 = Some((path, BackgroundJob::start("picture", waker, draw)?));
+        Ok(())
+    }
+
+    /// Takes the notice about a finished picture, once.
+    pub fn take(&mut self) -> Option<(NoticeKind, String)> {
+        let (path, job) = self.0.as_ref()?;
+        let said = match job.poll()? {
+            Ok(Ok(path)) => (NoticeKind::Info, format!("Wrote {}", path.display())),
+            Ok(Err(error)) => (NoticeKind::Error, error),
+            Err(panic) => {
+                let text = format!(
+                    "{}: {}",
+                    path.display(),
+                    panic.failure_notice("rendering the picture")
+                );
+                (NoticeKind::Error, text)
+            }
+        };
+        self.0 = None;
+        Some(said)
+    }
 }

@@ -133,14 +133,14 @@ impl FrameOutcomes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::panels::timings::tests::frame;
-    use crate::pipeline::demo;
+    use crate::app::panels::latency::timings_tests::frame;
     use crate::pipeline::plan::{Order, Selection};
     use crate::pipeline::session::Session;
     use crate::pipeline::settings::scene::SceneOverrides;
+    use crate::pipeline::start;
 
     fn snapshot(selection: Selection) -> Snapshot {
-        let dataset = demo::dataset().unwrap();
+        let dataset = start::dataset().unwrap();
         let session = Session::new(dataset, SceneOverrides::default(), selection).unwrap();
         let opened = crate::app::opening::session(session, 1, None).opened;
         Snapshot { opened: Some(Arc::new(opened)), ..Snapshot::default() }

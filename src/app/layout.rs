@@ -5,8 +5,7 @@
 //! shares are sizes in points: if the window is resized, panels keep their size and the viewport takes the
 //! rest.
 
-use super::stored_text;
-use super::tab::SideTab;
+use super::settings_file;
 use eframe::egui::{Id, Vec2};
 use egui_tiles::{Container, LinearDir, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
@@ -67,7 +66,7 @@ impl WindowLayout {
     /// Parses a stored layout. Returns the default and a notice if it is unreadable, of another version, or
     /// lacks a panel.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
-        let (read, notice) = stored_text::from_text::<Self>("the layout", text);
+        let (read, notice) = settings_file::from_text::<Self>("the layout", text);
         let found = match &read {
             _ if notice.is_some() => return (read, notice),
             Self { version, .. } if *version != VERSION => format!("version {version}"),
@@ -172,6 +171,41 @@ fn is_picture_hideable(tree: &Tree<DockPane>) -> bool {
         Container::Tabs(tabs) => tabs.children.len() > 1,
         Container::Linear(_) | Container::Grid(_) => false,
     })
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum SideTab {
+    Latency,
+    Quality,
+    Scene,
+    Inspector,
+    Edit,
+    Path,
+    Settings,
+}
+
+impl SideTab {
+    pub const ALL: [SideTab; 7] = [
+        SideTab::Latency,
+        SideTab::Quality,
+        SideTab::Scene,
+        SideTab::Inspector,
+        SideTab::Edit,
+        SideTab::Path,
+        SideTab::Settings,
+    ];
+
+    pub fn label(self) -> &'static str {
+        match self {
+            SideTab::Latency => "Latency",
+            SideTab::Quality => "Quality",
+            SideTab::Scene => "Scene",
+            SideTab::Inspector => "Inspector",
+            SideTab::Edit => "Edit",
+            SideTab::Path => "Path",
+            SideTab::Settings => "Settings",
+        }
+    }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //!
 //! Training runs on the [`worker`]'s thread and never blocks the window; splats reach the viewport through
 //! [`splat_updates`]. [`command`] holds the table of commands available in each state.
+#![allow(missing_docs, reason = "no other crate uses this room")]
 
 pub mod abandoned;
 mod action_finder;
@@ -9,75 +10,48 @@ mod background_job;
 pub mod camera;
 pub mod color_mode;
 pub mod command;
-mod command_line;
 mod detail;
-mod device;
-mod dialogs;
 mod draw_budget;
 pub mod drawing;
-mod drop_target;
 pub mod edit;
-mod evidence_histogram;
 mod exit;
-mod export_losses;
 mod export_options;
-pub mod file_proposal;
 mod film;
 pub mod frame_outcomes;
-mod fuzzy;
-mod guard;
 mod layout;
-mod opening;
-mod painting;
+pub mod opening;
 mod palette;
 mod panels;
 pub mod panic_report;
-mod pass_times;
 mod path_dialog;
 mod path_editor;
-mod path_look;
-mod pending;
 mod persistence;
-mod picker;
 pub mod quality;
-mod quality_thread;
-mod recent;
 pub mod rescue;
 pub mod retention;
 mod selection;
 mod session_info;
 mod settings_file;
-mod shortcuts;
 mod software;
 pub mod splat_updates;
 pub mod state;
-mod still;
-mod stored_text;
 mod studio;
-mod tab;
-mod termination;
 mod thread_times;
 pub mod training;
 pub mod unattended;
-mod unused_path;
 mod user_folders;
 mod view_thread;
 pub mod viewer;
 mod viewport;
 mod window;
 mod window_damage;
-mod window_error;
 mod window_meshes;
 mod window_painter;
-mod window_waker;
 mod wording;
 pub mod worker;
 
-pub use exit::{Exit, ExitReason};
-pub use guard::{run_guarded, run_window};
-pub use painting::Painting;
-pub use studio::Studio;
-pub use window::run;
-pub use window_error::WindowError;
-
 pub use crate::render::gpu::adapters;
+pub use drawing::Painting;
+pub use exit::{Exit, ExitReason};
+pub use studio::Studio;
+pub use window::{WindowError, run, run_guarded, run_window};

@@ -1,27 +1,29 @@
 //! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
 
 use super::color_mode::ColorMode;
-use super::file_proposal::FileProposal;
 use super::session_info::{origin_info, session_info};
-use super::state::{HomeView, NoticeKind, Opened, Subject};
+use super::state::{HomeView, NoticeKind, Opened, Subject, WriteOutcome};
 use super::training::{RefusedSetting, TrainSettings};
+use super::worker::WorkerOrder;
+use crate::dataset::LoadOptions;
 use crate::dataset::error::DatasetError;
-use crate::dataset::{self, LoadOptions};
 use crate::export::checkpoint::is_checkpoint;
 use crate::export::mapping::is_plain;
-use crate::export::{self, ExportError, Imported};
+use crate::export::{ExportError, Imported};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::{Framing, framing};
 use crate::model::splat::splats::Splat;
 use crate::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
-use crate::pipeline::demo::{self, DemoError};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::Session;
+use crate::pipeline::start;
+use crate::pipeline::start::DemoError;
+use crate::{dataset, export};
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf, absolute};
 use std::sync::Arc;
 
 pub enum Content {
@@ -62,7 +64,7 @@ pub fn open(
     serial: u64,
 ) -> Result<OpenedSubject, OpenError> {
     match subject {
-        Subject::Demo => Ok(session(demo::session(training.request()?)?, serial, None)),
+        Subject::Demo => Ok(session(start::session(training.request()?)?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => model(path, serial),
         Subject::Path(path) => {
@@ -189,7 +191,7 @@ fn drawable(all: &SplatSet) -> SplatSet {
 fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     let dataset = match &run.meta.dataset {
         Some(folder) => Arc::new(dataset::open(folder, &run.load_options())?),
-        None => demo::dataset()?,
+        None => start::dataset()?,
     };
     Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
 }
@@ -276,4 +278,160 @@ fn view(
         is_native: !is_plain(splats.view()),
     };
     OpenedSubject { splats: splats.clone(), opened, notices, content: Content::Model(splats) }
+}
+
+/// Action that waits.
+#[derive(Clone, Debug)]
+pub enum Continuation {
+    Send(WorkerOrder),
+    Close,
+}
+
+/// Stage of a waiting action.
+#[derive(Clone, Debug)]
+pub enum Pending {
+    /// The user is prompted about unsaved training.
+    Asking(Continuation),
+    /// The user is prompted for a file name.
+    Naming(Continuation),
+    /// The file with this number is being written.
+    Writing(Continuation, u64),
+}
+
+/// Result of checking for a written file.
+#[derive(Debug)]
+pub enum AfterWrite {
+    Wait(Pending),
+    /// The action proceeds.
+    GoAhead(Continuation),
+    /// The action is dropped, because the file was not written.
+    GiveUp,
+}
+
+impl Pending {
+    /// Replaces the action; the stage remains.
+    pub fn instead(self, next: Continuation) -> Self {
+        match self {
+            Self::Asking(_) => Self::Asking(next),
+            Self::Naming(_) => Self::Naming(next),
+            Self::Writing(_, number) => Self::Writing(next, number),
+        }
+    }
+
+    /// Records that the user has named the file, whose number is `number`.
+    pub fn named(self, number: u64) -> Self {
+        match self {
+            Self::Naming(next) => Self::Writing(next, number),
+            other => other,
+        }
+    }
+
+    /// Checks whether the awaited file was written.
+    pub fn after(self, latest: Option<WriteOutcome>) -> AfterWrite {
+        match (self, latest) {
+            (Self::Writing(next, number), Some(outcome)) if outcome.number == number => {
+                if outcome.is_written { AfterWrite::GoAhead(next) } else { AfterWrite::GiveUp }
+            }
+            (waiting, _) => AfterWrite::Wait(waiting),
+        }
+    }
+}
+
+/// File name for the built-in demo, which has no path.
+const DEMO: &str = "demo";
+
+/// Default folder and file name without extension.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FileProposal {
+    /// Folder of the open file or dataset; the current folder for the demo. Absolute if it can be determined.
+    pub folder: PathBuf,
+    /// File name without extension.
+    pub stem: String,
+}
+
+impl FileProposal {
+    /// Proposes files next to an opened path and with its name; `None` is the demo.
+    pub fn beside(opened: Option<&Path>) -> Self {
+        let Some(opened) = opened else {
+            return Self { folder: absolute_or_same(Path::new(".")), stem: DEMO.to_owned() };
+        };
+        let mut path = absolute_or_same(opened);
+        if path.file_name().is_none() {
+            // `a/..` is a folder too, but only the file system knows its name.
+            path = path.canonicalize().unwrap_or(path);
+        }
+        // Only files have extensions: a dot in a folder's name is part of the name.
+        let name = if path.is_file() { path.file_stem() } else { path.file_name() };
+        let stem = name.map_or_else(|| DEMO.to_owned(), |name| name.to_string_lossy().into_owned());
+        let folder = path.parent().map_or_else(|| path.clone(), Path::to_path_buf);
+        Self { folder, stem }
+    }
+
+    /// Proposed path with `ending`, given without its dot.
+    pub fn path(&self, ending: &str) -> PathBuf {
+        self.folder.join(format!("{}.{ending}", self.stem))
+    }
+}
+
+/// Absolute path; unchanged if the current folder is unknown.
+fn absolute_or_same(path: &Path) -> PathBuf {
+    absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+#[cfg(test)]
+mod pending_tests {
+    use super::*;
+
+    fn outcome(number: u64, is_written: bool) -> Option<WriteOutcome> {
+        Some(WriteOutcome { number, is_written })
+    }
+
+    #[test]
+    fn only_the_file_that_is_waited_for_decides() {
+        let waiting = Pending::Naming(Continuation::Close).named(7);
+        for other in [None, outcome(6, true), outcome(6, false)] {
+            assert!(matches!(
+                waiting.clone().after(other),
+                AfterWrite::Wait(Pending::Writing(_, 7))
+            ));
+        }
+        let done = waiting.clone().after(outcome(7, true));
+        assert!(matches!(done, AfterWrite::GoAhead(Continuation::Close)));
+        assert!(matches!(waiting.after(outcome(7, false)), AfterWrite::GiveUp));
+        let asking = Pending::Asking(Continuation::Close).named(7);
+        assert!(matches!(asking.after(outcome(7, true)), AfterWrite::Wait(Pending::Asking(_))));
+    }
+
+    #[test]
+    fn closing_takes_the_place_of_what_waited() {
+        let waiting = Pending::Writing(Continuation::Send(WorkerOrder::Reset), 3);
+        let closing = waiting.instead(Continuation::Close).after(outcome(3, true));
+        assert!(matches!(closing, AfterWrite::GoAhead(Continuation::Close)));
+    }
+}
+
+#[cfg(test)]
+mod file_proposal_tests {
+    use super::*;
+
+    #[test]
+    fn files_go_beside_what_is_open_and_are_named_by_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().canonicalize().unwrap();
+        let room = folder.join("my.room");
+        std::fs::create_dir_all(room.join("train")).unwrap();
+        let run = folder.join("run.1.vbgs");
+        std::fs::write(&run, "").unwrap();
+        for (opened, expected) in [
+            (room.clone(), "my.room.ply"),
+            (room.join("train").join(".."), "my.room.ply"),
+            (run, "run.1.ply"),
+        ] {
+            let proposal = FileProposal::beside(Some(&opened));
+            assert_eq!(proposal.path("ply"), folder.join(expected), "{}", opened.display());
+        }
+        let demo = FileProposal::beside(None);
+        assert_eq!(demo.path("vbgs"), std::env::current_dir().unwrap().join("demo.vbgs"));
+        assert!(FileProposal::beside(Some(Path::new("/"))).path("ply").is_absolute());
+    }
 }

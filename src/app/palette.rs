@@ -139,7 +139,7 @@ impl Palette {
 mod tests {
     use super::*;
     use crate::render::attributes::UNKNOWN;
-    use crate::render::paint::ramp;
+    use crate::render::finish::ramp;
 
     fn born(frame: Option<u32>) -> ComponentAttributes {
         ComponentAttributes { birth: frame, ..ComponentAttributes::default() }

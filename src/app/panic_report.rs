@@ -4,7 +4,7 @@
 //! hook therefore records both, and the catcher finds the location by the message. The thread is no
 //! key, because rayon passes panics from its threads to the caller.
 
-use crate::pipeline::panic_text::panic_text;
+use crate::pipeline::looks::panic_text;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::fmt;

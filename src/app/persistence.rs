@@ -1,8 +1,8 @@
 //! Settings stored between sessions: the parts of the settings file, each a RON text under its name.
 
 use super::layout::WindowLayout;
-use super::recent::RecentPaths;
 use super::training::TrainSettings;
+use super::user_folders::RecentPaths;
 use super::viewer::settings::ViewSettings;
 use crate::render::gpu::adapters::AdapterChoice;
 

@@ -1,6 +1,6 @@
 //! Properties of a session in the scene panel.
 
-use super::panels::legend::format_number;
+use super::panels::signal_color::format_number;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::Sensor;

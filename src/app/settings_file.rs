@@ -12,6 +12,7 @@ use super::user_folders;
 use crate::export::ExportError;
 use crate::export::atomic::write_atomic;
 use crate::render::gpu::adapters::AdapterChoice;
+use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -232,6 +233,29 @@ fn write(file: &Path, parts: &Parts) -> Result<(), ExportError> {
     write_atomic(file, |out| out.write_all(text.map_err(io::Error::other)?.as_bytes())).map(drop)
 }
 
+/// Returns the path, or the first unused one with a number before its extension.
+pub fn unused(path: &Path) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    let numbered = (2..).map(|n| path.with_file_name(format!("{stem}-{n}.{ending}")));
+    let mut paths = std::iter::once(path.to_owned()).chain(numbered);
+    paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
+}
+
+/// Reads settings, which messages call `what`. Unreadable text yields the defaults and a notice:
+/// settings of another version must not prevent the window from opening.
+pub fn from_text<T: DeserializeOwned + Default>(what: &str, text: &str) -> (T, Option<String>) {
+    match ron::from_str(text) {
+        Ok(read) => (read, None),
+        Err(error) => {
+            let notice = format!(
+                "the stored settings of {what}: expected the format of this version, found {error}; the defaults are used instead"
+            );
+            (T::default(), Some(notice))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -372,5 +396,21 @@ mod tests {
         std::fs::create_dir_all(&settings.file).unwrap();
         assert_eq!(problem(&settings, &["cannot be read"]), None);
         assert!(settings.file.is_dir());
+    }
+}
+
+#[cfg(test)]
+mod unused_path_tests {
+    use super::*;
+
+    #[test]
+    fn older_files_keep_their_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("room.latency.csv");
+        for name in ["room.latency.csv", "room.latency-2.csv", "room.latency-3.csv"] {
+            let free = unused(&path);
+            assert_eq!(free, folder.path().join(name));
+            std::fs::write(free, "").unwrap();
+        }
     }
 }

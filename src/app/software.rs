@@ -5,7 +5,7 @@ use super::drawing::{DrawSample, DrawStage};
 use super::splat_updates::SplatChange;
 use super::thread_times;
 use super::view_thread::{Announce, ViewThread};
-use super::viewer::picture_request::{Partner, PictureRequest};
+use super::viewer::photo::{Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::{RgbImage, unit_to_byte};

@@ -2,7 +2,7 @@
 
 use super::abandoned::AbandonedRun;
 use super::color_mode::ColorMode;
-use super::file_proposal::FileProposal;
+use super::opening::FileProposal;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::pose_check::PoseCheck;

@@ -1,7 +1,7 @@
 //! Training settings chosen by the user, stored between sessions. They apply to subjects opened or
 //! reset next; the autosave interval applies at once.
 
-use super::stored_text;
+use super::settings_file;
 use crate::pipeline::settings::GivenSettings;
 use crate::pipeline::settings::method::MethodRequest;
 use crate::pipeline::settings::scene::SceneOverrides;
@@ -41,7 +41,7 @@ impl Default for TrainSettings {
 impl TrainSettings {
     /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
-        stored_text::from_text("training", text)
+        settings_file::from_text("training", text)
     }
 
     /// Serializes the settings for the next session.

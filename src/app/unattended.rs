@@ -1,6 +1,6 @@
 //! Run without a window: it continues to its end and is written to files.
 
-use super::edit::left_out::LeftOut;
+use super::edit::marks::LeftOut;
 use super::state::{NoticeKind, RunState};
 use super::worker::{Worker, WorkerOrder};
 use crate::export::mapping::Mapping;

@@ -1,6 +1,8 @@
 //! Folders in the user's home to which the program writes without a prompt.
 
-use std::path::PathBuf;
+use super::settings_file;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 
 /// Name of the program's folder in each of them.
 const APP: &str = "vbgs-studio";
@@ -29,4 +31,49 @@ fn by_convention(variable: &str, in_home: &str) -> Option<PathBuf> {
     let home = || std::env::home_dir().map(|home| home.join(in_home));
     // XDG requires relative paths to be ignored.
     named.filter(|path| path.is_absolute()).or_else(home).map(|path| path.join(APP))
+}
+
+const MAX_PATHS: usize = 8;
+
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecentPaths(Vec<PathBuf>);
+
+impl RecentPaths {
+    /// Reads paths written by [`Self::to_text`]. Damaged text yields none, because paths can be opened
+    /// again by hand.
+    pub fn from_text(text: &str) -> Self {
+        settings_file::from_text("recent paths", text).0
+    }
+
+    pub fn to_text(&self) -> Result<String, ron::Error> {
+        ron::to_string(self)
+    }
+
+    pub fn paths(&self) -> &[PathBuf] {
+        &self.0
+    }
+
+    /// Moves an opened path to the front.
+    pub fn note(&mut self, path: &Path) {
+        self.0.retain(|known| known != path);
+        self.0.insert(0, path.to_owned());
+        self.0.truncate(MAX_PATHS);
+    }
+}
+
+#[cfg(test)]
+mod recent_tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_come_first_and_survive_a_restart() {
+        let mut recent = RecentPaths::default();
+        for i in [0, 1, 2, 3, 4, 5, 6, 7, 8, 4] {
+            recent.note(Path::new(&format!("/rooms/{i} a")));
+        }
+        let names = [4, 8, 7, 6, 5, 3, 2, 1].map(|i| PathBuf::from(format!("/rooms/{i} a")));
+        assert_eq!(recent.paths(), names);
+        assert_eq!(RecentPaths::from_text(&recent.to_text().unwrap()), recent);
+        assert_eq!(RecentPaths::from_text("(nonsense"), RecentPaths::default());
+    }
 }

@@ -4,8 +4,8 @@
 use super::drawing::{DrawSample, DrawStage, ViewRenderer};
 use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
-use super::viewer::compared_model::ComparedModel;
-use super::viewer::picture_request::{ComparedPicture, Partner, PictureRequest};
+use super::viewer::comparison::ComparedModel;
+use super::viewer::photo::{ComparedPicture, Partner, PictureRequest};
 use super::window_meshes::{KeptWindow, WindowPass};
 use super::worker::Waker;
 use crate::math::camera::Camera;
@@ -13,17 +13,16 @@ use crate::math::image::RgbImage;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::finish::Finish;
-use crate::render::gpu::GpuError;
-use crate::render::gpu::adapters::{self, AdapterChoice, AdapterInfo};
-use crate::render::gpu::composite::{Compositor, SecondImage};
-use crate::render::gpu::context::GpuCaps;
-use crate::render::gpu::faults::GpuFaults;
-use crate::render::gpu::photo::PhotoTexture;
+use crate::render::gpu::adapters::{AdapterChoice, AdapterInfo, GpuCaps};
+use crate::render::gpu::composite::{Compositor, PhotoTexture, SecondImage};
+use crate::render::gpu::error::GpuFaults;
 use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::{ComparedImage, GpuScene};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
+use crate::render::gpu::{GpuError, adapters};
 use eframe::egui::{PaintCallback, PaintCallbackInfo, Rect, Ui};
-use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
+use eframe::egui_wgpu;
+use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -36,7 +35,7 @@ pub fn capabilities(state: &RenderState) -> GpuCaps {
 pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguration {
     let mut configuration = egui_wgpu::WgpuConfiguration::default();
     if let egui_wgpu::WgpuSetup::CreateNew(setup) = &mut configuration.wgpu_setup {
-        setup.device_descriptor = Arc::new(crate::render::gpu::context::device_descriptor);
+        setup.device_descriptor = Arc::new(crate::render::gpu::adapters::device_descriptor);
         // Without a selector wgpu ranks the adapters itself, by their support for this surface.
         if *choice != AdapterChoice::Auto {
             setup.native_adapter_selector = Some(selector(choice.clone()));
@@ -438,5 +437,30 @@ impl CallbackTrait for PaintWindow {
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);
         self.window.lock().unwrap_or_else(PoisonError::into_inner).painter.show(pass);
+    }
+}
+
+pub struct WindowDevice {
+    pub state: RenderState,
+    /// Asynchronous errors and device loss.
+    pub faults: GpuFaults,
+    /// Adapters that can draw the window.
+    pub there: Vec<AdapterInfo>,
+    /// Adapter in use.
+    pub adapter: AdapterInfo,
+}
+
+impl WindowDevice {
+    /// Installs the error handlers on eframe's device.
+    pub fn new(state: &RenderState) -> Self {
+        let (there, adapter) = adapters(state);
+        Self { state: state.clone(), faults: collect_faults(state), there, adapter }
+    }
+
+    /// True if the device and all its resources are lost.
+    pub fn is_lost(&self) -> bool {
+        // A loss is reported only by a poll or a submission, and an idle window submits nothing.
+        poll(&self.state);
+        self.faults.is_lost()
     }
 }

@@ -1,20 +1,22 @@
 //! Windows around one trainer: a lost device or another adapter ends a window, and the next one shows
 //! the same run.
 
+use super::drawing::{Painting, WindowWaker};
 use super::exit::{Exit, ExitReason};
-use super::guard::run_window;
-use super::painting::Painting;
+use super::panic_report::PanicReport;
+use super::rescue::{Crash, CrashedThread};
 use super::settings_file::SettingsFile;
 use super::state::{NoticeKind, RunState, Subject};
 use super::studio::Studio;
 use super::unattended::Unattended;
-use super::window_error::WindowError;
-use super::window_waker::WindowWaker;
 use super::worker::{Worker, WorkerOrder};
-use super::{persistence, termination, viewport};
+use super::{persistence, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Vec2, ViewportBuilder};
+use eframe::{App, CreationContext, NativeOptions};
 use std::cell::RefCell;
+use std::error::Error;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -91,7 +93,7 @@ pub fn run(
     }
     let no_thread = |e: std::io::Error| WindowError::Window(e.to_string());
     let host = Host::new(started).map_err(no_thread)?;
-    termination::watch(is_ended, &host.worker).map_err(no_thread)?;
+    watch(is_ended, &host.worker).map_err(no_thread)?;
     let settings = SettingsFile::of_user();
     let found = settings.as_ref().map(SettingsFile::open).unwrap_or_default();
     for text in found.problems {
@@ -223,6 +225,133 @@ fn native_options(
 fn has_display() -> bool {
     let named = |variable: &str| std::env::var_os(variable).is_some_and(|v| !v.is_empty());
     !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
+}
+
+/// Attempts of running winit's event loop until a window is created.
+const MAX_RUNS: usize = 3;
+
+/// Result of creating a window's application.
+type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
+
+/// Opens a window with `options` and runs the application of `create`, [`guarded`], until it ends.
+///
+/// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
+/// handles remaining events of the old window and ends at once without creating a window. The run after that
+/// creates one.
+///
+/// # Errors
+/// Those of [`guarded`]; also if no run created a window.
+pub fn run_window(
+    worker: &Worker,
+    exit: &Exit,
+    options: impl Fn() -> NativeOptions,
+    create: impl FnOnce(&CreationContext<'_>) -> Created,
+) -> Result<(), WindowError> {
+    let mut create = Some(create);
+    for _ in 0..MAX_RUNS {
+        let waiting = &mut create;
+        let creator = move |context: &CreationContext<'_>| match waiting.take() {
+            Some(create) => create(context),
+            None => Err("one run of the event loop created two windows".into()),
+        };
+        let run = || Ok(eframe::run_native("vbgs-studio", options(), Box::new(creator))?);
+        run_guarded(worker, exit, run)?;
+        if create.is_none() {
+            return Ok(());
+        }
+    }
+    Err(WindowError::Window("the event loop ended before it created a window".to_owned()))
+}
+
+/// Runs a window until it ends. A panic after a device loss, which the window records in `exit`, is a
+/// consequence of the loss and not an error: the caller opens the next window. Any other panic is a bug; no
+/// window is reopened, since it could panic on the same picture forever.
+///
+/// # Errors
+/// [`WindowError::Crashed`] with the path of the rescued scene, or the error of `window`.
+pub fn run_guarded(
+    worker: &Worker,
+    exit: &Exit,
+    window: impl FnOnce() -> Result<(), WindowError>,
+) -> Result<(), WindowError> {
+    // Unwind safe: all state shared with the worker is written in single assignments.
+    match catch_unwind(AssertUnwindSafe(window)) {
+        Ok(ended) => ended,
+        // The device cannot be polled here: it was dropped with the window, which polled it last
+        // (`Studio::drop`).
+        Err(_) if exit.reason() == ExitReason::DeviceLost => Ok(()),
+        Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
+            thread: CrashedThread::Window,
+            panic: PanicReport::of(&*payload),
+            rescue: worker.rescue(),
+        }))),
+    }
+}
+
+/// Longest time for which the watcher outlives the worker.
+const POLL_INTERVAL: Duration = Duration::from_secs(10);
+
+/// Watches for a termination while the worker lives. `is_asked` waits for at most the given time and
+/// returns true once the program is to end. Training is then stopped and stored for the next window,
+/// and the window closes without a prompt.
+///
+/// # Errors
+/// If no thread can be started.
+pub fn watch(
+    is_asked: impl Fn(Duration) -> bool + Send + 'static,
+    worker: &Arc<Worker>,
+) -> std::io::Result<()> {
+    let worker = Arc::downgrade(worker);
+    let watcher = std::thread::Builder::new().name("termination".into());
+    watcher.spawn(move || {
+        // The worker is not held meanwhile, because dropping it joins its thread.
+        while worker.strong_count() > 0 {
+            if is_asked(POLL_INTERVAL) {
+                if let Some(worker) = worker.upgrade() {
+                    // A notice, which is logged, states the outcome.
+                    let _ = worker.store_for_next_window();
+                }
+                return;
+            }
+        }
+    })?;
+    Ok(())
+}
+
+/// Reason why there is no window.
+#[derive(Debug, thiserror::Error)]
+pub enum WindowError {
+    /// There is no display server.
+    #[error("no display found")]
+    NoDisplay,
+    /// A display server is announced but does not respond.
+    #[error("the display server does not respond")]
+    DisplaySilent,
+    /// No adapter can draw the window.
+    #[error("no usable graphics adapter found ({0})")]
+    NoAdapter(String),
+    /// Several windows in a row have lost their device.
+    #[error("the graphics device was lost {0} times in a row")]
+    DeviceLost(usize),
+    /// The window was lost and cannot be reopened, but its run continues.
+    #[error("the window is gone for good: {0}")]
+    Gone(Box<WindowError>, Unattended),
+    /// A panic of the window's thread or of the training thread.
+    #[error(transparent)]
+    Crashed(Box<Crash>),
+    /// The window failed for another reason.
+    #[error("no window could be opened ({0})")]
+    Window(String),
+}
+
+impl From<eframe::Error> for WindowError {
+    fn from(error: eframe::Error) -> Self {
+        match error {
+            eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => Self::DisplaySilent,
+            eframe::Error::Wgpu(error) => Self::NoAdapter(error.to_string()),
+            other => Self::Window(other.to_string()),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::pipeline::plan::{Order, Plan, Selection};
-use crate::train::warnings::TrainingWarning;
+use crate::train::outcome::TrainingWarning;
 
 /// Message for a warning of training.
 pub fn warning(warning: &TrainingWarning) -> String {

@@ -7,7 +7,7 @@
 use crate::bench::peers::PeerError;
 use crate::bench::plot::draw::PlotError;
 use crate::dataset::synthetic::ParamsError;
-use crate::eval::machine;
+use crate::eval::report;
 use crate::eval::report::MachineReport;
 use crate::eval::views::EvalError;
 use crate::math::image::RgbImage;
@@ -174,7 +174,7 @@ pub(super) struct Findings<'a, R, S> {
 
 impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
     pub fn into_bench(self) -> Result<Bench, BenchError> {
-        let machine = machine::describe(self.adapter);
+        let machine = report::describe(self.adapter);
         let MachineReport { threads, cpu, simd, adapter } = &machine;
         let adapter = adapter.as_ref().map_or_else(String::new, |name| format!("; {name}"));
         let place = format!("{}, {threads} threads, {cpu}, {simd}{adapter}", self.dataset);

@@ -7,12 +7,13 @@
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::folder;
 use super::paper::sample::spaced;
-use super::plot::axis::Axis;
-use super::plot::draw::{self, Mark, Panel, Series};
+use super::plot::draw;
+use super::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::Axis;
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::plan::Selection;
@@ -200,7 +201,7 @@ fn text(rows: &[ProtocolRow]) -> String {
             format!("{:.4}", row.ssim),
         ]
     };
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 /// Quality and latency by scene.

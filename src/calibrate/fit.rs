@@ -1,9 +1,8 @@
 //! Minimisation of the evidence over the unknowns and poses, and the covariance of the minimum.
 
-use super::covariance::Covariance;
+use super::covariance::{Covariance, Scatter};
 use super::evidence::{Evidence, ResidualKind};
 use super::normal_equations::NormalEquations;
-use super::scatter::Scatter;
 use super::unknowns::{Estimate, N, SensorPrior, Unknowns, WITH_POSE};
 use crate::math::cholesky::Cholesky;
 

@@ -8,7 +8,7 @@ use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::partition::Partition;
+use crate::train::scene::merge::Partition;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 

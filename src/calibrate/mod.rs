@@ -10,39 +10,33 @@ mod color;
 mod covariance;
 mod evidence;
 mod exposure;
-mod exposure_search;
 mod fit;
-mod input;
 mod matches;
 mod normal_equations;
 mod pyramid;
 mod report;
-mod scatter;
-mod search;
 #[cfg(test)]
 mod test_views;
-mod thickness;
 mod unknowns;
-mod value;
 mod verdict;
-
-pub use report::{Agreement, Calibrated};
-pub use value::CalibratedValue;
 
 use crate::dataset::Dataset;
 use crate::dataset::calibration::{Calibration, CalibrationError, ColorCamera};
 use crate::dataset::error::{DatasetError, FrameError};
-use crate::dataset::frame::DepthKind;
+use crate::dataset::frame::{DepthKind, Frame};
+use crate::dataset::surface::{PixelSampling, SurfaceSettings};
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use camera::registered;
 use evidence::{Evidence, ResidualKind};
-use exposure_search::MAX_FRAMES;
-use input::CalibrationInput;
+use exposure::MAX_FRAMES;
+use matches::{MatchedDepth, Matches};
 use pyramid::Pyramid;
-use search::{LEVELS, STEPS, Views, search};
 use unknowns::{DEPTH, Estimate, N, SensorPrior, Unknowns};
-use verdict::CrossValidation;
+use verdict::{CrossValidation, LEVELS, STEPS, Views, search};
+
+pub use report::{Agreement, Calibrated};
+pub use unknowns::CalibratedValue;
 
 /// Default number of frames: more add little information.
 pub const DEFAULT_FRAMES: usize = 24;
@@ -143,7 +137,7 @@ pub fn run(
         let depth = [calibration.depth_offset, calibration.depth_scale];
         let settings = input.settings(depth, calibration.color_camera);
         let scale = (input.h, input.step);
-        let (gains, value) = exposure_search::search(dataset, &all, &settings, scale, &mut tick);
+        let (gains, value) = exposure::search(dataset, &all, &settings, scale, &mut tick);
         if value.determined {
             input.calibration.exposure = gains;
         }
@@ -296,4 +290,52 @@ fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, 
         births,
         components,
     })
+}
+
+struct CalibrationInput {
+    /// Even-numbered frames first, then odd-numbered: two halves that see the same places.
+    pub frames: Vec<Frame>,
+    /// True if depth is measured along the optical axis, false along the ray.
+    pub along_z: bool,
+    /// Surface preparation, without the calibration.
+    pub surface: SurfaceSettings,
+    pub calibration: Calibration,
+    /// Structural scale, world units.
+    pub h: f64,
+    /// Pixel stride in columns and rows.
+    pub step: usize,
+}
+
+impl CalibrationInput {
+    /// Surface preparation with another depth calibration and colour camera.
+    pub fn settings(
+        &self,
+        [depth_offset, depth_scale]: [f64; 2],
+        color_camera: Option<ColorCamera>,
+    ) -> SurfaceSettings {
+        let calibration =
+            Calibration { color_camera, depth_offset, depth_scale, ..self.calibration.clone() };
+        SurfaceSettings {
+            calibration: Some(calibration),
+            // Pixels are subsampled by `step` instead.
+            sampling: PixelSampling::Every,
+            ..self.surface.clone()
+        }
+    }
+
+    /// Matches the points of frames by components of `growth` times the structural scale.
+    ///
+    /// # Errors
+    /// A frame without depth.
+    pub fn match_frames(
+        &self,
+        frames: &[Frame],
+        depth: [f64; 2],
+        color_camera: Option<ColorCamera>,
+        growth: f64,
+    ) -> Result<Matches, FrameError> {
+        let settings = self.settings(depth, color_camera);
+        let depth = MatchedDepth { values: depth, along_z: self.along_z };
+        Matches::new(frames, &settings, depth, (growth * self.h, self.step))
+    }
 }

@@ -1,8 +1,8 @@
 //! Result of a calibration as data and as text.
 
-use super::value::CalibratedValue;
+use super::unknowns::CalibratedValue;
 use crate::dataset::calibration::Calibration;
-use crate::eval::table;
+use crate::eval::report;
 use serde::Serialize;
 
 /// Agreement of the views under a calibration.
@@ -59,12 +59,12 @@ impl Calibrated {
             ("components born", [before.births.to_string(), after.births.to_string()]),
         ];
         let rows = rows.map(|(name, [before, after])| [name.to_owned(), before, after]);
-        let agreement = table::text(["", "before", "after"], &rows);
+        let agreement = report::text(["", "before", "after"], &rows);
         let rows: Vec<_> = self.values.iter().map(row).collect();
         let header = ["value", "before", "after", "best", "standard error", ""];
         let notes = self.notes.iter().cloned().chain((!self.changed).then(|| UNCHANGED.to_owned()));
         let notes = notes.map(|note| format!("{note}\n")).collect::<String>();
-        format!("{seen}\n\n{agreement}\n\n{}\n\n{notes}", table::text(header, &rows))
+        format!("{seen}\n\n{agreement}\n\n{}\n\n{notes}", report::text(header, &rows))
             // Without notes the text would end in empty lines.
             .trim_end()
             .to_owned()

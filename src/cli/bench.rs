@@ -1,36 +1,33 @@
 //! `bench`: measures speed, error and size; writes tables, files and plots.
 
 use super::args::{
-    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, PeersBenchArgs, RenderBenchArgs,
+    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, PeersBenchArgs,
+    PrecisionSearchArgs, RenderBenchArgs,
 };
 use super::failure::Failure;
 use super::train::print_dataset_notes;
-use super::{model, output, progress};
+use super::{model, output};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vbgs_studio::bench::findings::{Bench, BenchError, Progress};
-use vbgs_studio::bench::paper::ablation;
 use vbgs_studio::bench::paper::ablation::AblationPlan;
-use vbgs_studio::bench::paper::pareto;
 use vbgs_studio::bench::paper::pareto::ParetoPlan;
-use vbgs_studio::bench::paper::scaling;
+use vbgs_studio::bench::paper::precision_search::SearchPlan;
 use vbgs_studio::bench::paper::scaling::ScalingPlan;
-use vbgs_studio::bench::paper::stability;
-use vbgs_studio::bench::peers::{self, PeersPlan};
-use vbgs_studio::bench::protocol::{self, ProtocolPlan};
-use vbgs_studio::bench::render;
+use vbgs_studio::bench::paper::{ablation, pareto, precision_search, scaling, stability};
+use vbgs_studio::bench::peers::PeersPlan;
+use vbgs_studio::bench::protocol::ProtocolPlan;
 #[cfg(feature = "gui")]
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
-use vbgs_studio::bench::scene;
-use vbgs_studio::bench::scene::AccuracyPlan;
-use vbgs_studio::bench::scene::real;
 use vbgs_studio::bench::scene::real::RecordingsPlan;
-use vbgs_studio::bench::scene::retention;
-use vbgs_studio::dataset::{self, Dataset};
-use vbgs_studio::pipeline::demo;
+use vbgs_studio::bench::scene::{AccuracyPlan, real, retention};
+use vbgs_studio::bench::{peers, protocol, render, scene};
+use vbgs_studio::dataset;
+use vbgs_studio::dataset::Dataset;
+use vbgs_studio::pipeline::start;
 
 pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     match &args.bench {
@@ -165,7 +162,7 @@ fn on_dataset(
 
 /// Opens a dataset, or the demo's if none is given.
 pub fn open(path: Option<&Path>, depth: &DepthArgs) -> Result<Arc<Dataset>, Failure> {
-    let Some(path) = path else { return Ok(demo::dataset()?) };
+    let Some(path) = path else { return Ok(start::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
     print_dataset_notes(&dataset);
     Ok(Arc::new(dataset))
@@ -177,7 +174,7 @@ fn measure(
 ) -> Result<(), Failure> {
     // Checked first: the result of minutes of work must have a place.
     output::create_folder(&args.out)?;
-    let bench = progress::steps("bench", work)?;
+    let bench = output::steps("bench", work)?;
     let file = |extension: &str| -> PathBuf { args.out.join(bench.name).with_extension(extension) };
     output::write_json(&file("json"), &bench.json)?;
     output::write_text(&file("csv"), &bench.csv)?;
@@ -190,6 +187,29 @@ fn measure(
     output::print_line(format!(
         "wrote {name}.json, {name}.csv and {name}.png to {}",
         args.out.display()
+    ));
+    Ok(())
+}
+
+pub fn run_precision_search(args: &PrecisionSearchArgs) -> Result<(), Failure> {
+    // Created first, because the plan checks the bound before the dataset is opened.
+    let mut plan = SearchPlan::new(args.common.options(args.max_frames), args.bound)?;
+    plan.components = args.components.unwrap_or(plan.components);
+    let dataset = open(Some(&args.dataset), &args.depth)?;
+    let out = &args.common.out;
+    output::create_folder(out)?;
+    output::check_files(&["precision-search.json", "precision-search.ron"].map(|n| out.join(n)))?;
+    let search =
+        output::steps("search", |progress| precision_search::run(&plan, dataset, progress))?;
+    output::write_json(&out.join("precision-search.json"), &search.json)?;
+    output::write_text(&out.join("precision-search.ron"), &search.ron)?;
+    if args.common.json {
+        return output::print_json(&search.json);
+    }
+    output::print_line(&search.text);
+    output::print_line(format!(
+        "wrote precision-search.json and precision-search.ron to {}; use the latter with `train --preset paper --config`",
+        out.display()
     ));
     Ok(())
 }

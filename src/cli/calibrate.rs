@@ -2,12 +2,11 @@
 
 use super::args::CalibrateArgs;
 use super::failure::Failure;
+use super::output;
 use super::train::print_dataset_notes;
-use super::{output, progress};
-use vbgs_studio::calibrate;
 use vbgs_studio::calibrate::CalibratePlan;
-use vbgs_studio::dataset;
 use vbgs_studio::dataset::calibration::Calibration;
+use vbgs_studio::{calibrate, dataset};
 
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     // Read before the recording is opened, so that errors in it are reported at once.
@@ -26,7 +25,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         start,
     };
     output::check_files(std::slice::from_ref(&args.output))?;
-    let found = progress::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
+    let found = output::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
     found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
     output::write_text(&args.output, &found.calibration.to_text()?)?;
     if args.json {

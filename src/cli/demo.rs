@@ -5,9 +5,9 @@ use super::interrupt::Interrupt;
 use super::{output, train};
 use std::path::Path;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
-use vbgs_studio::pipeline::demo;
-use vbgs_studio::pipeline::provenance::file_comments;
+use vbgs_studio::pipeline::any_preset::file_comments;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::pipeline::start;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
@@ -18,7 +18,7 @@ const FOLDER: &str = "vbgs-demo";
 pub fn run(reason: &str) -> Result<(), Failure> {
     output::print_line(format!("{reason}: training the demo headless into {FOLDER}/"));
     let interrupt = Interrupt::listen()?;
-    let mut session = demo::session(SceneOverrides::default())?;
+    let mut session = start::session(SceneOverrides::default())?;
     // Ctrl-C ends training but not the command: the files are written in any case.
     let finished = train::train(&mut session, &interrupt, |_, _| ())?;
     let out = Path::new(FOLDER);

@@ -1,19 +1,21 @@
 //! `export`: converts a model to another format.
 
-use super::args::{AxesName, ExportArgs, FormatName, KindName};
+use super::args::{AxesName, ExportArgs, FormatName, KindName, MergeArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
-use super::model::{self, Model, Training};
-use super::{output, progress};
+use super::model::{Model, Training};
+use super::{model, output};
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::export::atomic::remove_leftovers;
-use vbgs_studio::export::local_origin::{self, OriginCarrier};
+use vbgs_studio::export::local_origin::OriginCarrier;
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, write_mesh};
 use vbgs_studio::export::{
-    Axes, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSelection, mapping,
-    write,
+    Axes, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSelection, checkpoint,
+    local_origin, mapping, write,
 };
+use vbgs_studio::pipeline::checkpoint::{SavedRun, merge, merge_onto};
+use vbgs_studio::train::scene::config::BirthRule;
 
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     match args.kind {
@@ -96,7 +98,7 @@ fn write_with_progress<T>(
 ) -> Result<T, Failure> {
     let interrupt = Interrupt::listen()?;
     remove_leftovers(output);
-    let written = progress::share(what, |told| {
+    let written = output::share(what, |told| {
         let goes_on = |share| {
             told(share);
             !interrupt.is_requested()
@@ -201,4 +203,34 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
             "note: {path}: the file has no up direction; z is assumed, use --up to change it"
         );
     }
+}
+
+pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
+    output::check_files(std::slice::from_ref(&args.output))?;
+    let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
+    let merged = match &args.start {
+        None => merge(warn_about_fusing(runs?))?,
+        Some(start) => merge_onto(&SavedRun::read(start)?, runs?)?,
+    };
+    // Never `None`: clap requires two checkpoints.
+    let Some(merged) = merged else { return Ok(()) };
+    checkpoint::write(&args.output, &merged.content)?;
+    output::print_line(format!(
+        "wrote {}: {} models, {} frames",
+        args.output.display(),
+        args.checkpoints.len(),
+        merged.content.cursor.frames
+    ));
+    Ok(())
+}
+
+/// Warns about the quality lost by fusing models with different seeds.
+fn warn_about_fusing(runs: Vec<SavedRun>) -> Vec<SavedRun> {
+    let first = runs.first().and_then(|run| run.config.method.scene());
+    if first.is_some_and(|scene| scene.engine.births == BirthRule::Seeds) {
+        eprintln!(
+            "warning: setting `births`: expected \"lattice\" or \"body-centred\" for runs without a common start, found \"seeds\": surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
+        );
+    }
+    runs
 }

@@ -2,7 +2,7 @@
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::{capture_check, checkpoint_info, output, pose_check};
+use super::{checkpoint_info, output, tracked};
 use glam::DVec3;
 use serde::Serialize;
 use vbgs_studio::dataset::capture_check::CaptureCheck;
@@ -10,11 +10,12 @@ use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
 use vbgs_studio::dataset::splits::HELD_OUT;
 use vbgs_studio::dataset::wild_poses::outlier_poses;
-use vbgs_studio::dataset::{self, Dataset, FrameEntry};
+use vbgs_studio::dataset::{Dataset, FrameEntry};
 use vbgs_studio::export::checkpoint::is_checkpoint;
-use vbgs_studio::export::{self, Imported, ModelKind};
+use vbgs_studio::export::{Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::model::splat::splats::bounds;
+use vbgs_studio::{dataset, export};
 
 #[derive(Serialize)]
 struct DatasetInfo {
@@ -136,9 +137,9 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
         pairs: check.as_ref().map_or(0, |check| check.pairs),
         summary: match is_tracked {
             true => Some("found by tracking".to_owned()),
-            false => check.as_ref().map(pose_check::summary),
+            false => check.as_ref().map(tracked::pose_summary),
         },
-        warning: check.as_ref().and_then(pose_check::warning),
+        warning: check.as_ref().and_then(tracked::warning),
     }
 }
 
@@ -165,7 +166,7 @@ fn depth_unit(depth: &Depth) -> String {
 /// Loads every frame of a split, which finds damaged files.
 fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> SplitInfo {
     let frames = &dataset.splits[split].frames;
-    let bar = super::progress::bar(frames.len(), "frame");
+    let bar = super::output::bar(frames.len(), "frame");
     let (mut range, mut unit): (Option<[f64; 2]>, Option<String>) = (None, None);
     let mut bytes = 0;
     // Held-out frames belong to another split and were checked there.
@@ -260,7 +261,7 @@ fn print_split(s: &SplitInfo) {
         let ([width, height], [fx, fy]) = (s.photo_size, s.photo_focal_px);
         output::print_line(format!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px"));
     }
-    let capture = s.capture.iter().flat_map(capture_check::lines);
+    let capture = s.capture.iter().flat_map(lines);
     capture.for_each(|line| output::print_line(format!("    {line}")));
 }
 
@@ -306,4 +307,62 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
         output::print_line(format!("  defect: {} rows are not finite", info.skipped));
     }
     Ok(())
+}
+
+/// Maximum number of frames listed per kind; the others are counted.
+const NAMED: usize = 6;
+
+/// Formats the check of a split, one line per kind.
+pub fn lines(check: &CaptureCheck) -> Vec<String> {
+    let CaptureCheck { looked_at, frames, blurred, brightness_jumps, usual_step_s, gaps } = check;
+    let mut lines = vec![format!(
+        "images: {looked_at} of {frames} frames checked, {} blurred, {} jumps of brightness",
+        blurred.len(),
+        brightness_jumps.len()
+    )];
+    let shares = blurred.iter().map(|b| format!("{} ({:.2})", b.frame, b.share));
+    lines.extend(list("blurred (sharpness as a share of the neighbours')", shares));
+    let factors = brightness_jumps.iter().map(|j| format!("{} ({:.2})", j.frame, j.factor));
+    lines.extend(list("brightness jumps (times the frame before's)", factors));
+    if let Some(usual) = usual_step_s {
+        lines.push(format!("times: {:.1} frames a second, {} gaps", 1.0 / usual, gaps.len()));
+    }
+    let waits = gaps.iter().map(|gap| format!("{} ({:.2} s)", gap.frame, gap.seconds));
+    lines.extend(list("gaps (seconds since the frame before)", waits));
+    lines
+}
+
+fn list(what: &str, found: impl ExactSizeIterator<Item = String>) -> Option<String> {
+    let n = found.len();
+    let named: Vec<String> = found.take(NAMED).collect();
+    let more = n - named.len();
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    (n > 0).then(|| format!("{what}: {}{more}", named.join(", ")))
+}
+
+#[cfg(test)]
+mod capture_check_tests {
+    use super::*;
+    use vbgs_studio::dataset::capture_check::{BlurredFrame, BrightnessJump, TimeGap};
+
+    #[test]
+    fn every_kind_is_named_and_long_lists_are_cut() {
+        let blurred = |i: usize| BlurredFrame { frame: format!("f{i}"), share: 0.25 };
+        let check = CaptureCheck {
+            looked_at: 160,
+            frames: 4000,
+            blurred: (0..8).map(blurred).collect(),
+            brightness_jumps: vec![BrightnessJump { frame: "f9".into(), factor: 1.5 }],
+            usual_step_s: Some(0.04),
+            gaps: vec![TimeGap { frame: "f7".into(), seconds: 1.25 }],
+        };
+        let expected = [
+            "images: 160 of 4000 frames checked, 8 blurred, 1 jumps of brightness",
+            "blurred (sharpness as a share of the neighbours'): f0 (0.25), f1 (0.25), f2 (0.25), f3 (0.25), f4 (0.25), f5 (0.25) and 2 more",
+            "brightness jumps (times the frame before's): f9 (1.50)",
+            "times: 25.0 frames a second, 1 gaps",
+            "gaps (seconds since the frame before): f7 (1.25 s)",
+        ];
+        assert_eq!(lines(&check), expected);
+    }
 }

@@ -13,7 +13,7 @@ use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
-use vbgs_studio::pipeline::drive_work::DriveWork;
+use vbgs_studio::pipeline::looks::DriveWork;
 
 /// Handlers are installed once per process.
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();

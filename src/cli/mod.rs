@@ -4,27 +4,17 @@ mod args;
 #[cfg(feature = "bench")]
 mod bench;
 mod calibrate;
-mod capture_check;
 mod checkpoint_info;
-mod crash;
 mod demo;
-mod devices;
 mod eval;
 mod export;
 mod failure;
-mod follow;
 mod info;
 mod interrupt;
-mod merge;
 mod model;
 mod output;
-mod pose_check;
-#[cfg(feature = "bench")]
-mod precision_search;
-mod progress;
 mod quality;
 mod render;
-mod run_quality;
 mod settings;
 mod synth;
 mod tracked;
@@ -67,13 +57,13 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Render(args)) => render::run(&args),
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Synth(args)) => synth::run(&args),
-        Some(Command::Merge(args)) => merge::run(&args),
+        Some(Command::Merge(args)) => export::run_merge(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Calibrate(args)) => calibrate::run(&args),
         #[cfg(feature = "bench")]
         Some(Command::Bench(args)) => bench::run(&args),
         #[cfg(feature = "bench")]
-        Some(Command::PrecisionSearch(args)) => precision_search::run(&args),
+        Some(Command::PrecisionSearch(args)) => bench::run_precision_search(&args),
     }
 }
 

@@ -8,19 +8,17 @@ use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
 use vbgs_studio::dataset::{Dataset, LoadOptions};
-use vbgs_studio::eval::measure::Views;
+use vbgs_studio::eval::choices::Views;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::local_origin;
 use vbgs_studio::export::mesh::Surfel;
 use vbgs_studio::model::attributes::ComponentAttributes;
 use vbgs_studio::model::splat::appearance::SplatSet;
-use vbgs_studio::pipeline::any_preset::RestoredLearner;
+use vbgs_studio::pipeline::any_preset::{RestoredLearner, file_comments};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
-use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::settings::method::Method;
-use vbgs_studio::pipeline::surfels::surfels;
-use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory};
+use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory, surfels};
 
 /// A model with its metadata, independent of the file format.
 pub struct Model {

@@ -1,20 +1,22 @@
 //! Output to stdout, and files written by all commands.
+
 #![allow(clippy::print_stdout)]
 
 use super::failure::Failure;
 use anyhow::Context;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::Dataset;
-use vbgs_studio::eval::aligned::AlignedView;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::eval::sharpness::SharpnessBand;
+use vbgs_studio::eval::view_alignment::AlignedView;
 use vbgs_studio::export::atomic::write_atomic;
-use vbgs_studio::export::film;
+use vbgs_studio::export::video;
 use vbgs_studio::math::image::RgbImage;
 
 /// First error of stdout: printing continues, and the command fails at its end.
@@ -68,7 +70,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 
 /// Writes an 8-bit PNG atomically.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
-    film::write_png(path, image)?;
+    video::write_png(path, image)?;
     Ok(())
 }
 
@@ -222,4 +224,44 @@ fn cracks(report: &CrackReport) -> String {
         report.split,
         shares(&report.training_distance),
     )
+}
+
+/// Creates a bar over `n` steps named `what`.
+pub fn bar(n: usize, what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(n as u64);
+    let shown = std::io::stderr().is_terminal();
+    bar.set_draw_target(if shown {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    });
+    let style = ProgressStyle::with_template("{prefix} {pos}/{len} {bar:32} {msg} eta {eta}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_prefix(what);
+    bar
+}
+
+/// Shows a bar while `work` reports the number of steps done and the total.
+pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
+    let bar = bar(0, what);
+    let result = work(&mut |done, all| {
+        // Known only now: the number of steps depends on the data.
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    result
+}
+
+/// Shows a bar while `work` reports the share done.
+pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
+    let bar = bar(100, what);
+    let result = work(&|share| bar.set_position((100.0 * share) as u64));
+    bar.finish_and_clear();
+    result
+}
+
+/// Prints a warning without tearing the bar.
+pub fn warn(bar: &ProgressBar, message: &str) {
+    bar.suspend(|| eprintln!("warning: {message}"));
 }

@@ -1,21 +1,23 @@
 //! Converts options to measurements, one per requested renderer. Measuring itself is in
-//! `vbgs_studio::eval::measure`.
+//! `vbgs_studio::eval::choices`.
 
-use super::args::{ComparisonArgs, GroundTruthName};
+use super::args::{ComparisonArgs, GroundTruthName, TrainArgs};
 use super::failure::Failure;
-use super::{output, progress};
+use super::{output, tracked};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
+use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
-use vbgs_studio::eval::choices::GroundTruth;
-use vbgs_studio::eval::cracks;
-use vbgs_studio::eval::learnt::learnt_views;
-use vbgs_studio::eval::measure::{self, Views};
+use vbgs_studio::eval::choices::{GroundTruth, Views};
 use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
+use vbgs_studio::eval::seen::learnt_views;
 use vbgs_studio::eval::views::EvalOptions;
+use vbgs_studio::eval::{choices, cracks};
 use vbgs_studio::math::camera::Camera;
-use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::{SplatSet, SplatView};
+use vbgs_studio::pipeline::session::Session;
+use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// Options for comparing splats with photographs.
@@ -52,14 +54,14 @@ pub fn measure(
     let shows_sector = |split| split == views.0 || request.hold_out == HoldOut::Every8th;
     let crack_views = crack_views.filter(|(split, _)| shows_sector(*split));
     let crack_views = crack_views.as_ref().map(|(split, frames)| (*split, frames.as_slice()));
-    let n_steps = measure::n_steps(views, crack_views);
+    let n_steps = choices::n_steps(views, crack_views);
     let near = request.near(splats, dataset, views);
-    let bar = progress::bar(methods.len() * n_steps, "view");
+    let bar = output::bar(methods.len() * n_steps, "view");
     let mut found = Vec::with_capacity(methods.len());
     for (i, &method) in methods.iter().enumerate() {
         let options = request.options(method, near);
         let tell = |done| bar.set_position((i * n_steps + done) as u64);
-        found.push(measure::measure_quality(splats, dataset, views, crack_views, &options, tell)?);
+        found.push(choices::measure_quality(splats, dataset, views, crack_views, &options, tell)?);
     }
     bar.finish_and_clear();
     let learnt_views = request.learnt.map(|learnt| learnt_views(dataset, learnt, views));
@@ -84,7 +86,7 @@ pub fn measure_training_views(
     let mut found = Vec::with_capacity(request.methods.len());
     let near = request.near(splats, dataset, views);
     for &method in request.methods {
-        found.extend(measure::seen(splats, dataset, views, &request.options(method, near))?);
+        found.extend(choices::seen(splats, dataset, views, &request.options(method, near))?);
     }
     Ok(found)
 }
@@ -127,4 +129,96 @@ impl QualityRequest<'_> {
             },
         }
     }
+}
+
+#[derive(Default)]
+pub struct RunQuality {
+    pub eval: Vec<EvalReport>,
+    pub seen: Vec<SeenReport>,
+}
+
+/// True if quality is measured at the end of the run.
+pub fn is_measured(session: &Session, args: &TrainArgs) -> bool {
+    args.eval.is_some() || hold_out(session) == HoldOut::Sector
+}
+
+/// Largest number of pixels among each group's first photograph, for splits that exist already.
+pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
+    let (dataset, camera) = (session.dataset(), session.config().method.as_any().color_camera());
+    let pixels = |group: ViewGroup| {
+        let view = dataset.splits[group.split].frames.get(*group.frames.first()?)?;
+        let k = view.photo_camera(camera.as_ref()).intrinsics;
+        Some(k.width as usize * k.height as usize)
+    };
+    let groups = groups(session, args).unwrap_or_default();
+    groups.into_iter().filter_map(pixels).max().unwrap_or(0)
+}
+
+/// Measures groups of views with the final splats, and the training views so far with each of the `early`
+/// ones.
+pub fn measure_run(
+    session: &Session,
+    early: &[(usize, SplatSet)],
+    (args, methods): (&TrainArgs, &[RenderMethod]),
+) -> Result<RunQuality, Failure> {
+    let (dataset, plan) = (session.dataset(), session.plan());
+    let comparison = &QualityRequest {
+        args: &args.comparison,
+        near_rule: NearRule::of(Some(session.config().method.preset())),
+        color_camera: session.config().method.as_any().color_camera(),
+        methods,
+        learnt: Some((plan.split, &plan.frames[..session.visited()])),
+        hold_out: hold_out(session),
+    };
+    let mut measured = RunQuality::default();
+    // Tracked poses of the training views are unknown to early splats.
+    for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
+        let frames = (plan.split, &plan.frames[..*visited]);
+        measured.seen.extend(measure_training_views(splats.into(), dataset, frames, comparison)?);
+    }
+    let (splats, trajectory) = (session.stored_splats(), trajectory(session));
+    for group in groups(session, args)? {
+        let method = &session.config().method;
+        let placed = match &trajectory {
+            Some(found) => tracked::place(dataset, method, &splats, found, group.views())?,
+            None => None,
+        };
+        let (dataset, group) = match &placed {
+            Some(placed) => {
+                let frames = placed.frames.clone();
+                (&placed.dataset, ViewGroup { frames, ..group })
+            }
+            None => (&**dataset, group),
+        };
+        let found = measure((&splats).into(), dataset, &group, comparison)?;
+        measured.eval.extend(found.into_iter().map(|(report, _)| report));
+    }
+    Ok(measured)
+}
+
+/// Tracked poses of a run, if poses were tracked.
+pub fn trajectory(session: &Session) -> Option<Trajectory> {
+    Trajectory::of(session.frames(), session.skipped())
+}
+
+/// Returns the named split, both groups of a held-out sector, and noise-free side views.
+fn groups(session: &Session, args: &TrainArgs) -> Result<Vec<ViewGroup>, DatasetError> {
+    let dataset = session.dataset();
+    let named = args.eval.as_ref().map(|name| dataset.split_named(name)).transpose()?;
+    let evaluation = dataset.evaluation_by(hold_out(session), session.plan().split)?;
+    let of_run = match hold_out(session) {
+        HoldOut::Sector => evaluation.into_groups(),
+        HoldOut::Every8th => evaluation.from_the_side,
+    };
+    let mut groups: Vec<_> = named.into_iter().map(|split| dataset.whole_split(split)).collect();
+    for group in of_run {
+        if !groups.contains(&group) {
+            groups.push(group);
+        }
+    }
+    Ok(groups)
+}
+
+fn hold_out(session: &Session) -> HoldOut {
+    session.config().selection.hold_out
 }

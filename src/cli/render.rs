@@ -4,17 +4,17 @@ use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
 use super::model::Model;
 use super::train::print_dataset_notes;
-use super::{model, output, progress};
+use super::{model, output};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
-use vbgs_studio::dataset::{self, LoadOptions};
-use vbgs_studio::eval::machine;
+use vbgs_studio::dataset;
+use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::eval::near::{NearRule, near_plane};
+use vbgs_studio::eval::report;
 use vbgs_studio::export::camera_path::PacedPath;
-use vbgs_studio::export::film::FilmWriter;
-use vbgs_studio::export::video::is_video;
+use vbgs_studio::export::video::{FilmWriter, is_video};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
@@ -78,7 +78,7 @@ fn render_orbit(
         return Ok(());
     };
     output::create_folder(&args.output)?;
-    let bar = progress::bar(n, "view");
+    let bar = output::bar(n, "view");
     for i in 0..n {
         let azimuth = start.azimuth + i as f64 / n as f64 * std::f64::consts::TAU;
         draw(Orbit { azimuth, ..*start }, &args.output.join(format!("{i:03}.png")))?;
@@ -112,7 +112,7 @@ fn render_path(
     let mut films = methods.iter().map(film).collect::<Result<Vec<_>, _>>()?;
     let cameras = paced.cameras(args.size);
     let n = cameras.len();
-    let bar = progress::bar(n, "picture");
+    let bar = output::bar(n, "picture");
     'film: for camera in cameras {
         for (film, &method) in films.iter_mut().zip(&methods) {
             // If it fails, `finish` reports the reason.
@@ -258,7 +258,7 @@ const PIXEL_BYTES: u64 = 40;
 
 /// Rejects images that do not fit in memory: a failed allocation would abort the program.
 fn check_size(args: &RenderArgs) -> Result<(), Failure> {
-    let refusal = machine::available_bytes().and_then(|available| refusal(args.size, available));
+    let refusal = report::available_bytes().and_then(|available| refusal(args.size, available));
     refusal.map_or(Ok(()), |text| Err(Failure::failed(anyhow!(text))))
 }
 

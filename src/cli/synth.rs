@@ -2,7 +2,7 @@
 
 use super::args::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
 use super::failure::Failure;
-use super::{output, progress};
+use super::output;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use std::thread::sleep;
@@ -30,7 +30,7 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     let layout = layout(args)?;
     // Unchecked numbers, whose sum must not overflow; `write` rejects them later.
     let n_frames = args.frames.saturating_add(args.eval_frames).saturating_add(args.free_frames);
-    let bar = progress::bar(n_frames, "frame");
+    let bar = output::bar(n_frames, "frame");
     if let Some(fps) = args.live {
         bar.set_message("rendering all frames first,");
         let mut start = None;

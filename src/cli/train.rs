@@ -4,32 +4,32 @@
 //! complete. The report is written before quality is measured, which may take longer than training and be
 //! interrupted, and again with the results.
 
-use super::args::TrainArgs;
+use super::args::{DeviceName, TrainArgs};
 use super::export::warn_of_origin;
 use super::failure::Failure;
-use super::follow::{self, ReportedProblem};
 use super::interrupt::Interrupt;
-use super::run_quality::{RunQuality, is_measured, measure, photo_pixels, trajectory};
+use super::quality::{RunQuality, is_measured, measure_run, photo_pixels, trajectory};
 use super::settings::{calibration_file, method_request, resume_request, selection};
-use super::{crash, devices, output, pose_check, progress, tracked, wording};
+use super::{failure, output, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+use vbgs_studio::dataset;
+use vbgs_studio::dataset::growing::END_MARKER;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
 use vbgs_studio::dataset::wild_poses::outlier_poses;
-use vbgs_studio::dataset::{self, Dataset, LoadOptions};
-use vbgs_studio::eval::measure::SEEN_AFTER;
-use vbgs_studio::eval::memory::with_evaluation;
-use vbgs_studio::eval::report::Report;
+use vbgs_studio::dataset::{Dataset, LoadOptions};
+use vbgs_studio::eval::choices::SEEN_AFTER;
+use vbgs_studio::eval::report::{Report, with_evaluation};
 use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
+use vbgs_studio::pipeline::any_preset::file_comments;
 use vbgs_studio::pipeline::autosave::{Autosave, AutosaveInterval};
-use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
+use vbgs_studio::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use vbgs_studio::pipeline::error::SessionError;
 use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::memory;
-use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::render::Lens;
@@ -42,7 +42,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let session = create_session(args, start, &interrupt);
     let mut session =
         session.map_err(|failure| failure.with_calibration_file(calibration_file(args)))?;
-    devices::attach(&mut session, args)?;
+    attach(&mut session, args)?;
     prepare_folder(args)?;
     print_notes(&session, args)?;
     // Measured after the run, whose timings must not be affected.
@@ -60,11 +60,11 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
             }
             // A failed autosave is reported but does not stop the run.
             if let Some(Err(error)) = autosave.poll(session) {
-                progress::warn(bar, &error.to_string());
+                output::warn(bar, &error.to_string());
             }
         })
     };
-    let end = crash::save_on_panic(&mut session, &args.out, train)?;
+    let end = failure::save_on_panic(&mut session, &args.out, train)?;
     autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
     match &end {
         // Files of an earlier run are worth more than a report of an empty run.
@@ -78,7 +78,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let measured = match &end {
         Ok(true) if is_measured(&session, args) => {
             output::write_json(&args.out.join(REPORT), &session.report(None, Vec::new()))?;
-            measure(&session, &early, (args, &methods))
+            measure_run(&session, &early, (args, &methods))
         }
         _ => Ok(RunQuality::default()),
     };
@@ -162,7 +162,7 @@ fn follow_session(
     let (path, load, taken) = (args.dataset.clone(), start.load_options(args), selection.clone());
     let follow = interrupt.run_interruptibly(move || Follow::new(&path, &load, &taken))??;
     let is_forced = args.force;
-    let session = follow::begin(follow, interrupt, move |dataset| match &start {
+    let session = begin(follow, interrupt, move |dataset| match &start {
         Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
         Start::Saved(run, asked) => run.clone().resume(dataset, asked, is_forced),
     })?;
@@ -258,7 +258,7 @@ pub fn train(
     interrupt: &Interrupt,
     mut after: impl FnMut(&mut Session, &ProgressBar),
 ) -> Result<bool, Failure> {
-    let bar = progress::bar(session.plan().frames.len(), "frame");
+    let bar = output::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
     bar.reset_eta();
     let mut told = ReportedProblem::default();
@@ -269,7 +269,7 @@ pub fn train(
         }
         // Returns regularly, so that an interrupt is handled even if the drive does not respond.
         let Some(step) = session.step_within(LOOK)? else { continue };
-        session.take_outlier_warnings().iter().for_each(|doubt| progress::warn(&bar, doubt));
+        session.take_outlier_warnings().iter().for_each(|doubt| output::warn(&bar, doubt));
         match step {
             Step::Trained(frame) => {
                 bar.set_length(session.plan().frames.len() as u64);
@@ -280,7 +280,7 @@ pub fn train(
                 ));
                 after(session, &bar);
             }
-            Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
+            Step::Skipped(skipped) => output::warn(&bar, &skipped.message),
             Step::Waiting => {
                 bar.set_message("waiting for the next frame,");
                 if let Some(follow) = session.followed() {
@@ -383,7 +383,7 @@ fn warn_about_poses(dataset: &Dataset) {
         eprintln!("warning: {wild}");
     }
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
-    if let Some(warning) = check.as_ref().and_then(pose_check::warning) {
+    if let Some(warning) = check.as_ref().and_then(tracked::warning) {
         eprintln!("warning: {warning}");
     }
 }
@@ -392,4 +392,181 @@ fn warn_about_poses(dataset: &Dataset) {
 pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+}
+
+/// Kind of work for a device; each kind has its own option.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Task {
+    /// Passes over frames.
+    Passes,
+    /// Seeds and sums of a scene's points.
+    Points,
+    /// Comparing photographs.
+    Photographs,
+}
+
+/// Attaches the requested devices to the session.
+pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
+    // Passes and points exclude each other in a run.
+    let task = if Task::Points.is_needed(session) { Task::Points } else { Task::Passes };
+    attach_one(session, task, args.device)?;
+    attach_one(session, Task::Photographs, args.photometric_device)
+}
+
+fn attach_one(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+    match asked {
+        DeviceName::Gpu if !task.is_needed(session) => Err(Failure::Usage(format!(
+            "{} gpu: expected a run that {}",
+            task.option(),
+            task.needs()
+        ))),
+        DeviceName::Cpu => Ok(()),
+        // Drivers are not loaded if there is no work for them.
+        DeviceName::Auto if !task.is_needed(session) => Ok(()),
+        DeviceName::Auto | DeviceName::Gpu => attach_gpu(session, task, asked),
+    }
+}
+
+impl Task {
+    fn option(self) -> &'static str {
+        match self {
+            Self::Passes | Self::Points => "--device",
+            Self::Photographs => "--photometric-device",
+        }
+    }
+
+    /// True if the run has this kind of work.
+    fn is_needed(self, session: &Session) -> bool {
+        match self {
+            Self::Passes => session.learner().pass_use().is_some(),
+            Self::Points => session.learner().point_use().is_some(),
+            Self::Photographs => session.learner().comparer_use().is_some(),
+        }
+    }
+
+    fn needs(self) -> &'static str {
+        match self {
+            Self::Passes | Self::Points => {
+                "supports a GPU, found one that does not; use it with --births seeds and --visibility projected, or with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
+            }
+            Self::Photographs => {
+                "trains on photographs, found one that does not; use it with --photometric light or full"
+            }
+        }
+    }
+}
+
+#[cfg(feature = "gui")]
+fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+    use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
+    use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
+    use vbgs_studio::train::device_trial::DevicePolicy;
+
+    let must = asked == DeviceName::Gpu;
+    if !must && !may_have_gpu() {
+        return Ok(());
+    }
+    let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
+        Err(HeadlessError::NoHardware { .. }) if must => HeadlessGpu::new(&AdapterChoice::Software),
+        other => other,
+    };
+    let error = match gpu {
+        Ok(gpu) => {
+            let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
+            let handed = match task {
+                Task::Passes => session.compute_on(Box::new(gpu.mixture()), policy),
+                Task::Points => {
+                    session.fit_on(Box::new(gpu.points()), policy);
+                    Ok(())
+                }
+                Task::Photographs => {
+                    session.compare_on(Box::new(gpu.comparer()), policy);
+                    Ok(())
+                }
+            };
+            let Err(error) = handed else { return Ok(()) };
+            error.to_string()
+        }
+        Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),
+        Err(error) => error.to_string(),
+    };
+    let option = task.option();
+    if must {
+        let error = anyhow::anyhow!("{option} gpu: {error}; {option} cpu needs none");
+        return Err(Failure::failed(error));
+    }
+    let what = match task {
+        Task::Passes | Task::Points => "trains",
+        Task::Photographs => "compares photographs",
+    };
+    eprintln!("note: {error}: the processor {what}");
+    Ok(())
+}
+
+/// Reports missing GPU support in builds without the `gui` feature.
+#[cfg(not(feature = "gui"))]
+fn attach_gpu(_: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+    if asked == DeviceName::Auto {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "{} gpu: expected auto or cpu, since this build has no GPU support; build it with the feature gui",
+        task.option()
+    )))
+}
+
+/// A problem is reported after this time; most disappear with the next write.
+const LASTING: Duration = Duration::from_secs(2);
+
+/// Creates a session on the first complete frames, waiting for them as long as needed. Reading them may
+/// block on an unresponsive drive, so it remains interruptible.
+pub fn begin(
+    mut follow: Follow,
+    interrupt: &Interrupt,
+    session: impl Fn(Arc<Dataset>) -> Result<Session, RunError> + Send + Sync + 'static,
+) -> Result<Session, Failure> {
+    let path = follow.path().display();
+    eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
+    let mut told = ReportedProblem::default();
+    let session = Arc::new(session);
+    while !interrupt.is_requested() {
+        if let Some(dataset) = follow.poll_dataset()? {
+            let session = session.clone();
+            match interrupt.run_interruptibly(move || session(dataset))? {
+                Ok(mut session) => {
+                    session.follow(Some(follow));
+                    return Ok(session);
+                }
+                Err(RunError::Session(error)) if follow.may_succeed_later(&error) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        told.wait_for_frames(&follow, interrupt);
+    }
+    Err(Failure::Interrupted)
+}
+
+/// The problem that currently delays frames.
+#[derive(Default)]
+pub struct ReportedProblem {
+    /// The problem, its start, and true if it was reported.
+    latest: Option<(String, Instant, bool)>,
+}
+
+impl ReportedProblem {
+    /// Waits for more frames or an interrupt; reports a lasting problem once.
+    pub fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
+        match (follow.problem(), &mut self.latest) {
+            (None, latest) => *latest = None,
+            (Some(problem), Some((known, since, is_told))) if *known == problem => {
+                if !*is_told && since.elapsed() > LASTING {
+                    eprintln!("note: waiting: {problem}");
+                    *is_told = true;
+                }
+            }
+            (Some(problem), latest) => *latest = Some((problem.to_owned(), Instant::now(), false)),
+        }
+        // Never without a pause, however late the next poll is.
+        interrupt.wait_for_request(follow.time_to_next_scan().max(Duration::from_millis(1)));
+    }
 }

@@ -1,15 +1,15 @@
 //! Opens the window; without one, falls back to headless training.
 
-use super::demo;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
-use super::output;
+use super::{demo, output};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use vbgs_studio::app::adapters::{self, AdapterChoice};
+use vbgs_studio::app;
+use vbgs_studio::app::adapters::AdapterChoice;
 use vbgs_studio::app::state::{NoticeKind, Subject};
 use vbgs_studio::app::unattended::Unattended;
-use vbgs_studio::app::{self, WindowError};
+use vbgs_studio::app::{WindowError, adapters};
 
 /// Output folder of a run that lost its window.
 const FOLDER: &str = "vbgs-unattended";

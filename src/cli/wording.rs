@@ -8,13 +8,12 @@ use vbgs_studio::dataset::surface::sample::DepthAdvice;
 use vbgs_studio::eval::views::EvalError;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::memory::MemoryError;
-use vbgs_studio::pipeline::settings::scene::SceneError;
-use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::pipeline::settings::scene::{SceneError, SceneOverrides};
 use vbgs_studio::train::candidates::IndexError;
+use vbgs_studio::train::outcome::TrainingWarning;
 use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::ConfigError;
 use vbgs_studio::train::setting::table::SettingLayer;
-use vbgs_studio::train::warnings::TrainingWarning;
 
 /// Settings that exist only in files.
 const NO_OPTIONS: [&str; 2] = ["operations", "closing"];

@@ -2,7 +2,7 @@
 //! may unpack to a terabyte.
 
 use super::error::FrameProblem;
-use super::files::{RetryingFile, open_file};
+use super::folder::{RetryingFile, open_file};
 use std::borrow::Cow;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};

@@ -9,7 +9,7 @@
 //! The colour camera is expressed in the depth camera's frame because a recording's poses are the depth
 //! camera's.
 
-use super::files::read_settings;
+use super::folder::read_settings;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use glam::{DMat3, DQuat, DVec2, DVec3};

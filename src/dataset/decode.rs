@@ -2,9 +2,9 @@
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
-use super::files::{RetryingFile, open_file};
+use super::folder::{RetryingFile, open_file};
 use super::lengths;
-use super::source::ByteSource;
+use super::options::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use bytemuck::allocation::try_cast_vec;

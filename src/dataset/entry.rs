@@ -4,12 +4,13 @@
 //! of frames is fast, and memory holds only the frames in use.
 
 use super::calibration::ColorCamera;
-use super::decode::{self, DepthEncoding};
+use super::decode;
+use super::decode::DepthEncoding;
 use super::depth::Depth;
 use super::distortion::Distortion;
 use super::error::{FrameError, FrameProblem};
 use super::frame::{Frame, photographed_by};
-use super::source::ByteSource;
+use super::options::ByteSource;
 use super::surface::sensor::Sensor;
 use super::synthetic::scene::SyntheticScene;
 use crate::math::camera::{Camera, Intrinsics};

@@ -8,7 +8,7 @@
 use super::decode::{CodeKind, DepthEncoding};
 use super::depth::DepthKind;
 use super::entry::{FrameFiles, FrameSource};
-use super::files::open_file;
+use super::folder::open_file;
 use super::{Dataset, FrameEntry, Layout};
 use crate::math::camera::Intrinsics;
 use serde::{Deserialize, Serialize};

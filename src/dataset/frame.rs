@@ -3,17 +3,18 @@
 //! Frames are checked on creation, by [`FrameEntry::load`](super::FrameEntry::load) for files and by
 //! [`Frame::from_memory`] for buffers. Code that reads a frame relies on it and handles only holes.
 
-pub use super::depth::{Depth, DepthCodes, DepthKind};
-
+use super::calibrated_size;
+use super::calibrated_size::IntrinsicsDefect;
 use super::calibration::ColorCamera;
 use super::error::{FrameError, FrameProblem};
-use super::intrinsics::{self, IntrinsicsDefect};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::pose::Pose;
 use glam::{DMat4, DVec3};
 use std::borrow::Cow;
 use std::sync::Arc;
+
+pub use super::depth::{Depth, DepthCodes, DepthKind};
 
 /// A consistent frame: depth has the size of its camera, colour the size of its own camera (the depth
 /// camera's if there is none), and the pose is rigid.
@@ -107,7 +108,7 @@ impl Frame {
         depth: Option<DepthBuffer>,
     ) -> Result<Self, FrameProblem> {
         // The camera first: the buffers are compared with its size.
-        intrinsics::check(&intrinsics).map_err(|defect| {
+        calibrated_size::check(&intrinsics).map_err(|defect| {
             let IntrinsicsDefect { expected, found, hint } = defect;
             FrameProblem::Intrinsics { expected, found, hint }
         })?;

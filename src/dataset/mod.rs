@@ -45,36 +45,25 @@ mod archive;
 mod decode;
 mod distortion;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
-mod edges;
 mod entry;
-mod files;
 mod folder;
 pub mod growing;
-mod intrinsics;
 mod lengths;
-mod local_origin;
 mod matrix;
 mod opened;
 mod options;
 pub mod pace;
-mod pose_convention;
-mod position_range;
-mod rolling_shutter;
 mod sector;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
-mod sharpness;
-mod source;
-mod straightened;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod tile_points;
 mod video;
-mod whole;
 
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;
-pub use files::read_settings;
+pub use folder::read_settings;
 pub use formats::Layout;
+pub use growing::FrameMarks;
 pub use opened::{Dataset, is_archive, open};
 pub use options::LoadOptions;
-pub use pose_convention::PoseConvention;
-pub use whole::FrameMarks;
+pub use pose_check::PoseConvention;

@@ -5,11 +5,12 @@
 //! exposure differences. The alignment is fitted per view by least squares, because cameras with automatic
 //! exposure change it per frame.
 
-use super::metrics::decibels;
-use super::sizes::{MetricError, same_size};
+use super::metrics::{MetricError, decibels, same_size};
 use super::ssim::{SsimPadding, ssim};
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// Accumulated opacity from which a pixel counts as covered.
 pub const COVERED: f32 = 0.5;
@@ -239,6 +240,51 @@ impl Moments {
     }
 }
 
+/// File names of a cgroup version: limit, usage, and the field of `memory.stat` with reclaimable memory.
+struct Names {
+    limit: &'static str,
+    used: &'static str,
+    reclaimable: &'static str,
+}
+
+const V1: Names = Names {
+    limit: "memory.limit_in_bytes",
+    used: "memory.usage_in_bytes",
+    reclaimable: "total_inactive_file",
+};
+const V2: Names =
+    Names { limit: "memory.max", used: "memory.current", reclaimable: "inactive_file" };
+
+/// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
+/// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
+pub(super) fn available_bytes(groups: &str, root: &Path) -> Option<u64> {
+    let of_line = |line: &str| {
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (controllers, group) = (fields.next()?, fields.next()?.trim_start_matches('/'));
+        let is_memory = controllers.split(',').any(|name| name == "memory");
+        let (top, names) = match (controllers.is_empty(), is_memory) {
+            (true, _) => (root.to_owned(), V2),
+            (_, true) => (root.join("memory"), V1),
+            _ => return None,
+        };
+        // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
+        let below: PathBuf = top.join(group);
+        let all = below.ancestors().take_while(|path| path.starts_with(&top));
+        all.filter_map(|path| available_in_group(path, &names)).min()
+    };
+    groups.lines().filter_map(of_line).min()
+}
+
+fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
+    let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
+    // `max` does not parse: no limit.
+    let (limit, used) = (number(names.limit)?, number(names.used)?);
+    let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
+    let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
+    let reclaimable = stat.lines().find_map(field).unwrap_or(0);
+    Some(limit.saturating_sub(used.saturating_sub(reclaimable)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -308,5 +354,51 @@ mod tests {
         assert_eq!((found.coverage, found.covered), (0.0, None));
         let small = Image::filled(16, 11, 1.0);
         assert!(matches!(compare(&image, &small, &image), Err(MetricError::SizeMismatch { .. })));
+    }
+}
+
+#[cfg(test)]
+mod control_group_tests {
+    use super::*;
+
+    fn written(root: &Path, files: &[(&str, &str)]) {
+        for (name, text) in files {
+            let path = root.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_tightest_group_of_either_version_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        assert_eq!(available_bytes("0::/a/b\n", root), None, "no files");
+        written(root, &[("a/b/memory.max", "max\n"), ("a/b/memory.current", "5000\n")]);
+        assert_eq!(available_bytes("0::/a/b\n", root), None, "no limit");
+        written(
+            root,
+            &[
+                ("a/memory.max", "9000\n"),
+                ("a/memory.current", "6000\n"),
+                ("a/memory.stat", "anon 5000\ninactive_file 500\nactive_file 1\n"),
+            ],
+        );
+        assert_eq!(available_bytes("0::/a/b\n", root), Some(3500));
+        // A container sees its own group at the root, regardless of the stated path.
+        written(root, &[("memory.max", "2000"), ("memory.current", "1500")]);
+        assert_eq!(available_bytes("0::/not/here\n", root), Some(500));
+        let v1 = "7:cpu:/x\n3:memory:/job\n";
+        assert_eq!(available_bytes(v1, root), None);
+        written(
+            root,
+            &[
+                ("memory/job/memory.limit_in_bytes", "800"),
+                ("memory/job/memory.usage_in_bytes", "900"),
+                ("memory/job/memory.stat", "total_inactive_file 300\n"),
+            ],
+        );
+        assert_eq!(available_bytes(v1, root), Some(200));
+        assert_eq!(available_bytes(&format!("{v1}0::/a\n"), root), Some(200));
     }
 }

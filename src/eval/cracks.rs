@@ -8,8 +8,8 @@
 //! Half the distance reveals splats that just touch at the training distance and separate when the camera
 //! approaches. Only pixels inside a surface count, because the background is visible next to a silhouette.
 
+use super::scale::visit_views;
 use super::surfaces::Surfaces;
-use super::sweep::visit_views;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;

@@ -3,7 +3,7 @@
 //! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or the same
 //! in f64 for tests that need more digits than a renderer has.
 
-use super::sizes::{MetricError, same_size};
+use super::report::quantile;
 use crate::math::image::Image;
 use crate::math::real::Real;
 
@@ -142,4 +142,105 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / n;
     let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n;
     (mean, variance.sqrt())
+}
+
+/// Side of the SSIM window in pixels (Wang et al. 2004).
+pub(super) const SSIM_WINDOW: usize = 11;
+
+/// Error of an image comparison.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MetricError {
+    /// The planes differ in size.
+    #[error(
+        "{what}: expected {expected_width}x{expected_height} like the prediction, found {width}x{height}; render at the size of the ground truth"
+    )]
+    SizeMismatch {
+        /// The plane of wrong size.
+        what: &'static str,
+        /// Width of the prediction, pixels.
+        expected_width: usize,
+        /// Height of the prediction, pixels.
+        expected_height: usize,
+        /// Width found, pixels.
+        width: usize,
+        /// Height found, pixels.
+        height: usize,
+    },
+    /// No pixel, or none under the mask.
+    #[error(
+        "expected at least one pixel to compare, found none; check the mask or the ground truth"
+    )]
+    NoPixels,
+    /// The image is smaller than the SSIM window.
+    #[error(
+        "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
+    )]
+    TooSmall {
+        /// Width found, pixels.
+        width: usize,
+        /// Height found, pixels.
+        height: usize,
+    },
+}
+
+/// Checks that two planes have equal size; `what` names the second.
+pub(super) fn same_size<A, B>(
+    prediction: &Image<A>,
+    other: &Image<B>,
+    what: &'static str,
+) -> Result<(), MetricError> {
+    if (prediction.width, prediction.height) == (other.width, other.height) {
+        return Ok(());
+    }
+    Err(MetricError::SizeMismatch {
+        what,
+        expected_width: prediction.width,
+        expected_height: prediction.height,
+        width: other.width,
+        height: other.height,
+    })
+}
+
+/// Median and quartiles of repeated measurements.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// Median.
+    pub median: f64,
+    /// First and third quartile.
+    pub quartiles: [f64; 2],
+}
+
+impl Spread {
+    /// Computes median and quartiles; zero without values.
+    pub fn of(mut values: Vec<f64>) -> Self {
+        // Total order: with NaN, the result must not depend on the input order.
+        values.sort_by(f64::total_cmp);
+        let [low, median, high] = [0.25, 0.5, 0.75].map(|q| quantile(&values, q));
+        Self { median, quartiles: [low, high] }
+    }
+
+    /// Spread of a value that was not repeated.
+    pub fn exact(value: f64) -> Self {
+        Self { median: value, quartiles: [value; 2] }
+    }
+
+    /// Scales all measurements by a factor.
+    pub fn scaled(self, factor: f64) -> Self {
+        Self { median: factor * self.median, quartiles: self.quartiles.map(|q| factor * q) }
+    }
+}
+
+impl std::fmt::Display for Spread {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [low, high] = self.quartiles;
+        // More digits would exceed the precision of the measurement.
+        let digits = if self.median >= 100.0 {
+            0
+        } else if self.median >= 1.0 {
+            1
+        } else {
+            3
+        };
+        write!(f, "{:.digits$} [{low:.digits$}, {high:.digits$}]", self.median)
+    }
 }

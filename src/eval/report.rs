@@ -3,23 +3,25 @@
 //! Plain data without computing methods: reports are read by other programs, so field names never change.
 //! Missing values are `Option`, because JSON cannot represent NaN.
 
-use super::aligned::AlignedView;
 use super::choices::{PartialCoverage, ViewPoses};
+use super::comparison;
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
 use super::seen::SeenQuality;
 use super::trajectory_error::TrajectoryError;
+use super::view_alignment::AlignedView;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::dataset::splits::ViewGroupName;
-use crate::model::scene::trajectory::TrackedPose;
-use crate::render::Exposing;
-use crate::render::{Antialias, Renderer, Response};
-use crate::train::comparer_use::ComparerUse;
-use crate::train::outcome::{OutlierReason, PhotographOutcome};
-use crate::train::pass_use::PassUse;
+use crate::math::simd::Isa;
+use crate::model::scene::state::TrackedPose;
+use crate::render::{Antialias, Exposing, Renderer, Response};
+use crate::train::device_trial::{ComparerUse, PassUse};
+use crate::train::outcome::{MemoryEstimate, OutlierReason, PhotographOutcome};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::Path;
 
 /// Version tag of [`Report`].
 pub const REPORT_FORMAT: &str = "vbgs-report/1";
@@ -345,6 +347,110 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64)
 }
 
+/// Threads of the current pool, processor, instruction set, and the graphics adapter that renders, if any.
+pub fn describe(adapter: Option<String>) -> MachineReport {
+    MachineReport {
+        threads: rayon::current_num_threads(),
+        cpu: cpu_name(),
+        simd: Isa::best().name().to_owned(),
+        adapter,
+    }
+}
+
+/// Name of the processor as reported by the system, else its architecture.
+fn cpu_name() -> String {
+    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}
+
+/// Properties that determine the last bits of results besides the settings, as JSON: processor, math
+/// library of the system, fused multiply-add, and build profile.
+pub fn numerics() -> String {
+    let numerics = serde_json::json!({
+        "arch": std::env::consts::ARCH,
+        "os": std::env::consts::OS,
+        "fma": cfg!(target_feature = "fma"),
+        "avx2": cfg!(target_feature = "avx2"),
+        "profile": if cfg!(debug_assertions) { "debug" } else { "release" },
+    });
+    numerics.to_string()
+}
+
+/// Peak resident memory of this process, bytes; `None` if unavailable.
+pub fn peak_rss_bytes() -> Option<u64> {
+    status_bytes("VmHWM:")
+}
+
+/// Current resident memory of this process, bytes; `None` if unavailable.
+pub fn rss_bytes() -> Option<u64> {
+    status_bytes("VmRSS:")
+}
+
+/// Memory available to this process without swapping, bytes, within the limits of its container; `None` if
+/// unavailable.
+pub fn available_bytes() -> Option<u64> {
+    let free = file_bytes("/proc/meminfo", "MemAvailable:");
+    let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let left = comparison::available_bytes(&groups, Path::new("/sys/fs/cgroup"));
+    free.into_iter().chain(left).min()
+}
+
+fn status_bytes(field: &str) -> Option<u64> {
+    file_bytes("/proc/self/status", field)
+}
+
+fn file_bytes(path: &str, field: &str) -> Option<u64> {
+    let text = fs::read_to_string(path).ok()?;
+    let value = text.lines().find_map(|line| line.strip_prefix(field))?;
+    let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+/// Per pixel: render, photograph, depth, surfaces and buffers of the metrics.
+const PIXEL_BYTES: u64 = 370;
+/// Per component: its splats, including those of early frames, and their records.
+const SPLAT_BYTES: u64 = 420;
+/// The program and memory retained from training.
+const FIXED_BYTES: u64 = 50_000_000;
+
+/// Adds to an estimate the memory for evaluating views of `pixels` of a model with at most `components`.
+pub fn with_evaluation(
+    estimate: MemoryEstimate,
+    pixels: usize,
+    components: usize,
+) -> MemoryEstimate {
+    let MemoryEstimate { model, frames } = estimate;
+    MemoryEstimate {
+        model: model.saturating_add(SPLAT_BYTES.saturating_mul(components as u64)),
+        // Training frames are freed before views are evaluated.
+        frames: frames.max(PIXEL_BYTES.saturating_mul(pixels as u64).saturating_add(FIXED_BYTES)),
+    }
+}
+
+/// Formats columns padded to their widest cell: text left-aligned, numbers right-aligned.
+pub fn text<const N: usize>(header: [&str; N], rows: &[[String; N]]) -> String {
+    let lines: Vec<[String; N]> =
+        std::iter::once(header.map(str::to_owned)).chain(rows.iter().cloned()).collect();
+    // In characters, as `format!` pads.
+    let width = |i: usize| lines.iter().map(|l| l[i].chars().count()).max().unwrap_or(0);
+    let widths: [usize; N] = std::array::from_fn(width);
+    let starts_a_word = |cell: &String| cell.starts_with(|c: char| c.is_alphabetic() || c == '+');
+    let has_words = |i: usize| rows.iter().any(|row| starts_a_word(&row[i]));
+    let line = |cells: &[String; N]| {
+        let padded = cells.iter().zip(widths).enumerate().map(|(i, (cell, width))| {
+            if has_words(i) { format!("{cell:width$}") } else { format!("{cell:>width$}") }
+        });
+        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    lines.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Formats an error with two significant digits; `0` for zero.
+pub fn error(value: f64) -> String {
+    if value == 0.0 { "0".to_owned() } else { format!("{value:.1e}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -355,5 +461,54 @@ mod tests {
         assert_eq!(quantile(&[3.0], 0.95), 3.0);
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), 2.0);
         assert_eq!(quantile(&[0.0, 10.0], 0.95), 9.5);
+    }
+}
+
+#[cfg(test)]
+mod memory_tests {
+    use super::*;
+    use crate::train::scene::config::SceneConfig;
+    use crate::train::scene::photometric::rule::PhotometricMode;
+
+    /// Peaks of runs on the synthetic room in the TUM layout with two threads: pixels per frame,
+    /// components, photographs used, views evaluated, and megabytes.
+    const MEASURED: [(usize, usize, bool, bool, u64); 11] = [
+        (19_200, 5_262, false, false, 22),
+        (19_200, 5_262, true, false, 84),
+        (19_200, 24_615, true, false, 119),
+        (307_200, 16_554, false, false, 117),
+        (307_200, 52_554, false, false, 130),
+        (307_200, 16_554, true, false, 218),
+        (307_200, 52_554, true, false, 281),
+        (307_200, 16_554, false, true, 171),
+        (307_200, 52_554, false, true, 200),
+        (1_228_800, 35_947, false, false, 372),
+        (1_228_800, 35_947, true, true, 571),
+    ];
+
+    #[test]
+    fn estimates_are_within_a_fifth_of_what_was_measured() {
+        for (pixels, components, photographs, measured, peak) in MEASURED {
+            let photometric = photographs.then(|| PhotometricMode::Light.rule()).flatten();
+            let config =
+                SceneConfig { photometric, max_components: components, ..SceneConfig::exact(0.02) };
+            let mut estimate = config.memory(pixels, 3);
+            if measured {
+                estimate = with_evaluation(estimate, pixels, components);
+            }
+            let share = estimate.total() as f64 / 1e6 / peak as f64;
+            assert!((0.8..1.2).contains(&share), "{pixels} {components}: {share} of {peak} MB");
+        }
+    }
+}
+
+#[cfg(test)]
+mod table_tests {
+    use super::*;
+
+    #[test]
+    fn columns_line_up() {
+        let rows = [["a".to_owned(), "10".to_owned()], ["long".to_owned(), "5".to_owned()]];
+        assert_eq!(text(["", "ms"], &rows), "      ms\na     10\nlong   5");
     }
 }

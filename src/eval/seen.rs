@@ -1,12 +1,15 @@
 //! Quality on the pixels where a view's depth camera measured a surface. A model trained on the view must
 //! reproduce these, even early in a run.
 
+use super::choices::Views;
 use super::comparison::COVERED;
-use super::metrics::{mean_std, psnr_masked};
-use super::sizes::MetricError;
+use super::metrics::{MetricError, mean_std, psnr_masked};
 use super::surfaces::Surfaces;
+use crate::dataset::{Dataset, FrameEntry};
 use crate::math::image::{Image, RgbImage};
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
+use std::path::Path;
 
 /// Quality on the seen pixels of one view, or the mean over views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,6 +66,21 @@ fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     (n_masked > 0).then(|| n_covered as f64 / n_masked as f64)
 }
 
+/// Counts the `views` that are among the frames trained on, `learnt`.
+pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
+    let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
+        let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);
+        frames.iter().filter_map(|&i| all.get(i)).map(photograph_key).collect()
+    };
+    let learnt: HashSet<_> = marks(learnt).into_iter().collect();
+    marks(views).iter().filter(|view| learnt.contains(*view)).count()
+}
+
+/// Identifies a photograph across splits.
+fn photograph_key(frame: &FrameEntry) -> (String, Option<&Path>) {
+    (frame.name.clone(), frame.color_path())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,5 +121,28 @@ mod tests {
         let mean = mean.unwrap();
         assert_eq!((mean.coverage, mean.coverage_interior), (1.0 / 3.0, seen.coverage_interior));
         assert_eq!(SeenQuality::mean(&[]), None);
+    }
+}
+
+#[cfg(test)]
+mod learnt_tests {
+    use super::*;
+    use crate::dataset::synthetic::{SyntheticParams, dataset};
+
+    #[test]
+    fn frames_count_whatever_their_split_is_called() {
+        let small = SyntheticParams {
+            width: 16,
+            height: 12,
+            n_train: 6,
+            n_eval: 2,
+            ..SyntheticParams::demo()
+        };
+        let mut room = dataset(&small).unwrap();
+        assert_eq!(learnt_views(&room, (0, &[0, 1, 2, 2]), (0, &[1, 2, 3])), 2);
+        assert_eq!(learnt_views(&room, (0, &[0, 1]), (1, &[0, 1])), 0);
+        room.splits[1].frames = room.splits[0].frames[..2].to_vec();
+        assert_eq!(learnt_views(&room, (0, &[0, 5]), (1, &[0, 1])), 1);
+        assert_eq!(learnt_views(&room, (7, &[0]), (0, &[0, 99])), 0);
     }
 }

@@ -8,8 +8,7 @@
 //! detail.
 
 use super::comparison::COVERED;
-use super::metrics::mean_std;
-use super::sizes::MetricError;
+use super::metrics::{MetricError, mean_std};
 use super::ssim::{SsimPadding, ssim};
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;

@@ -5,7 +5,7 @@
 //! Channels are processed in blocks of eight, so that the compiler vectorises. Rows are added in order, so
 //! the score is bit-identical for any number of threads.
 
-use super::sizes::{MetricError, SSIM_WINDOW, same_size};
+use super::metrics::{MetricError, SSIM_WINDOW, same_size};
 use crate::math::image::Image;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};

@@ -5,18 +5,15 @@
 //! files are listed in the report. A split without any usable view is an error, because a mean over nothing
 //! would pass for a result.
 
-use super::aligned::AlignedView;
-use super::choices::{GroundTruth, PartialCoverage, ViewPoses};
+use super::choices::{GroundTruth, PartialCoverage, ViewPoses, divide_by_coverage};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
-use super::partial_coverage::divide_by_coverage;
+use super::metrics::MetricError;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
-use super::scale::EvalScale;
+use super::scale::{EvalScale, visit_views};
 use super::seen::SeenQuality;
-use super::sizes::MetricError;
 use super::surfaces::Surfaces;
-use super::sweep::visit_views;
-use super::view_alignment::aligned;
+use super::view_alignment::{AlignedView, aligned};
 use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;

@@ -3,7 +3,7 @@
 //! A [`Fault`] states what was expected, what was found and what to do; [`ExportError`] adds the path. Text
 //! from a file is escaped and shortened before it enters a message, because it may hold anything.
 
-use super::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
+use super::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use std::io;
 use std::path::{Path, PathBuf};
 

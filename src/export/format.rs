@@ -3,7 +3,7 @@
 use super::error::{ExportError, Fault};
 use super::local_origin::OriginCarrier;
 use super::mapping::Mapping;
-use super::progress::WriteProgress;
+use super::stream::WriteProgress;
 use glam::DVec3;
 use std::fmt;
 use std::path::Path;
@@ -201,6 +201,24 @@ impl WriteOptions<'_> {
             unit_scale: 1.0,
             selection: WriteSelection::default(),
             progress: WriteProgress::NONE,
+        }
+    }
+}
+
+/// Extensions of the files that [`super::read()`] accepts. It detects the format from the content; dialogs
+/// filter by these.
+pub const READ_ENDINGS: [&str; 5] = ["ply", "glb", "gltf", "spz", "splat"];
+/// Extensions of the files that [`super::write()`] writes, the default first.
+pub const WRITTEN_ENDINGS: [&str; 3] = ["ply", "glb", "spz"];
+
+/// Formats extensions for a sentence: `.ply, .glb or .spz`.
+pub fn listed(endings: &[&str]) -> String {
+    match endings {
+        [] => String::new(),
+        [only] => format!(".{only}"),
+        [others @ .., last] => {
+            let others: Vec<String> = others.iter().map(|ending| format!(".{ending}")).collect();
+            format!("{} or .{last}", others.join(", "))
         }
     }
 }

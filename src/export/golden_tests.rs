@@ -3,8 +3,7 @@
 
 use super::format::{ModelFormat, WriteOptions};
 use super::gaussian::{AxisRotation, Gaussian};
-use super::progress::{ProgressCounter, WriteProgress};
-use super::stream::SplatRows;
+use super::stream::{ProgressCounter, SplatRows, WriteProgress};
 use super::{glb, ply};
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
@@ -12,7 +11,7 @@ use std::path::PathBuf;
 
 fn golden(name: &str) -> Vec<u8> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
-    golden(name)
+    std::fs::read(folder.join(name)).unwrap()
 }
 
 fn gaussians() -> Vec<Gaussian> {

@@ -22,8 +22,9 @@
 //! ```
 
 use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows, scale_floor};
-use crate::model::splat::appearance::{Appearance, GRADIENT_LIMIT, SplatSet, SplatView};
-use crate::model::splat::plain::{OPAQUE, PLAIN_WIDTH, plain_of_equal_area};
+use crate::model::splat::appearance::{
+    Appearance, GRADIENT_LIMIT, OPAQUE, PLAIN_WIDTH, SplatSet, SplatView, plain_of_equal_area,
+};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};

@@ -33,16 +33,13 @@
 pub mod atomic;
 pub mod camera_path;
 pub mod checkpoint;
-pub mod endings;
 pub mod error;
-pub mod film;
 pub mod format;
 pub mod imported;
 pub mod local_origin;
 pub mod mapping;
 #[expect(clippy::indexing_slicing, reason = "computed from splats in memory, no file is read")]
 pub mod mesh;
-pub mod progress;
 pub mod video;
 
 mod gaussian;
@@ -52,17 +49,16 @@ mod ply;
 mod read;
 mod read_back;
 mod source;
-mod splat;
 mod spz;
-mod stream;
+pub mod stream;
 mod write;
 
 pub use error::{ExportError, Fault};
 pub use format::{Axes, ModelFormat, WriteOptions, WriteSelection};
 pub use imported::{Imported, ModelKind, Note};
-pub use progress::WriteProgress;
 pub use read::{DEFAULT_MAX_SPLATS, read, read_up_to};
 pub use read_back::{ReadBack, read_back};
+pub use stream::WriteProgress;
 pub use write::{WriteSummary, write};
 
 #[cfg(test)]

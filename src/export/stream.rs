@@ -3,10 +3,11 @@
 //! Rows are computed on demand, once per column of the format, so memory does not depend on the model size.
 //! Encoding dominates the cost (logarithms, quaternions), and rows are independent.
 
+use super::error::Cancelled;
 use super::gaussian::Gaussian;
-use super::progress::ProgressCounter;
 use rayon::prelude::*;
-use std::io::{self, Write};
+use std::io::Write;
+use std::{fmt, io};
 
 /// Rows encoded before they are written and progress is reported: at most 16 MB of the widest format.
 const BLOCK_ROWS: usize = 1 << 16;
@@ -50,5 +51,49 @@ pub(super) fn write_rows(
 pub(super) fn put_floats(row: &mut Vec<u8>, values: &[f64]) {
     for value in values {
         row.extend_from_slice(&(*value as f32).to_le_bytes());
+    }
+}
+
+/// Callback between blocks of rows. Receives the completed fraction, 0 to 1, and returns false to cancel.
+#[derive(Clone, Copy, Default)]
+pub struct WriteProgress<'a>(Option<&'a dyn Fn(f64) -> bool>);
+
+impl<'a> WriteProgress<'a> {
+    /// No callback.
+    pub const NONE: WriteProgress<'static> = WriteProgress(None);
+
+    /// Reports progress to the callback; if it returns `false`, writing ends with
+    /// [`super::Fault::Cancelled`].
+    pub fn new(told: &'a dyn Fn(f64) -> bool) -> Self {
+        Self(Some(told))
+    }
+}
+
+impl fmt::Debug for WriteProgress<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.0.is_some() { "WriteProgress(told)" } else { "WriteProgress(none)" })
+    }
+}
+
+pub(super) struct ProgressCounter<'a> {
+    progress: WriteProgress<'a>,
+    done: usize,
+    total: usize,
+}
+
+impl<'a> ProgressCounter<'a> {
+    /// Starts a count of `total` rows. Rows written per column count once for each column.
+    pub fn new(progress: WriteProgress<'a>, total: usize) -> Self {
+        Self { progress, done: 0, total }
+    }
+
+    /// Counts `n` more rows and reports the progress.
+    pub fn advance(&mut self, n: usize) -> io::Result<()> {
+        self.done += n;
+        let share = self.done as f64 / self.total.max(1) as f64;
+        match self.progress.0 {
+            Some(told) if !told(share.min(1.0)) => Err(io::Error::other(Cancelled)),
+            _ => Ok(()),
+        }
     }
 }

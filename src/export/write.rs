@@ -2,12 +2,12 @@
 
 use super::error::{ExportError, Fault, shorten};
 use super::format::{ModelFormat, WriteOptions};
-use super::progress::ProgressCounter;
 use super::source::ExportRows;
-use super::stream::SplatRows;
+use super::stream::{ProgressCounter, SplatRows};
 use super::{atomic, glb, ply, spz};
 use crate::model::splat::appearance::SplatView;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 use std::path::Path;
 
 /// Summary of an export.
@@ -83,8 +83,8 @@ fn prepare_content<'a>(
             Box::new(move |out| layout.write(out, source, &mut steps(1)))
         }
         ModelFormat::PointCloudPly => {
-            let header = ply::points::header(source.n_rows(), options)?;
-            Box::new(move |out| ply::points::points(out, &header, source, options, &mut steps(1)))
+            let header = ply::write::header(source.n_rows(), options)?;
+            Box::new(move |out| ply::write::points(out, &header, source, options, &mut steps(1)))
         }
         ModelFormat::Glb => {
             let layout = glb::write::GlbLayout::new(source, options)?;

@@ -1,8 +1,11 @@
 //! Attributes of a component besides its splat: evidence, uncertainty, ELBO, birth.
 
 use super::conjugate::posterior::ComponentPosterior;
+use super::conjugate::prior::Hyper;
+use super::paper::state::ModelState;
 use super::scene::photometric::PhotometricDeviations;
-use crate::math::normalization::Normalization;
+use super::scene::state::SceneState;
+use crate::math::measured_pixel::Normalization;
 
 /// Attributes of a component besides its splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,6 +46,32 @@ impl ComponentAttributes {
     pub fn with_photometric_uncertainty(self, found: Option<PhotometricDeviations>) -> Self {
         let uncertainty = found.map(|found| found.position_deviation() as f32).or(self.uncertainty);
         Self { uncertainty, ..self }
+    }
+}
+
+/// Model of either preset.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StoredModel {
+    /// Model of the `paper` preset.
+    Mixture {
+        /// Transform from world to model coordinates.
+        normalization: Normalization,
+        /// Prior and initial hyper-parameters.
+        hyper: Hyper,
+        /// Weights, means and statistics.
+        state: ModelState,
+    },
+    /// Model of the `scene` preset.
+    Scene(SceneState),
+}
+
+impl StoredModel {
+    /// Drops the stored frames that await a second alignment. If several runs continue from one start, each
+    /// would move the contributions of these frames, and fusion would add up all the motions.
+    pub fn drop_stored_frames(&mut self) {
+        if let Self::Scene(state) = self {
+            state.stored_frames.clear();
+        }
     }
 }
 

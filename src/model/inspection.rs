@@ -5,7 +5,7 @@ use super::conjugate::posterior::ComponentPosterior;
 use super::scene::photometric::PhotometricDeviations;
 use super::splat::appearance::Appearance;
 use super::splat::splats::{CovarianceForm, Splat, decompose};
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
 use crate::math::sym3::Sym3;
 use glam::{DQuat, DVec3};
 
@@ -65,4 +65,14 @@ impl Inspection {
             posterior,
         }
     }
+}
+
+/// A device failed; the caller continues on the processor.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{device} failed to compute a pass over a frame: {reason}")]
+pub struct DeviceError {
+    /// Name of the device.
+    pub device: String,
+    /// Reason as reported by the device.
+    pub reason: String,
 }

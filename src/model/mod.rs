@@ -2,15 +2,13 @@
 //!
 //! Three models are separate (`model.md`, Three models). The *prior* never changes
 //! ([`conjugate::prior::Hyper`]). The *initial model* serves every E-step and changes by reassignment only
-//! ([`paper::mixture::InitialModel`]). The *posterior* is the prior plus all statistics so far; it is
+//! ([`paper::state::InitialModel`]). The *posterior* is the prior plus all statistics so far; it is
 //! rendered and never feeds back ([`conjugate::posterior`]).
 #![doc = include_str!("model.md")]
 
 pub mod attributes;
 pub mod conjugate;
-pub mod device_error;
 pub mod inspection;
 pub mod paper;
 pub mod scene;
 pub mod splat;
-pub mod stored;

@@ -6,7 +6,7 @@ use crate::math::real::Real;
 // As many as in a tile of 8×8 pixels.
 const DEFAULT_TILE: usize = 64;
 
-/// Points of one frame, normalised (see [`Normalization`](crate::math::normalization::Normalization)),
+/// Points of one frame, normalised (see [`Normalization`](crate::math::measured_pixel::Normalization)),
 /// grouped into tiles. Sums are formed per tile, so results depend on the tiles but not on the number of
 /// threads.
 ///

@@ -1,15 +1,17 @@
 //! Interface to a preset's settings that does not depend on the preset. Code that needs the types uses
-//! [`TypedPreset`](super::preset::TypedPreset).
+//! [`TypedPreset`](super::frame_loop::TypedPreset).
 
-use super::mismatch::Mismatch;
+use super::settings::method::Method;
 use crate::dataset::Layout;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::unproject::CameraConvention;
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
 use crate::model::splat::splats::CovarianceForm;
-use crate::model::stored::StoredModel;
+use crate::render::Antialias;
+use crate::train::candidates::IndexError;
 use crate::train::learner::Learner;
-use crate::train::memory::MemoryEstimate;
+use crate::train::outcome::MemoryEstimate;
 
 /// Settings of a run, independent of the preset.
 pub trait AnyPreset {
@@ -61,7 +63,7 @@ pub trait AnyPreset {
     /// Restores a learner with the stored model, for any observation type.
     ///
     /// # Errors
-    /// As [`TypedPreset::restore`](super::preset::TypedPreset::restore).
+    /// As [`TypedPreset::restore`](super::frame_loop::TypedPreset::restore).
     fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch>;
 }
 
@@ -99,4 +101,37 @@ pub struct OrderDependence {
     pub found: String,
     /// Setting to use instead.
     pub advice: &'static str,
+}
+
+/// How a stored model contradicts the settings stored with it.
+#[derive(Debug, thiserror::Error)]
+pub enum Mismatch {
+    /// The prior differs.
+    #[error("expected the prior that its settings imply, found another")]
+    Prior,
+    /// The settings require another form of model, described here.
+    #[error("expected {0} according to its settings, found another")]
+    Form(String),
+    /// A setting is out of range.
+    #[error("{0}")]
+    Setting(String),
+    /// The means cannot be indexed.
+    #[error(transparent)]
+    Index(#[from] IndexError),
+}
+
+/// Comment lines of a splat file: program and settings, antialiasing rule, and the covariance conversion if
+/// it is not the default.
+pub fn file_comments(method: &Method, n_frames: u64) -> Vec<String> {
+    let program = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
+    let preset = method.preset();
+    let mut comments = vec![
+        format!("vbgs made by {program}, preset {preset}, from {n_frames} frames"),
+        // Other programs also have a rule that reduces the opacity by as much as the area grows.
+        format!("vbgs antialias {}: 0.3 px2 added, opacity kept", Antialias::Footprint),
+    ];
+    if method.as_any().covariance_form() == CovarianceForm::LegacyCholesky {
+        comments.push("vbgs legacy-cov".to_owned());
+    }
+    comments
 }

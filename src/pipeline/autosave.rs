@@ -5,7 +5,7 @@
 //! neither frames nor memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
-use super::panic_text::{NO_MESSAGE, panic_text};
+use super::looks::{NO_MESSAGE, panic_text};
 use super::session::Session;
 use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};

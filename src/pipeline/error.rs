@@ -1,7 +1,7 @@
 //! Errors of starting and continuing a session.
 
+use super::any_preset::Mismatch;
 use super::memory::MemoryError;
-use super::mismatch::Mismatch;
 use super::prefetch::SpawnError;
 use super::settings::scene::SceneError;
 use crate::dataset::error::DatasetError;

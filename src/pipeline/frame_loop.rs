@@ -1,8 +1,14 @@
 //! Inner training loop: takes prepared frames and updates the learner.
 
+use super::any_preset::{AnyPreset, Mismatch, RestoredLearner};
+use super::error::SessionError;
 use super::prefetch::{NextFrame, PlannedFrame, Prefetch, Prepared, PreparedFrame};
-use super::prepare::Prepare;
-use crate::dataset::FrameMarks;
+use super::run::RunConfig;
+use super::start::Prepare;
+use crate::dataset::range::PositionRange;
+use crate::dataset::{Dataset, FrameMarks};
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
 use crate::train::candidates::IndexError;
 use crate::train::learner::{Learner, Learns};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
@@ -106,4 +112,63 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
     fn learner_mut(&mut self) -> &mut dyn Learner {
         &mut *self.learner
     }
+}
+
+/// Observation type of a preset's learner.
+pub type ObservationOf<P> = <<P as TypedPreset>::Preparation as Prepare>::Observation;
+
+/// Settings of a preset, with its types.
+pub trait TypedPreset: AnyPreset {
+    /// Preparation of frames for the learner.
+    type Preparation: Prepare;
+
+    /// Returns the preparation for a run whose model uses the coordinates of `normalization`.
+    fn preparation(&self, run: &RunConfig, normalization: Normalization) -> Self::Preparation;
+
+    /// Creates an untrained learner for a dataset whose positions lie in `range` and whose frames have at
+    /// most `pixels` pixels.
+    ///
+    /// # Errors
+    /// [`SessionError`] if memory does not suffice or the data give no initialisation.
+    fn begin(
+        &self,
+        dataset: &Dataset,
+        run: &RunConfig,
+        range: &PositionRange,
+        pixels: usize,
+    ) -> Result<InitialLearner<ObservationOf<Self>>, SessionError>;
+
+    /// Restores a learner after `frames` frames from a stored model.
+    ///
+    /// # Errors
+    /// [`Mismatch`] if the stored model does not match these settings.
+    fn restore(
+        &self,
+        model: &StoredModel,
+        frames: u64,
+    ) -> Result<InitialLearner<ObservationOf<Self>>, Mismatch>;
+}
+
+/// Learner at the start of a session.
+pub struct InitialLearner<O> {
+    /// The learner.
+    pub learner: Box<dyn Learns<O>>,
+    /// World to model coordinates.
+    pub normalization: Normalization,
+}
+
+/// Calls [`TypedPreset::restore`] and erases the observation type.
+///
+/// # Errors
+/// As [`TypedPreset::restore`].
+pub(super) fn revive<P: TypedPreset>(
+    preset: &P,
+    model: &StoredModel,
+    frames: u64,
+) -> Result<RestoredLearner, Mismatch>
+where
+    ObservationOf<P>: 'static,
+{
+    let InitialLearner { learner, normalization } = preset.restore(model, frames)?;
+    Ok(RestoredLearner { learner, normalization })
 }

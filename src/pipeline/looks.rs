@@ -4,11 +4,13 @@
 use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
 use crate::dataset::{Dataset, FrameMarks};
-use std::panic::resume_unwind;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
+use std::{io, thread};
 
 /// Result of a scan.
 pub(super) enum ScanFindings {
@@ -134,4 +136,73 @@ fn scan(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> ScanResu
         },
     };
     ScanResult { found, has_ended, took: Some(begun.elapsed()) }
+}
+
+/// Work in progress; dropping it abandons the work.
+pub struct DriveWork<T> {
+    since: Instant,
+    answers: Receiver<thread::Result<T>>,
+}
+
+impl<T: Send + 'static> DriveWork<T> {
+    /// Starts the work on a thread with this name.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
+    pub fn start(name: &str, work: impl FnOnce() -> T + Send + 'static) -> io::Result<Self> {
+        let (answer, answers) = sync_channel(1);
+        Builder::new().name(name.to_owned()).spawn(move || {
+            // Unwind-safe, because only the result is used afterwards. Sending fails if the work was
+            // abandoned.
+            let _ = answer.send(catch_unwind(AssertUnwindSafe(work)));
+        })?;
+        Ok(Self { since: Instant::now(), answers })
+    }
+
+    /// Waits up to `patience` for the result or the panic that ended the work; available once.
+    pub fn wait(&self, patience: Duration) -> Option<thread::Result<T>> {
+        match self.answers.recv_timeout(patience) {
+            Ok(ended) => Some(ended),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => {
+                let ended: Box<dyn Any + Send> = Box::new("the thread ended without a result");
+                Some(Err(ended))
+            }
+        }
+    }
+
+    /// Time since the start.
+    pub fn elapsed(&self) -> Duration {
+        self.since.elapsed()
+    }
+}
+
+/// Placeholder for a panic without a message.
+pub const NO_MESSAGE: &str = "a panic without a message";
+
+/// Returns the message of a panic's payload, if any.
+pub fn panic_text(payload: &(dyn Any + Send)) -> Option<&str> {
+    // `panic!` carries a `&str` for a literal message, else a `String`.
+    let text = payload.downcast_ref::<&str>().copied();
+    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+}
+
+#[cfg(test)]
+mod drive_work_tests {
+    use super::*;
+    use std::sync::mpsc::channel;
+
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    #[test]
+    fn answers_and_panics_come_and_silence_is_not_waited_for() {
+        let (speak, silence) = channel::<u32>();
+        let work = DriveWork::start("test", move || silence.recv().unwrap()).unwrap();
+        assert!(work.wait(Duration::from_millis(1)).is_none());
+        speak.send(7).unwrap();
+        assert_eq!(work.wait(PATIENCE).unwrap().unwrap(), 7);
+        let work = DriveWork::start("test", || panic!("injected into work: {}", 3)).unwrap();
+        let ended: thread::Result<()> = work.wait(PATIENCE).unwrap();
+        assert_eq!(panic_text(&*ended.unwrap_err()), Some("injected into work: 3"));
+    }
 }

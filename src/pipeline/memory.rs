@@ -1,8 +1,8 @@
 //! Memory check before a run starts.
 
 use super::any_preset::ComponentLimit;
-use crate::eval::machine;
-use crate::train::memory::MemoryEstimate;
+use crate::eval::report;
+use crate::train::outcome::MemoryEstimate;
 
 /// The run would not fit into memory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -41,7 +41,7 @@ pub enum MemoryError {
 /// # Errors
 /// [`MemoryError`] states how many components would fit.
 pub fn check(estimate: MemoryEstimate, limit: ComponentLimit) -> Result<(), MemoryError> {
-    match machine::available_bytes() {
+    match report::available_bytes() {
         Some(available) => check_against(estimate, limit, available),
         None => Ok(()),
     }

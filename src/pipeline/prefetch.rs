@@ -4,9 +4,9 @@
 //!
 //! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 
-use super::panic_text::{NO_MESSAGE, panic_text};
+use super::looks::{NO_MESSAGE, panic_text};
 use super::plan::Plan;
-use super::prepare::Prepare;
+use super::start::Prepare;
 use crate::dataset::error::FrameError;
 use crate::dataset::{Dataset, FrameEntry, FrameMarks};
 use crate::train::timing::Stopwatch;

@@ -1,10 +1,18 @@
 //! Settings of a run.
 
 use super::plan::Selection;
+use super::session::Session;
 use super::settings::method::Method;
 use crate::dataset::range::PositionRange;
 use crate::dataset::unproject::{CameraConvention, EdgeFilter};
 use crate::dataset::{Dataset, LoadOptions};
+use crate::eval::report;
+use crate::eval::report::{
+    DatasetReport, EvalReport, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
+};
+use crate::model::attributes::ComponentAttributes;
+use crate::model::inspection::Inspection;
+use crate::train::outcome::ComparedPhotograph;
 use serde::{Deserialize, Serialize};
 
 /// Every setting that affects a run, for reports and checkpoints.
@@ -50,5 +58,145 @@ impl RunConfig {
     /// Settings of the run over all shards.
     pub fn without_shard(&self) -> Self {
         Self { selection: self.selection.without_shard(), ..self.clone() }
+    }
+}
+
+impl Session {
+    /// Returns attributes of the listed components for false-colour views.
+    pub fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
+        ids.iter().map(|&id| self.attributes(id as usize)).collect()
+    }
+
+    fn attributes(&self, component: usize) -> ComponentAttributes {
+        let engine = self.learner();
+        let elbo = engine.component_elbo().mean_elbo_of(component).map(|(mean, _)| mean);
+        let posterior = engine.posterior(component);
+        let birth = self.birth_of(component);
+        ComponentAttributes::new(&posterior, self.normalization(), elbo, birth)
+            .with_photometric_uncertainty(engine.photometric_deviations(component))
+    }
+
+    /// Returns all data of a component; `None` if `id` is out of range.
+    pub fn inspect(&self, id: u32) -> Option<Inspection> {
+        let component = id as usize;
+        if component >= self.learner().components() {
+            return None;
+        }
+        let posterior = self.learner().posterior(component);
+        // The responsibilities of a point sum to 1, so the counts sum to the number of points.
+        let alpha0 = posterior.alpha - posterior.count;
+        let total = alpha0 * self.learner().components() as f64 + self.points() as f64;
+        let (attributes, splat) = (self.attributes(component), self.learner().splat(component));
+        let inspection =
+            Inspection::new(id, posterior, total, attributes, splat, self.normalization());
+        Some(Inspection {
+            photometric_deviations: self.learner().photometric_deviations(component),
+            ..inspection
+        })
+    }
+}
+
+impl Session {
+    /// Reports of the frames whose photographs were compared in the last step, as far as known: the newest,
+    /// and buffered ones.
+    pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
+        let (past, n_learnt) = (self.past(), self.learner().frames());
+        let compared = self.learner().compared_photographs().iter();
+        compared.filter_map(move |compared| past.report_of(n_learnt, compared))
+    }
+
+    fn drawn(&self) -> usize {
+        self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+    }
+
+    /// Returns the report so far; `adapter` is the name of the graphics adapter used for rendering, if any.
+    pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
+        let (dataset, plan, past) = (self.dataset(), self.plan(), self.past());
+        let split = &dataset.splits[plan.split];
+        let first = plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
+        let path = dataset.path.as_ref();
+        Report {
+            format: REPORT_FORMAT,
+            dataset: DatasetReport {
+                path: path.map_or_else(|| dataset.name.clone(), |p| p.display().to_string()),
+                layout: dataset.layout.name().to_owned(),
+                split: split.name.clone(),
+                frames: plan.frames.len(),
+                width: first.map_or(0, |k| k.width),
+                height: first.map_or(0, |k| k.height),
+            },
+            config: self.config().clone(),
+            machine: report::describe(adapter),
+            frames: past.frames.clone(),
+            skipped: past.skipped.clone(),
+            summary: Summary {
+                components: self.learner().components(),
+                used: self.learner().used(),
+                drawn: self.drawn(),
+                model_bytes: self.learner().model_bytes(),
+                peak_rss_bytes: report::peak_rss_bytes(),
+                ..Summary::of_frames(&past.frames, past.wall_s)
+            },
+            eval,
+            seen: Vec::new(),
+            tracking: None,
+            comparer: self.learner().comparer_use(),
+            passes: self.learner().pass_use(),
+            points: self.learner().point_use(),
+        }
+    }
+}
+
+/// Progress and frame reports of a run so far.
+#[derive(Clone)]
+pub(super) struct RunProgress {
+    /// Number of visited positions of the plan.
+    pub visited: usize,
+    /// Number of pixels that the points represent.
+    pub points: u64,
+    /// Reports of the trained frames, as far as known.
+    pub frames: Vec<FrameReport>,
+    pub skipped: Vec<SkippedFrame>,
+    /// Training time in seconds.
+    pub wall_s: f64,
+}
+
+impl RunProgress {
+    /// Starts empty, with the frames that the dataset refused when it was opened as skipped.
+    pub fn at_start(dataset: &Dataset, split: usize) -> Self {
+        let name = &dataset.splits[split].name;
+        let refused = dataset.warnings.iter().filter(|w| w.split == *name);
+        Self {
+            visited: 0,
+            points: 0,
+            frames: Vec::new(),
+            skipped: refused.map(|w| SkippedFrame::from(&*w.error)).collect(),
+            wall_s: 0.0,
+        }
+    }
+
+    /// Stores how a photograph compared in its frame's report, after `n_learnt` frames. Returns a warning if
+    /// the frame is a new outlier.
+    pub fn record_comparison(
+        &mut self,
+        n_learnt: u64,
+        compared: &ComparedPhotograph,
+    ) -> Option<String> {
+        let at = self.report_index(n_learnt, compared)?;
+        let report = self.frames.get_mut(at)?;
+        let is_told = report.outlier_warning().is_some();
+        report.photograph = Some(compared.outcome);
+        report.outlier_warning().filter(|_| !is_told)
+    }
+
+    /// Report of the frame whose photograph was compared, after `n_learnt` frames.
+    pub fn report_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<&FrameReport> {
+        self.frames.get(self.report_index(n_learnt, compared)?)
+    }
+
+    fn report_index(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<usize> {
+        // The reports of the first frames of a resumed run may be unknown.
+        let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
+        usize::try_from(compared.frame.checked_sub(n_before)?).ok()
     }
 }

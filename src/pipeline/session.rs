@@ -5,21 +5,22 @@ use super::follow::Follow;
 use super::frame_loop::{FrameLoop, FrameStatus, StepResult, SteppedFrame};
 use super::looks::ScanFindings;
 use super::memory;
-use super::past::RunProgress;
 use super::plan::{Plan, Selection};
 use super::prefetch::PlannedFrame;
-use super::run::RunConfig;
+use super::run::{RunConfig, RunProgress};
 use super::settings::method::MethodRequest;
 use super::start::{InitialState, frame_loop};
-use crate::dataset::range;
-use crate::dataset::{Dataset, FrameMarks};
+use crate::dataset::{Dataset, FrameMarks, range};
 use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
+use crate::model::inspection::DeviceError;
+use crate::model::paper::mixture_device::MixtureDevice;
+use crate::model::scene::points_device::PointsDevice;
 use crate::model::splat::appearance::SplatSet;
-use crate::train::birth_log::BirthLog;
+use crate::render::cpu::photometric::PhotometricComparer;
+use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::Learner;
-use crate::train::memory::MemoryEstimate;
-use crate::train::outcome::{FrameOutcome, FrameTracking};
+use crate::train::outcome::{BirthLog, FrameOutcome, FrameTracking, MemoryEstimate};
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -440,4 +441,28 @@ impl Session {
 fn latency_ms(marks: &FrameMarks) -> Option<f64> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
     Some(1e3 * now.checked_sub(marks.last_modified()?)?.as_secs_f64())
+}
+
+impl Session {
+    /// Compares photographs on a device from now on, if they are trained on.
+    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
+        self.learner_mut().compare_on(comparer, policy);
+    }
+
+    /// Assigns points to seeds and sums them on a device from now on, if the learner supports it.
+    pub fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
+        self.learner_mut().fit_on(device, policy);
+    }
+
+    /// Computes mixture passes over frames on a device from now on, if the learner supports it.
+    ///
+    /// # Errors
+    /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
+    pub fn compute_on(
+        &mut self,
+        device: Box<dyn MixtureDevice>,
+        policy: DevicePolicy,
+    ) -> Result<(), DeviceError> {
+        self.learner_mut().compute_on(device, policy)
+    }
 }

@@ -1,16 +1,24 @@
 //! Start of a session: the only place that distinguishes the presets of a run.
 
 use super::error::SessionError;
-use super::frame_loop::{FrameLoop, PresetLoop};
-use super::plan::Plan;
+use super::frame_loop::{FrameLoop, InitialLearner, ObservationOf, PresetLoop, TypedPreset};
+use super::plan::{Plan, Selection};
 use super::prefetch::Prefetch;
-use super::preset::{InitialLearner, ObservationOf, TypedPreset};
 use super::run::RunConfig;
-use super::settings::method::Method;
-use crate::dataset::Dataset;
+use super::session::Session;
+use super::settings::method::{Method, MethodRequest};
+use crate::dataset::error::FrameError;
+use crate::dataset::frame::Frame;
 use crate::dataset::range::PositionRange;
-use crate::math::normalization::Normalization;
-use crate::model::stored::StoredModel;
+use crate::dataset::surface::{Preparer, SurfaceCounts, SurfaceSettings};
+use crate::dataset::synthetic::ParamsError;
+use crate::dataset::unproject::{PointCounts, UnprojectSettings, Unprojector};
+use crate::dataset::{Dataset, synthetic};
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
+use crate::observation::points::Points;
+use crate::observation::surface::Observation;
+use std::fmt::Display;
 use std::sync::Arc;
 
 /// Initial state of a learner.
@@ -54,4 +62,111 @@ fn preset_loop<P: TypedPreset>(
     let preparation = preset.preparation(run, normalization);
     let prefetch = Prefetch::start(dataset.clone(), plan, first, preparation)?;
     Ok((Box::new(PresetLoop { prefetch, learner }), normalization))
+}
+
+/// Preparation of frames, implemented by its settings, which the threads share.
+pub trait Prepare: Send + Sync + 'static {
+    /// Input of a learner.
+    type Observation: Send + 'static;
+    /// Buffers reused between frames, one per thread.
+    type Memory: Default + Send + 'static;
+    /// Counts of pixels by result; displays those without a point.
+    type Counts: Display;
+
+    /// Returns an observation without points, whose memory frames reuse.
+    fn empty() -> Self::Observation;
+
+    /// Replaces `observation` by that of a frame.
+    ///
+    /// # Errors
+    /// [`FrameError`] for a frame that lacks required data, such as depth.
+    fn prepare(
+        &self,
+        frame: &Frame,
+        memory: &mut Self::Memory,
+        observation: &mut Self::Observation,
+    ) -> Result<Self::Counts, FrameError>;
+
+    /// Number of points of an observation.
+    fn n_points(observation: &Self::Observation) -> usize;
+
+    /// Measured pixels without a point.
+    fn dropped(counts: &Self::Counts) -> usize;
+}
+
+/// Prepares coloured points for the published algorithm.
+impl Prepare for UnprojectSettings {
+    type Observation = Points<f32>;
+    type Memory = Unprojector;
+    type Counts = PointCounts;
+
+    fn empty() -> Points<f32> {
+        Points::new()
+    }
+
+    fn prepare(
+        &self,
+        frame: &Frame,
+        unprojector: &mut Unprojector,
+        points: &mut Points<f32>,
+    ) -> Result<PointCounts, FrameError> {
+        unprojector.unproject(frame, self, points)
+    }
+
+    fn n_points(points: &Points<f32>) -> usize {
+        points.len()
+    }
+
+    fn dropped(counts: &PointCounts) -> usize {
+        counts.dropped()
+    }
+}
+
+/// Prepares surface points and ranges for the scene preset.
+impl Prepare for SurfaceSettings {
+    type Observation = Observation;
+    type Memory = Preparer;
+    type Counts = SurfaceCounts;
+
+    fn empty() -> Observation {
+        Observation::empty()
+    }
+
+    fn prepare(
+        &self,
+        frame: &Frame,
+        preparer: &mut Preparer,
+        surfaces: &mut Observation,
+    ) -> Result<SurfaceCounts, FrameError> {
+        preparer.prepare(frame, self, surfaces)
+    }
+
+    fn n_points(surfaces: &Observation) -> usize {
+        surfaces.points.len()
+    }
+
+    fn dropped(counts: &SurfaceCounts) -> usize {
+        counts.dropped()
+    }
+}
+
+/// Error of starting the demo.
+#[derive(Debug, thiserror::Error)]
+pub enum DemoError {
+    /// Invalid scene parameters.
+    #[error("{0}")]
+    Scene(#[from] ParamsError),
+    /// The session could not be started.
+    #[error("{0}")]
+    Session(#[from] SessionError),
+}
+
+/// Returns the synthetic room.
+pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
+    Ok(Arc::new(synthetic::demo()?))
+}
+
+/// Starts a session over all frames of the demo.
+pub fn session(asked: impl Into<MethodRequest>) -> Result<Session, DemoError> {
+    Ok(Session::new(dataset()?, asked, Selection::all_frames())?)
 }

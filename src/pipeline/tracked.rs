@@ -4,14 +4,17 @@
 //! tracked against the finished scene without training. If the recording has poses, the views' images are
 //! straightened by them, as in any other run.
 
+use super::any_preset::RestoredLearner;
 use super::settings::scene::SceneRun;
 use crate::dataset::error::FrameError;
 use crate::dataset::surface::Preparer;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::eval::trajectory_error::TrajectoryError;
+use crate::export::mesh::Surfel;
+use crate::math::measured_pixel::Normalization;
 use crate::math::pose::Pose;
-use crate::model::scene::trajectory::TrackedPose;
+use crate::model::scene::state::TrackedPose;
 use crate::model::splat::appearance::SplatView;
 use crate::observation::surface::Observation;
 use crate::train::scene::track::find_pose;
@@ -179,4 +182,23 @@ impl Placer<'_> {
             .map_err(|loss| lost(format!("{}: not placed: {loss}", entry.name)))?;
         found.pose().ok_or_else(|| lost(format!("{}: not placed", entry.name)))
     }
+}
+
+/// Returns a surfel for every drawn component with a known normal. Models of the `paper` preset have none.
+pub fn surfels(revived: &RestoredLearner) -> Vec<(usize, Surfel)> {
+    let (learner, normalization) = (&revived.learner, &revived.normalization);
+    let of = |component: usize| {
+        let (splat, _) = learner.splat(component);
+        let normal = learner.normal(component).filter(|_| splat.is_drawable())?;
+        let posterior = learner.posterior(component);
+        let surfel = Surfel {
+            mean: normalization.denormalize(posterior.mean_space),
+            normal,
+            covariance: posterior.world_covariance(normalization),
+            color: Normalization::denormalize_color(posterior.mean_color),
+            evidence: posterior.count,
+        };
+        Some((component, surfel))
+    };
+    (0..learner.components()).filter_map(of).collect()
 }

@@ -4,7 +4,7 @@
 //! colour. It is replaced only after a visible change, because every new range recolours and uploads all
 //! splats. Evidence and uncertainty span many orders of magnitude and use a logarithmic scale.
 
-use super::paint::ramp;
+use super::finish::ramp;
 use crate::model::attributes::ComponentAttributes;
 
 /// Attribute that splats can be coloured by.

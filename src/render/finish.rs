@@ -6,7 +6,7 @@
 //! colour are scaled up in proportion.
 //!
 //! Exposure multiplies the splats' colour by the exposure recorded near the view
-//! ([`crate::model::splat::exposure`]).
+//! ([`crate::model::splat::pose_log`]).
 
 use super::options::{Exposing, RenderOptions};
 use crate::math::camera::Camera;
@@ -46,6 +46,33 @@ impl Finish {
     }
 }
 
+/// Polynomial of the viridis colour map per channel, constant first: least squares over the map's 256
+/// entries, maximum error 0.01. Viridis is perceptually uniform, also with colour blindness.
+pub const RAMP: [[f32; 3]; 7] = [
+    [0.277_727_3, 0.005_407_345, 0.334_099_8],
+    [0.105_093_04, 1.404_613_5, 1.384_590_2],
+    [-0.330_861_83, 0.214_847_56, 0.095_095_16],
+    [-4.634_230_5, -5.799_101, -19.332_44],
+    [6.228_27, 14.179_934, 56.690_55],
+    [4.776_385, -13.745_145, -65.353_03],
+    [-5.435_456, 4.645_852_6, 26.312_435],
+];
+
+/// Stored colour that marks a splat, such as one of a selection. A splat of exactly this colour keeps it
+/// under every paint. Neither the ramp nor recorded colours come near it, and trained colours do not match
+/// its digits exactly.
+pub const MARKER_COLOR: [f32; 3] = [1.0, 0.353, 0.863];
+
+/// Maps 0 to dark violet and 1 to yellow. Values outside are clamped; NaN counts as 0.
+pub fn ramp(share: f32) -> [f32; 3] {
+    // `clamp` keeps NaN, and a NaN colour would spread through blending.
+    let t = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
+    std::array::from_fn(|channel| {
+        let sum = RAMP.iter().rev().fold(0.0, |sum, row| sum * t + row[channel]);
+        sum.clamp(0.0, 1.0)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,5 +93,21 @@ mod tests {
     fn exposure_leaves_coverage() {
         let finish = Finish { exposure: [2.0, 1.0, 0.5], ..Finish::NONE };
         assert_eq!(finish.apply([0.25, 0.25, 0.25, 0.5]), [0.5, 0.25, 0.125, 0.5]);
+    }
+}
+
+#[cfg(test)]
+mod paint_tests {
+    use super::ramp;
+
+    #[test]
+    fn the_ramp_runs_from_violet_to_yellow_and_never_gets_darker() {
+        let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.02);
+        assert!(near(ramp(0.0), [0.267, 0.005, 0.329]) && near(ramp(1.0), [0.993, 0.906, 0.144]));
+        assert!(near(ramp(0.5), [0.128, 0.567, 0.551]));
+        assert_eq!((ramp(-3.0), ramp(f32::NAN), ramp(7.0)), (ramp(0.0), ramp(0.0), ramp(1.0)));
+        let luma = |c: [f32; 3]| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
+        let steps: Vec<f32> = (0..=64).map(|i| luma(ramp(i as f32 / 64.0))).collect();
+        assert!(steps.windows(2).all(|pair| pair[1] > pair[0] - 1e-3));
     }
 }

@@ -7,24 +7,17 @@
 
 pub mod attributes;
 pub mod compare;
-mod constants;
 pub mod finish;
-mod lens;
 mod options;
-pub mod outline;
-pub mod paint;
 pub mod pick;
 
 pub mod cpu;
 #[cfg(feature = "gui")]
 pub mod gpu;
 
-pub use constants::{
-    ALPHA_CAP, ALPHA_CUT, EVALUATION_NEAR, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2,
-    MAX_SCALE_FLOOR_RATIO, POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
-    VIEWPORT_NEAR_SHARE, near_plane_for, scale_floor,
-};
 pub use options::{
-    Antialias, DisplayStyle, ExactOptions, Exposing, Lens, Paint, RenderMethod, RenderOptions,
-    Renderer, Response, Support,
+    ALPHA_CAP, ALPHA_CUT, Antialias, DisplayStyle, EVALUATION_NEAR, ExactOptions, Exposing,
+    FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO, POINT_SCALE, Paint,
+    REFERENCE_VARIANCE, RenderMethod, RenderOptions, Renderer, Response, SCALE_FLOOR, Support,
+    TILE, TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE, near_plane_for, scale_floor,
 };

@@ -5,10 +5,11 @@
 //! [`RenderOptions::evaluation`] or [`RenderOptions::viewport`], so that a measured image never takes
 //! a display setting by accident.
 
-use super::constants::{EVALUATION_NEAR, VIEWPORT_NEAR_SHARE, scale_floor};
+use crate::math::camera::Intrinsics;
 use crate::model::splat::splats::Splat;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 use strum::{Display, EnumString, VariantNames};
 
 /// Renderer name in command lines and reports.
@@ -156,7 +157,7 @@ pub enum Paint {
     /// The stored colour, with gradient and view dependence if the scene has them.
     Stored,
     /// Distance of the centre from the camera, mapped from `[near, far]` (world units) to
-    /// [`super::paint::ramp`].
+    /// [`super::finish::ramp`].
     Depth([f32; 2]),
     /// World direction `n` of the shortest axis, turned towards the camera, as `½ + ½·n`.
     Normal,
@@ -223,5 +224,133 @@ impl RenderOptions {
         // No exposure is known away from the photographs, and brightness must not change with motion.
         let exposing = Exposing::Neutral;
         Self { near, exposure_mode: exposing, ..Self::evaluation(method, background) }
+    }
+}
+
+/// Near plane for evaluation, in world units. A splat whose centre has `z ≤ 0.2` is dropped, as in
+/// the reference renderer (`rendering.md`, Conventions).
+pub const EVALUATION_NEAR: f64 = 0.2;
+
+/// Near plane of the viewport as a fraction of the scene radius. Applies where that is nearer than
+/// [`EVALUATION_NEAR`] (`rendering.md`, Conventions).
+pub const VIEWPORT_NEAR_SHARE: f64 = 0.005;
+
+/// Low-pass variance in px², added to both diagonal entries of the projected covariance
+/// (`rendering.md`, Projected renderer).
+pub const LOW_PASS_PX2: f64 = 0.3;
+
+/// Margin around the image in half image widths (heights). Beyond it the Jacobian is evaluated at the
+/// clamped tangent `x/z`, `y/z` (`rendering.md`, Projected renderer).
+pub const FRUSTUM_MARGIN: f64 = 0.3;
+
+/// Maximum alpha of one splat in one pixel (`rendering.md`, Projected renderer).
+pub const ALPHA_CAP: f64 = 0.99;
+
+/// Minimum alpha: smaller values are skipped (`rendering.md`, Projected renderer).
+pub const ALPHA_CUT: f64 = 1.0 / 255.0;
+
+/// Minimum transmittance. Blending of a pixel stops before the splat that would take its transmittance
+/// below this value (`rendering.md`, Blending).
+pub const TRANSMITTANCE_STOP: f64 = 1e-4;
+
+/// Side length of a tile in pixels (`rendering.md`, CPU renderer).
+pub const TILE: usize = 16;
+
+/// Floor of the scales as a fraction of `max(1, largest scale)`, limited by [`FLATTEST`]
+/// (`rendering.md`, Conventions).
+pub const SCALE_FLOOR: f64 = 1e-6;
+
+/// Upper limit of the floor as a fraction of the largest scale. Keeps flat splats flat in scenes with
+/// small world units.
+pub const MAX_SCALE_FLOOR_RATIO: f64 = 1e-4;
+
+/// Minimum scale in world units. Splats of zero size are raised to it.
+pub const POINT_SCALE: f64 = 1e-12;
+
+/// Floor of a splat's scales, in world units; `largest` is the splat's largest scale.
+pub fn scale_floor(largest: f64) -> f64 {
+    (SCALE_FLOOR * largest.max(1.0)).min(MAX_SCALE_FLOOR_RATIO * largest).max(POINT_SCALE)
+}
+
+/// Near plane that follows the unit of a scene, in world units.
+///
+/// `nearest` is the distance of the nearest splats without outliers, in world units. The result is
+/// [`EVALUATION_NEAR`] times the largest power of ten that keeps it at or below half of `nearest`.
+/// Measured images thus do not depend on the world unit. For rooms and objects in metres the result
+/// is [`EVALUATION_NEAR`] itself.
+pub fn near_plane_for(nearest: f64) -> f64 {
+    let decades = (0.5 * nearest / EVALUATION_NEAR).log10().floor();
+    let is_usable = nearest > 0.0 && decades.abs() < 30.0;
+    EVALUATION_NEAR * if is_usable { 10f64.powi(decades as i32) } else { 1.0 }
+}
+
+/// Variance in px² added by [`super::Antialias::Footprint`] (`rendering.md`, Antialiasing).
+pub const FOOTPRINT_PX2: f64 = 0.3;
+
+/// Variance in world units² added by the published exact renderer (`rendering.md`, Antialiasing).
+pub const REFERENCE_VARIANCE: f64 = 1e-7;
+
+impl Lens {
+    /// Ray in camera axes through a continuous image position in pixels, with `z = 1` for a pinhole and
+    /// of unit length for a fisheye. `None` beyond the fisheye's field of view (`rendering.md`, Wide views
+    /// and fisheye).
+    pub fn ray(self, k: &Intrinsics, position: DVec2) -> Option<DVec3> {
+        let offset = (position - DVec2::new(k.cx, k.cy)) / DVec2::new(k.fx, k.fy);
+        match self {
+            Self::Pinhole => Some(offset.extend(1.0)),
+            Self::Fisheye => {
+                let angle = offset.length();
+                // sin(θ)/θ tends to 1 on the axis, where the division would give NaN.
+                let sinc = if angle > 0.0 { angle.sin() / angle } else { 1.0 };
+                (angle <= PI).then(|| (offset * sinc).extend(angle.cos()))
+            }
+        }
+    }
+
+    /// Continuous image position in pixels of a point in camera axes. `None` outside the field of
+    /// view or if the position is not finite.
+    pub fn project(self, k: &Intrinsics, point: DVec3) -> Option<DVec2> {
+        let offset = match self {
+            Self::Pinhole if point.z > 0.0 => point.truncate() / point.z,
+            Self::Pinhole => return None,
+            Self::Fisheye => {
+                let across = point.truncate();
+                let angle = across.length().atan2(point.z);
+                across.try_normalize().map_or(DVec2::ZERO, |direction| direction * angle)
+            }
+        };
+        let position = offset * DVec2::new(k.fx, k.fy) + DVec2::new(k.cx, k.cy);
+        // Non-finite positions would be drawn as lines across the image.
+        position.is_finite().then_some(position)
+    }
+}
+
+#[cfg(test)]
+mod lens_tests {
+    use super::*;
+
+    #[test]
+    fn a_fisheye_pixel_is_an_angle() {
+        let k = Intrinsics { width: 400, height: 300, fx: 100.0, fy: 100.0, cx: 0.5, cy: 100.5 };
+        let ray = |column: f64| Lens::Fisheye.ray(&k, DVec2::new(column + 0.5, 100.5));
+        assert_eq!(ray(0.0), Some(DVec3::Z));
+        assert!((ray(157.0).unwrap() - DVec3::X).length() < 1e-3);
+        assert!(ray(314.0).is_some() && ray(315.0).is_none());
+    }
+
+    #[test]
+    fn points_along_a_ray_are_seen_where_it_starts() {
+        let k = Intrinsics { width: 90, height: 60, fx: 25.0, fy: 27.0, cx: 44.0, cy: 31.0 };
+        for lens in [Lens::Pinhole, Lens::Fisheye] {
+            for position in [DVec2::new(44.0, 31.0), DVec2::new(3.5, 50.5), DVec2::new(80.0, 1.0)] {
+                let ray = lens.ray(&k, position).unwrap();
+                let seen = lens.project(&k, ray * 3.7).unwrap();
+                assert!((seen - position).length() < 1e-9, "{lens} {position} {seen}");
+            }
+        }
+        assert_eq!(Lens::Pinhole.project(&k, DVec3::new(1.0, 0.0, -1.0)), None);
+        let behind = Lens::Fisheye.project(&k, DVec3::new(1e-3, 0.0, -1.0)).unwrap();
+        assert!((behind.x - 44.0 - 25.0 * PI).abs() < 0.1);
+        assert_eq!(Lens::Fisheye.ray(&k, DVec2::new(44.0 + 25.0 * 3.2, 31.0)), None);
     }
 }

@@ -4,21 +4,18 @@
 //! so dynamic dispatch is cheap. [`Learns`] ties a learner to its type of observation at compile time.
 
 use super::candidates::IndexError;
-use super::comparer_use::ComparerUse;
 use super::component_elbo::ComponentElbo;
-use super::device_trial::DevicePolicy;
-use super::outcome::{ComparedPhotograph, FrameOutcome};
-use super::pass_use::PassUse;
-use super::stages::TrainStage;
-use super::warnings::TrainingWarning;
+use super::device_trial::{ComparerUse, DevicePolicy, PassUse};
+use super::outcome::{ComparedPhotograph, FrameOutcome, TrainingWarning};
+use super::timing::TrainStage;
+use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
-use crate::model::device_error::DeviceError;
+use crate::model::inspection::DeviceError;
 use crate::model::paper::mixture_device::MixtureDevice;
 use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::scene::points_device::PointsDevice;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
-use crate::model::stored::StoredModel;
 use crate::render::cpu::photometric::PhotometricComparer;
 use glam::DVec3;
 

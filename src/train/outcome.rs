@@ -1,8 +1,9 @@
 //! Result of training on one frame.
 
+use super::learner::{Changed, Learner};
 use super::scene::track::TrackingLoss;
 use super::timing::StageMs;
-use crate::model::scene::trajectory::TrackedPose;
+use crate::model::scene::state::TrackedPose;
 use serde::{Deserialize, Serialize};
 
 /// Result of training on one frame. Fields that a preset does not use are 0.
@@ -67,4 +68,91 @@ pub enum OutlierReason {
     Colors,
     /// The frame saw through surfaces; it is not trained on.
     Depth,
+}
+
+const UNBORN: u32 = u32::MAX;
+/// In use before this session began.
+const UNKNOWN: u32 = u32::MAX - 1;
+
+/// Frame in which each component first received points. Reassignment moves only unused components,
+/// so a component's age is the age at its present place.
+#[derive(Clone, Debug)]
+pub struct BirthLog(Vec<u32>);
+
+impl BirthLog {
+    /// Creates the log at the start of a session; components already in use have no known birth.
+    pub fn new(engine: &dyn Learner) -> Self {
+        let is_used = |k| engine.used() > 0 && engine.posterior(k).count > 0.0;
+        let birth = |k| if is_used(k) { UNKNOWN } else { UNBORN };
+        Self((0..engine.components()).map(birth).collect())
+    }
+
+    /// Records the components changed by the frame at `position` of the run.
+    pub fn record(&mut self, changed: Changed<'_>, components: usize, position: usize) {
+        self.0.resize(components.max(self.0.len()), UNBORN);
+        match changed {
+            Changed::All => self.0.iter_mut().for_each(|birth| note(birth, position)),
+            Changed::Listed(ids) => {
+                ids.iter().for_each(|&id| note(&mut self.0[id as usize], position));
+            }
+        }
+    }
+
+    /// Returns the position of a component's first frame; `None` if unused or born before this session.
+    pub fn first_frame_of(&self, component: usize) -> Option<u32> {
+        self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
+    }
+}
+
+fn note(birth: &mut u32, position: usize) {
+    if *birth == UNBORN {
+        *birth = position as u32;
+    }
+}
+
+/// Decoded images of a frame and unprojection buffers, per pixel.
+pub(super) const PIXEL_BYTES: usize = 24;
+pub(super) const PROGRAM_BYTES: u64 = 30_000_000;
+
+/// Upper estimate of the bytes used by a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MemoryEstimate {
+    /// Proportional to the number of components.
+    pub model: u64,
+    /// Remaining bytes, proportional to the size of a frame.
+    pub frames: u64,
+}
+
+impl MemoryEstimate {
+    /// Total bytes.
+    pub fn total(&self) -> u64 {
+        self.model.saturating_add(self.frames)
+    }
+}
+
+/// A warning about a trained model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TrainingWarning {
+    /// Points without a component were dropped because the budget was exhausted.
+    OverBudget {
+        /// Number of points since training began.
+        points: u64,
+    },
+    /// The structural scale grew because merging could not meet the budget.
+    Coarsened {
+        /// Requested structural scale, world units.
+        requested: f64,
+        /// Current structural scale, world units.
+        scale: f64,
+    },
+    /// Points were dropped: too many structural scales from the origin to distinguish neighbours.
+    TooFarFromOrigin {
+        /// Number of points since training began.
+        points: u64,
+    },
+    /// A splat's photometric precision was not positive definite and was reset.
+    PrecisionReset {
+        /// Number of resets since training began or resumed.
+        splats: u64,
+    },
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
-use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 

@@ -12,7 +12,7 @@ use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::color_mode::ColorMode;
-use vbgs_studio::app::edit::edits::Edits;
+use vbgs_studio::app::edit::history::Edits;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::export;
 

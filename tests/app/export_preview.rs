@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::Subject;
 use vbgs_studio::app::viewer::export_preview::PreviewReport;
-use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::export;
 
 /// Waits for the figure of the view; what is told of the file then.

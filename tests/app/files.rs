@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::edit::left_out::LeftOut;
+use vbgs_studio::app::edit::marks::LeftOut;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::export;

@@ -22,7 +22,7 @@ use vbgs_studio::app::command::UiCommand;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting};
-use vbgs_studio::eval::machine::rss_bytes;
+use vbgs_studio::eval::report::rss_bytes;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Inputs between two measurements of memory; all there are in CI.

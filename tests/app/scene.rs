@@ -11,7 +11,7 @@ use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
-use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::synthetic::SyntheticParams;

@@ -8,7 +8,7 @@ use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vbgs_studio::app::state::{RunState, Subject};
-use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::app::color_mode::ColorMode;
 use vbgs_studio::app::state::Subject;
-use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::choices::{GroundTruth, ViewPoses};

@@ -11,7 +11,7 @@ use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector, camera_point,
 };
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::math::normalization::{COLOR_SCALE, Normalization};
+use vbgs_studio::math::measured_pixel::{COLOR_SCALE, Normalization};
 use vbgs_studio::observation::points::Points;
 
 fn f64s(folder: &Path, name: &str) -> Vec<f64> {

@@ -9,7 +9,7 @@ use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector, camera_point,
 };
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::observation::surface::Observation;
 

@@ -8,12 +8,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner;
 
 struct Counting;
 
@@ -112,7 +112,7 @@ fn a_warm_training_loop_allocates_nothing() {
         };
         let config = PaperConfig::paper().with(&overrides).unwrap();
         let draw = InitialDraw::random(20_000, 0);
-        let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+        let mut engine = learner::begin(&config, &draw, Normalization::IDENTITY).unwrap();
         engine.component_elbo_mut().start();
         let allocations = watched(|| {
             let mut train = |n| {

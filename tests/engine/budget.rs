@@ -5,14 +5,14 @@ use glam::DVec3;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, parse, to_bytes};
+use vbgs_studio::model::attributes::StoredModel;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::model::stored::StoredModel;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
+use vbgs_studio::train::outcome::TrainingWarning;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
 use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
-use vbgs_studio::train::warnings::TrainingWarning;
 
 /// Structural scale, world units.
 pub const H: f64 = 0.05;

@@ -1,16 +1,16 @@
 //! Passes on a device beside the processor, played by ones that know little.
 
 use super::common::wavy::wavy_frame;
-use vbgs_studio::math::normalization::Normalization;
-use vbgs_studio::model::device_error::DeviceError;
+use vbgs_studio::math::measured_pixel::Normalization;
+use vbgs_studio::model::inspection::DeviceError;
 use vbgs_studio::model::paper::mixture_device::{
     DevicePass, MeanCells, MixtureDevice, PassRule, PointColumns,
 };
 use vbgs_studio::train::device_trial::DevicePolicy;
+use vbgs_studio::train::device_trial::PassUse;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
-use vbgs_studio::train::pass_use::PassUse;
+use vbgs_studio::train::paper::learner;
 
 const FRAMES: usize = 4;
 
@@ -51,7 +51,7 @@ fn used(leaves_all: bool, passes_left: usize, policy: DevicePolicy) -> PassUse {
     let asked = PaperOverrides { components: Some(1000), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&asked).unwrap();
     let draw = InitialDraw::random(config.components, config.seed);
-    let begin = || engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+    let begin = || learner::begin(&config, &draw, Normalization::IDENTITY).unwrap();
     let (mut alone, mut beside) = (begin(), begin());
     let idle = Idle { leaves_all, passes_left, q: Vec::new(), tiles: Vec::new() };
     beside.compute_on(Box::new(idle), policy).unwrap();

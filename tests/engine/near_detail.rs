@@ -5,12 +5,12 @@ use glam::DVec3;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, parse, to_bytes};
+use vbgs_studio::model::attributes::StoredModel;
 use vbgs_studio::model::scene::state::SceneState;
-use vbgs_studio::model::stored::StoredModel;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::spacing::NearSpacing;
 
 fn config() -> SceneConfig {

@@ -1,14 +1,14 @@
 //! Points of a scene on a device beside the processor, played by ones that know little.
 
 use glam::DVec3;
-use vbgs_studio::model::device_error::DeviceError;
+use vbgs_studio::model::inspection::DeviceError;
 use vbgs_studio::model::scene::points_device::{
     LEFT_TO_PROCESSOR, POINT_WORDS, PointsDevice, Seeds, SlotSums,
 };
 use vbgs_studio::model::scene::sums::N_SUMS;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::device_trial::DevicePolicy;
-use vbgs_studio::train::pass_use::PassUse;
+use vbgs_studio::train::device_trial::PassUse;
 use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 

@@ -16,11 +16,11 @@ use vbgs_studio::model::paper::state::Totals;
 use vbgs_studio::model::scene::merging::add;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::scene::config::SumForm;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
-use vbgs_studio::train::scene::sum_form::SumForm;
 
 /// A scene that learnt from frames.
 fn learnt(config: &SceneConfig, frames: &[Observation]) -> Box<dyn SceneLearner> {

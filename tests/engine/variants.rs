@@ -2,15 +2,15 @@
 //! bit, whatever is an approximation must stay close to the f64 oracle.
 
 use super::common::wavy::wavy_frame;
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::model::paper::state::ModelState;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::{
     Batch, Candidates, IndexKind, Operations, PaperConfig, PaperOverrides, Precision,
     ReassignPolicy, StatisticsForm, UpdateWidth, Width,
 };
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::learner::PaperLearner;
 use vbgs_studio::train::setting::table::SettingLayer;
 
@@ -34,7 +34,7 @@ fn config(overrides: &PaperOverrides) -> PaperConfig {
 fn trained(overrides: &PaperOverrides, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
     let config = config(overrides);
     let draw = InitialDraw::random(config.components, config.seed);
-    let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+    let mut engine = learner::begin(&config, &draw, Normalization::IDENTITY).unwrap();
     for frame in frames {
         engine.learn(frame).unwrap();
     }
@@ -134,7 +134,7 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
                 ..PaperOverrides::default()
             };
             let half = trained(&overrides, &frames[..2]);
-            let mut other = engine::restore(
+            let mut other = learner::restore(
                 &config(&overrides),
                 half.state(),
                 half.frames(),

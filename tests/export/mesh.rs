@@ -15,7 +15,7 @@ use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::pipeline::surfels::surfels;
+use vbgs_studio::pipeline::tracked::surfels;
 
 /// Discs on a sphere of radius 1 about `centre`, none within `hole` of its top.
 fn sphere(n: usize, centre: DVec3, hole: f64) -> Vec<Surfel> {

@@ -5,10 +5,10 @@ use std::ops::Deref;
 use vbgs_studio::math::image::{Image, RgbImage};
 use vbgs_studio::render::compare::{Area, Combination, combine};
 use vbgs_studio::render::finish::Finish;
+use vbgs_studio::render::gpu::composite::PhotoTexture;
 use vbgs_studio::render::gpu::composite::{Compositor, SecondImage};
-use vbgs_studio::render::gpu::photo::PhotoTexture;
 use vbgs_studio::render::gpu::readback;
-use vbgs_studio::render::gpu::target::SplatTarget;
+use vbgs_studio::render::gpu::renderer::SplatTarget;
 
 struct Gpu(Fixture);
 

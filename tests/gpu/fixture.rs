@@ -5,8 +5,8 @@
 
 use crate::common::adapter::{Turn, now, turn, vulkan};
 use std::sync::OnceLock;
-use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
-use vbgs_studio::render::gpu::faults::GpuFaults;
+use vbgs_studio::render::gpu::adapters::{GpuCaps, device_descriptor};
+use vbgs_studio::render::gpu::error::GpuFaults;
 
 /// A device, the right to use it, and what it says after the fact.
 pub struct Fixture {

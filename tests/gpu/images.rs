@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
-use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
+use vbgs_studio::model::splat::pose_log::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};

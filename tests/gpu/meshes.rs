@@ -6,7 +6,7 @@ use vbgs_studio::render::gpu::meshes::{
     MeshBatch, MeshKind, MeshList, MeshPainter, MeshSampling, MeshVertex, PixelRect,
 };
 use vbgs_studio::render::gpu::readback;
-use vbgs_studio::render::gpu::target::SplatTarget;
+use vbgs_studio::render::gpu::renderer::SplatTarget;
 
 /// Columns and rows of the window.
 const SIZE: [u32; 2] = [8, 4];

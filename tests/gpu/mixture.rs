@@ -3,18 +3,18 @@
 
 use super::common::wavy::wavy_frame;
 use super::fixture::Fixture;
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::observation::points::Points;
-use vbgs_studio::render::gpu::context::GpuCaps;
+use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::mixture::GpuMixture;
 use vbgs_studio::train::device_trial::DevicePolicy;
+use vbgs_studio::train::device_trial::PassUse;
 use vbgs_studio::train::paper::config::{
     Candidates, Init, PaperConfig, PaperOverrides, ReassignPolicy,
 };
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::learner::PaperLearner;
-use vbgs_studio::train::pass_use::PassUse;
 use vbgs_studio::train::timing::StageMs;
 
 /// Tiles a side of a frame.
@@ -43,7 +43,7 @@ fn begun(asked: &PaperOverrides, first: &Points<f32>) -> Box<dyn PaperLearner> {
         Init::Random => InitialDraw::random(config.components, config.seed),
         Init::Data => InitialDraw::from_points(first, config.components, config.seed),
     };
-    engine::begin(&config, &draw, Normalization::IDENTITY).unwrap()
+    learner::begin(&config, &draw, Normalization::IDENTITY).unwrap()
 }
 
 /// Trains beside the processor and compares after every frame; `before` each may harm the device.

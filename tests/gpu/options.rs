@@ -5,7 +5,7 @@ use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::paint::MARKER_COLOR;
+use vbgs_studio::render::finish::MARKER_COLOR;
 use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions};
 
 /// Two compilations of the same formulas may round apart, by one step of a half float.

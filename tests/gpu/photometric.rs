@@ -15,7 +15,7 @@ use vbgs_studio::render::cpu::photometric::{
     ParameterSums, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
     ViewBuffers, VisibleSplat,
 };
-use vbgs_studio::render::gpu::context::GpuCaps;
+use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::photometric::GpuComparer;
 
 /// On a device of tests.

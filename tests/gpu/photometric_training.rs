@@ -11,7 +11,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
-use vbgs_studio::train::comparer_use::ComparerUse;
+use vbgs_studio::train::device_trial::ComparerUse;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 

@@ -5,15 +5,15 @@ use std::mem::offset_of;
 use std::path::Path;
 use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
 use vbgs_studio::render::compare::OUTSIDE_BRIGHTNESS;
+use vbgs_studio::render::finish::RAMP;
 use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
     Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
 };
-use vbgs_studio::render::gpu::mixture::shader as mixture;
-use vbgs_studio::render::gpu::photometric::shader as photometric;
-use vbgs_studio::render::gpu::points::shader as points;
-use vbgs_studio::render::gpu::tiles::shader as tiles;
-use vbgs_studio::render::paint::RAMP;
+use vbgs_studio::render::gpu::mixture::layout as mixture;
+use vbgs_studio::render::gpu::photometric::layout as photometric;
+use vbgs_studio::render::gpu::points::layout as points;
+use vbgs_studio::render::gpu::tiles::buffers as tiles;
 use vbgs_studio::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO,
     POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,

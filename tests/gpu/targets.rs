@@ -1,10 +1,10 @@
 //! Where pictures go: formats, part of a foreign pass, and the time they took.
 
 use super::device::{Gpu, PLAIN, outside, random_scene};
+use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::composite::Compositor;
-use vbgs_studio::render::gpu::context::GpuCaps;
 use vbgs_studio::render::gpu::readback;
-use vbgs_studio::render::gpu::target::SplatTarget;
+use vbgs_studio::render::gpu::renderer::SplatTarget;
 
 #[test]
 fn every_target_format_shows_the_same_values() {

@@ -15,16 +15,16 @@ use std::sync::OnceLock;
 use std::time::Instant;
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
-use vbgs_studio::eval::machine::rss_bytes;
+use vbgs_studio::eval::report::rss_bytes;
+use vbgs_studio::model::attributes::StoredModel;
 use vbgs_studio::model::scene::state::{QUANTUM, StoredSums};
 use vbgs_studio::model::scene::sums::N_SUMS;
-use vbgs_studio::model::splat::exposure::FrameExposure;
+use vbgs_studio::model::splat::pose_log::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
-use vbgs_studio::model::stored::StoredModel;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 
 #[global_allocator]

@@ -9,7 +9,7 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions, paint};
+use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions, finish};
 
 fn image<'a>(
     splats: impl Into<SplatView<'a>>,
@@ -45,7 +45,7 @@ fn whole_changed_images_agree_with_the_oracle() {
         DisplayStyle { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
     ];
     let mut splats = SCENES[1].splats(9);
-    splats.iter_mut().step_by(7).for_each(|splat| splat.color = paint::MARKER_COLOR);
+    splats.iter_mut().step_by(7).for_each(|splat| splat.color = finish::MARKER_COLOR);
     let appearance = random_appearance(&splats, 9);
     let view = SplatView::new(&splats, &appearance).unwrap();
     for method in METHODS {
@@ -84,10 +84,10 @@ fn assert_color(found: [f64; 3], expected: [f32; 3], label: &str) {
 fn a_mark_is_seen_under_every_paint() {
     for method in METHODS {
         for paint in [Paint::Depth([0.0, 8.0]), Paint::Normal] {
-            let marked = Splat { color: paint::MARKER_COLOR, ..ball(0.9) };
+            let marked = Splat { color: finish::MARKER_COLOR, ..ball(0.9) };
             assert_color(
                 painted(marked, method, paint),
-                paint::MARKER_COLOR,
+                finish::MARKER_COLOR,
                 &format!("{method:?}"),
             );
         }
@@ -99,7 +99,7 @@ fn depth_is_painted_by_distance() {
     for method in METHODS {
         for ([near, far], share) in [([0.0, 8.0], 0.5), ([3.0, 5.0], 0.5), ([5.0, 9.0], 0.0)] {
             let found = painted(ball(0.9), method, Paint::Depth([near, far]));
-            assert_color(found, paint::ramp(share), &format!("{method:?} {near} {far}"));
+            assert_color(found, finish::ramp(share), &format!("{method:?} {near} {far}"));
         }
     }
 }

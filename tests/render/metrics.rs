@@ -2,8 +2,8 @@
 
 use crate::common::golden::golden_folder;
 use crate::common::render_cases::golden_json;
+use vbgs_studio::eval::metrics::MetricError;
 use vbgs_studio::eval::metrics::{depth_error, mean_std, psnr, psnr_masked};
-use vbgs_studio::eval::sizes::MetricError;
 use vbgs_studio::eval::ssim::{SsimPadding, ssim};
 use vbgs_studio::math::image::{Image, RgbImage};
 

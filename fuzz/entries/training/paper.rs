@@ -6,7 +6,7 @@ use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
 };
 use vbgs_studio::export::checkpoint::StoredModel;
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::model::paper::merging;
 use vbgs_studio::model::paper::state::ModelState;
@@ -17,8 +17,8 @@ use vbgs_studio::train::paper::config::{
     Batch, Candidates, IndexKind, Init, Operations, PaperConfig, PaperOverrides, Precision,
     ReassignPolicy, StatisticsForm, UpdateWidth, Width,
 };
-use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::learner::PaperLearner;
 
 /// More would only make a pass slower: tiles hold 64 points, frames up to 192.
@@ -39,7 +39,7 @@ pub fn train(kind: u8, mut input: Bytes) {
         Init::Random => InitialDraw::random(config.components, config.seed),
         Init::Data => InitialDraw::from_points(&points, config.components, config.seed),
     };
-    let Ok(mut mixture) = engine::begin(&config, &draw, settings.normalization) else { return };
+    let Ok(mut mixture) = learner::begin(&config, &draw, settings.normalization) else { return };
     for _ in 0..MAX_COMMANDS {
         if input.is_empty() {
             break;
@@ -197,7 +197,7 @@ fn restored(
     frames: u64,
     normalization: Normalization,
 ) -> Box<dyn PaperLearner> {
-    let restored = engine::restore(config, state, frames, normalization);
+    let restored = learner::restore(config, state, frames, normalization);
     restored.expect("means that were indexed before")
 }
 

@@ -7,11 +7,11 @@ use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::scene::config::SumForm;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
-use vbgs_studio::train::scene::sum_form::SumForm;
 
 /// Settings, then commands until the bytes end. By how many steps the scale is wider then.
 pub fn train(kind: u8, mut input: Bytes) -> u32 {

@@ -1,15 +1,12 @@
 //! Edits of the open scene and the state of the editing tools.
 
-use super::edits::{Edits, SelectMode};
-use super::history::EditHistory;
-use super::left_out::LeftOut;
-use super::marks::SplatMarks;
+use super::history::{EditHistory, Edits, SelectMode};
+use super::marks::{LeftOut, SelectCriterion, SplatMarks};
 use super::past::{PastScene, PastScenes};
-use super::threshold::SelectCriterion;
 use super::visible::{SceneParts, VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
-use crate::app::evidence_histogram::EvidenceHistogram;
 use crate::app::palette::Palette;
+use crate::app::panels::quality::EvidenceHistogram;
 use crate::app::splat_updates::SplatChange;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::{Framing, framing};

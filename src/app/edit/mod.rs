@@ -9,11 +9,7 @@
 //! elsewhere. A splat that is no longer where it was marked therefore does not count as marked.
 
 pub mod editor;
-pub mod edits;
 pub mod history;
-pub mod left_out;
 pub mod marks;
 pub mod past;
-pub mod screen_box;
-pub mod threshold;
 pub mod visible;

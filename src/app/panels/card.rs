@@ -1,7 +1,10 @@
 //! Card over the lower left of the viewport. It grows with its contents as far as there is room. The
 //! contents scroll; the footer with the buttons is always visible.
 
-use eframe::egui::{Align2, Area, Frame, Id, Pos2, ScrollArea, Ui, Vec2};
+use eframe::egui::{
+    Align2, Area, Color32, Frame, Id, Label, Pos2, Response, RichText, Role, ScrollArea, Sense, Ui,
+    Vec2, WidgetInfo,
+};
 
 /// Distance from the edges of the viewport and from notices above, points.
 const MARGIN: f32 = 12.0;
@@ -49,4 +52,35 @@ pub fn show(
             foot(ui);
         });
     });
+}
+
+/// Space reserved even without a marker, points, so that nothing moves when one appears.
+const SIZE: Vec2 = Vec2::splat(12.0);
+
+/// Draws a dot if the setting differs from its default; returns true if a click resets it.
+pub fn ui(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
+    if !differs {
+        ui.allocate_exact_size(SIZE, Sense::hover());
+        return false;
+    }
+    let (rect, response) = ui.allocate_exact_size(SIZE, Sense::click());
+    let is_hot = response.hovered() || response.has_focus();
+    let dot = ui.visuals().selection.bg_fill.lerp_to_gamma(Color32::WHITE, 0.25);
+    ui.painter().circle_filled(rect.center(), if is_hot { 5.0 } else { 3.5 }, dot);
+    let text = format!("{name}: reset to {default}");
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &text));
+    response.on_hover_text(format!("Changed. Click to reset to {default}")).clicked()
+}
+
+pub const SLIDER: f32 = 200.0;
+
+/// Sets the accessible name of a control whose visible label is elsewhere.
+pub fn named(control: Response, name: &str) -> Response {
+    control.ctx.accesskit_node_builder(control.id, |node| node.set_label(name));
+    control
+}
+
+/// Adds an explanation in weak text.
+pub fn weak(ui: &mut Ui, text: &str) {
+    ui.add(Label::new(RichText::new(text).weak()).wrap());
 }

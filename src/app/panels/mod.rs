@@ -1,34 +1,18 @@
 //! Panels: each draws from the snapshot and returns the user's request.
 
-pub mod abandoned;
-pub mod adapter;
-pub mod badge;
 pub mod card;
-pub mod detail;
-pub mod draw_share;
 pub mod edit;
-pub mod explained;
-pub mod frame_cell;
 pub mod frame_strip;
-pub mod histogram;
 pub mod inspector;
 pub mod latency;
-pub mod legend;
 pub mod menus;
 pub mod notices;
 pub mod path;
 pub mod plot_axes;
 pub mod quality;
 pub mod ready;
-pub mod retention;
-pub mod scene;
-pub mod setting_rows;
 pub mod settings;
 pub mod signal_color;
-pub mod start;
 pub mod status;
-pub mod summary;
-pub mod timings;
 pub mod training;
 pub mod transport;
-pub mod walk_back;

@@ -1,6 +1,6 @@
 //! Panel of the camera path: keyframes, preview, film, and the file for `render --path`.
 
-use super::explained::named;
+use super::card::named;
 use crate::app::path_editor::PathEditor;
 use crate::math::camera_path::Keyframe;
 use eframe::egui::{

@@ -1,20 +1,21 @@
 //! Quality panel: error of held-out views over frames or seconds, and per view.
 
-use super::explained::named;
-use super::legend::format_number;
+use super::card::named;
 use super::plot_axes::with_axes;
-use super::signal_color::SignalColor;
-use super::{histogram, retention};
-use crate::app::evidence_histogram::EvidenceHistogram;
+use super::signal_color::{SignalColor, format_number};
 use crate::app::quality::{QualityMonitor, QualityPoint};
+use crate::app::retention::RetainedFrame;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::eval::report::ViewReport;
+use crate::math::image::unit_to_byte;
+use crate::model::attributes::ComponentAttributes;
+use crate::render::finish::ramp;
 use eframe::egui::{
-    Button, DragValue, Frame, Grid, Image, Label, Margin, RichText, ScrollArea, Ui, Vec2,
+    Button, Color32, DragValue, Frame, Grid, Image, Label, Margin, RichText, ScrollArea, Ui, Vec2,
 };
-use egui_plot::{Line, Plot, PlotPoints, Points};
+use egui_plot::{Bar, BarChart, Legend, Line, Plot, PlotPoints, Points};
 
 /// Metric and x axis of the quality plot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -104,9 +105,9 @@ pub fn ui(
             if !quality.history().is_empty() {
                 curve(quality.history(), plot, ui);
             }
-            retention::ui(quality.retention().frames(), ui);
+            retention(quality.retention().frames(), ui);
             let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
-            histogram::ui(evidence, is_at_rest, ui);
+            histogram(evidence, is_at_rest, ui);
             interval_setting(every, ui);
             if !quality.views().is_empty() {
                 ui.add_space(6.0);
@@ -270,4 +271,101 @@ fn table(
         }
     });
     asked
+}
+
+const BAR: Color32 = Color32::from_rgb(86, 180, 233);
+
+/// Draws the histogram while training is paused or finished; counting would slow training down.
+pub fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
+    ui.add_space(6.0);
+    ui.label(RichText::new("Evidence of the components").strong());
+    let (true, Some(EvidenceHistogram { first, counts })) = (is_at_rest, histogram) else {
+        ui.label(RichText::new("Shown while training is paused or finished.").weak());
+        return;
+    };
+    let bars = (*first..).zip(counts).map(|(bar, &count)| {
+        let middle = (f64::from(bar) + 0.5) / PER_DECADE;
+        Bar::new(middle, count as f64).width(1.0 / PER_DECADE)
+    });
+    let chart = BarChart::new("Components", bars.collect()).color(BAR);
+    let axes = ["log10 of the points per component", "components"];
+    with_axes(Plot::new("evidence"), axes)
+        .height(150.0)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .show(ui, |plot| plot.bar_chart(chart));
+    let n: usize = counts.iter().sum();
+    let text = format!("{n} components. The Edit tab can select those with low evidence.");
+    ui.add(Label::new(RichText::new(text).weak()).wrap());
+}
+
+/// Bars per factor of ten.
+pub const PER_DECADE: f64 = 4.0;
+
+/// Components counted by the logarithm of their evidence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvidenceHistogram {
+    /// Index of the first bar; bar `i` begins at `10^(i / PER_DECADE)` points.
+    pub first: i32,
+    /// Components per bar.
+    pub counts: Vec<usize>,
+}
+
+impl EvidenceHistogram {
+    /// Counts all components with known, positive evidence; `None` if there are none.
+    pub fn count(known: &[ComponentAttributes]) -> Option<Self> {
+        let evidence = known.iter().filter_map(|known| known.evidence).filter(|n| *n > 0.0);
+        let bar = |n: f32| (PER_DECADE * f64::from(n).log10()).floor() as i32;
+        let bars: Vec<i32> = evidence.map(bar).collect();
+        let (first, last) = (*bars.iter().min()?, *bars.iter().max()?);
+        // Evidence is an `f32`, so there are a few hundred bars at most.
+        let mut counts = vec![0; (last - first) as usize + 1];
+        for bar in bars {
+            counts[(bar - first) as usize] += 1;
+        }
+        Some(Self { first, counts })
+    }
+}
+
+/// Draws one curve per tracked frame.
+pub fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
+    if frames.is_empty() {
+        return;
+    }
+    ui.add_space(6.0);
+    ui.label(RichText::new("Retention").strong())
+        .on_hover_text("PSNR of earlier frames, measured again during training: a falling curve means that the frame is forgotten");
+    with_axes(Plot::new("retention"), ["frames trained", "PSNR, dB"])
+        .height(180.0)
+        .legend(Legend::default())
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .show(ui, |plot| {
+            for (i, frame) in frames.iter().enumerate() {
+                let name = format!("frame {}", frame.position);
+                let [r, g, b] = ramp(0.15 + 0.8 * i as f32 / frames.len() as f32).map(unit_to_byte);
+                let color = Color32::from_rgb(r, g, b);
+                let points = || PlotPoints::from(frame.psnr.clone());
+                plot.line(Line::new(name.clone(), points()).color(color));
+                plot.points(Points::new(name, points()).radius(2.5).color(color));
+            }
+        });
+}
+
+#[cfg(test)]
+mod evidence_histogram_tests {
+    use super::*;
+
+    #[test]
+    fn every_component_with_points_is_counted_once() {
+        let known = |n: f32| ComponentAttributes { evidence: Some(n), ..Default::default() };
+        let all = [known(1.0), known(1.5), known(10.0), known(11.0), known(0.5), known(0.0)];
+        let histogram = EvidenceHistogram::count(&all).unwrap();
+        assert_eq!((histogram.first, histogram.counts), (-2, vec![1, 0, 2, 0, 0, 0, 2]));
+        assert_eq!(EvidenceHistogram::count(&[known(0.0), Default::default()]), None);
+    }
 }

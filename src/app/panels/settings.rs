@@ -1,15 +1,15 @@
 //! Settings panel: training, drawing and window.
 
-use super::adapter::{self, AdapterRequest, Adapters};
-use super::explained::named;
-use super::{badge, draw_share, training};
+use super::card::named;
+use super::{card, training};
 use crate::app::command::UiCommand;
+use crate::app::draw_budget::{DrawBudget, SHARES};
 use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
 };
-use crate::render::Exposing;
-use crate::render::{Antialias, Lens, Renderer};
+use crate::render::gpu::adapters::{AdapterChoice, AdapterInfo};
+use crate::render::{Antialias, Exposing, Lens, Renderer};
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
 
 pub struct SettingsContext<'a> {
@@ -49,12 +49,12 @@ pub fn ui(
         marked_section(ui, settings, "Drawing while training", |s| {
             s.draw_share = ViewSettings::default().draw_share;
         });
-        draw_share::ui(&mut settings.draw_share, surroundings.drawing, ui);
+        draw_share(&mut settings.draw_share, surroundings.drawing, ui);
         section(ui, "Window");
         theme(ui);
         section(ui, "Graphics");
         ui.add(Label::new(surroundings.adapter).wrap());
-        let request = adapters.and_then(|adapters| adapter::ui(adapters, ui));
+        let request = adapters.and_then(|adapters| adapter(adapters, ui));
         asked = request.map(SettingsAnswer::Adapter).or(asked.take());
         ui.add_space(12.0);
         if ui.button("Reset all").on_hover_text("Restores the default of every setting").clicked() {
@@ -132,7 +132,7 @@ fn marked_section(
     ui.add_space(8.0);
     ui.horizontal(|ui| {
         ui.label(RichText::new(title).strong());
-        if badge::ui(title, "the default", default != *settings, ui) {
+        if card::ui(title, "the default", default != *settings, ui) {
             *settings = default;
         }
     });
@@ -257,4 +257,68 @@ fn background(settings: &mut ViewSettings, ui: &mut Ui) {
             settings.background = Background::Custom(rgb);
         }
     });
+}
+
+pub struct Adapters<'a> {
+    /// Adapters that can draw the window.
+    pub there: &'a [AdapterInfo],
+    /// Adapter in use.
+    pub current: &'a AdapterInfo,
+    /// True if the CPU draws the scene because the GPU failed.
+    pub gpu_failed: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum AdapterRequest {
+    /// Reopen the window on another adapter.
+    Adapter(AdapterChoice),
+    /// Retry drawing on the current GPU.
+    RetryGpu,
+}
+
+pub fn adapter(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
+    let mut asked = None;
+    ui.label(RichText::new("Graphics adapter").strong());
+    let switch = "Reopens the window on this adapter; training continues";
+    for adapter in adapters.there {
+        let is_current = adapters.current == adapter;
+        let name = adapter.to_string();
+        let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
+        if clicked && !is_current {
+            // By name, not by index: the choice is stored for the next start, when the list may differ.
+            asked = Some(AdapterRequest::Adapter(AdapterChoice::Named(name)));
+        }
+    }
+    if ui.button("Choose automatically").on_hover_text(switch).clicked() {
+        asked = Some(AdapterRequest::Adapter(AdapterChoice::Auto));
+    }
+    if adapters.gpu_failed {
+        ui.add(Label::new("The GPU failed, so the CPU draws the scene.").wrap());
+        if ui.button("Retry GPU").on_hover_text("Reinitialises drawing on the GPU").clicked() {
+            asked = Some(AdapterRequest::RetryGpu);
+        }
+    }
+    asked
+}
+
+/// Draws the slider and the current use, formatted by [`described`]; `taken` is `None` if a GPU draws.
+pub fn draw_share(share: &mut f32, taken: Option<&str>, ui: &mut Ui) {
+    let mut percent = 100.0 * *share;
+    let range = 100.0 * SHARES.start()..=100.0 * SHARES.end();
+    let slider = Slider::new(&mut percent, range).max_decimals(0).suffix(" %");
+    let slider = slider.text("of all cores");
+    let hint = "Limits the CPU time for drawing the window and the scene during training. A lower share gives fewer and smaller pictures";
+    if ui.add_enabled(taken.is_some(), slider).on_hover_text(hint).changed() {
+        *share = 0.01 * percent;
+    }
+    let text = taken.unwrap_or("A GPU draws, so training uses all cores.");
+    ui.add(Label::new(RichText::new(text).weak()).wrap());
+}
+
+pub fn describe_use(budget: &DrawBudget) -> String {
+    let (taken, scale) = (100.0 * budget.used_share(), 100.0 * budget.scale(true));
+    let apart = budget.interval().as_millis();
+    format!(
+        "Drawing recently used {taken:.0} % of the cores. During training, the view is drawn every {apart} ms while the camera moves, at {scale:.0} % of its size."
+    )
 }

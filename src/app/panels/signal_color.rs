@@ -1,6 +1,11 @@
 //! Signal colours of text, readable on dark and light panels.
 
-use eframe::egui::Color32;
+use crate::app::color_mode::ColorMode;
+use crate::render::attributes::{Attribute, Range, UNKNOWN};
+use crate::render::finish::ramp;
+use eframe::egui::{
+    Align, Align2, Area, Color32, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2,
+};
 
 /// Signal colour; its meaning is also stated in words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +30,84 @@ impl SignalColor {
             Self::Red => [Color32::from_rgb(240, 100, 90), Color32::from_rgb(185, 30, 25)],
         };
         if is_dark { on_dark } else { on_light }
+    }
+}
+
+const BAR: Vec2 = Vec2::new(180.0, 12.0);
+/// Number of single-coloured strips in the ramp.
+const STRIPS: usize = 60;
+
+pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
+    let area = Area::new(Id::unique("legend")).fixed_pos(corner).pivot(Align2::LEFT_BOTTOM);
+    // Not interactive: the pointer over the legend still controls the camera.
+    area.interactable(false).show(ui.ctx(), |ui| {
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.set_width(BAR.x);
+            ui.label(RichText::new(title(attribute)).strong());
+            match range {
+                Some(range) => bar(range, ui),
+                None => {
+                    ui.label(RichText::new(unknown_reason(attribute)).weak());
+                }
+            }
+            ui.horizontal(|ui| {
+                let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
+                ui.painter().rect_filled(swatch, 2.0, color(UNKNOWN));
+                ui.label(RichText::new("unknown").weak());
+            });
+        });
+    });
+}
+
+fn title(attribute: Attribute) -> String {
+    let mode = ColorMode::ALL.into_iter().find(|mode| mode.attribute() == Some(attribute));
+    let name = mode.map_or("", ColorMode::label);
+    match attribute.unit() {
+        "" => name.to_owned(),
+        unit => format!("{name}, {unit}"),
+    }
+}
+
+fn unknown_reason(attribute: Attribute) -> &'static str {
+    match attribute {
+        Attribute::Elbo => "Available after the next trained frame",
+        Attribute::Evidence | Attribute::Uncertainty | Attribute::Birth => {
+            "Available after the first trained frame"
+        }
+    }
+}
+
+fn bar(range: &Range, ui: &mut Ui) {
+    let (rect, _) = ui.allocate_exact_size(BAR, Sense::hover());
+    let step = rect.width() / STRIPS as f32;
+    for strip in 0..STRIPS {
+        let left = rect.left() + step * strip as f32;
+        let strip_rect =
+            Rect::from_min_max(pos2(left, rect.top()), pos2(left + step, rect.bottom()));
+        let share = (strip as f32 + 0.5) / STRIPS as f32;
+        ui.painter().rect_filled(strip_rect, 0.0, color(ramp(share)));
+    }
+    let [lo, hi] = range.ends();
+    ui.horizontal(|ui| {
+        ui.label(format_number(lo));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(format_number(hi)));
+    });
+}
+
+fn color(c: [f32; 3]) -> Color32 {
+    let [r, g, b] = c.map(crate::math::image::unit_to_byte);
+    Color32::from_rgb(r, g, b)
+}
+
+/// Formats a number with at most four decimals; uses an exponent only for very large or small values.
+pub fn format_number(value: f64) -> String {
+    match value.abs() {
+        a if a < 1e6 && a.fract() == 0.0 => format!("{value}"),
+        a if (100.0..1e6).contains(&a) => format!("{value:.0}"),
+        a if (10.0..100.0).contains(&a) => format!("{value:.1}"),
+        a if (1.0..10.0).contains(&a) => format!("{value:.2}"),
+        a if (1e-3..1.0).contains(&a) => format!("{value:.4}"),
+        _ => format!("{value:.2e}"),
     }
 }
 
@@ -54,5 +137,17 @@ mod tests {
                 assert!(contrast >= 4.5, "{color:?}, dark: {is_dark}: {contrast:.2}");
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod legend_tests {
+    use super::format_number;
+
+    #[test]
+    fn numbers_are_short() {
+        let shown =
+            [0.0, 32.0, 12.345, 123456.0, -3.456, 0.01234, 1.234e-5, 5e7].map(format_number);
+        assert_eq!(shown, ["0", "32", "12.3", "123456", "-3.46", "0.0123", "1.23e-5", "5.00e7"]);
     }
 }

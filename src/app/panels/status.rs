@@ -1,9 +1,10 @@
 //! Status bar: state, speed, components, memory, adapter.
 
 use super::signal_color::SignalColor;
+use crate::app::abandoned::AbandonedRun;
 use crate::app::state::{Followed, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
-use crate::eval::machine;
+use crate::eval::report;
 use crate::eval::report::quantile;
 use crate::pipeline::any_preset::ComponentLimit;
 use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
@@ -70,7 +71,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
         }
         skipped(snapshot, ui);
         ui.separator();
-        if let Some(bytes) = machine::rss_bytes() {
+        if let Some(bytes) = report::rss_bytes() {
             let model = snapshot.model_bytes as f64 / 1048576.0;
             ui.label(format!("{:.0} MiB", bytes as f64 / 1048576.0)).on_hover_text(format!(
                 "Memory of the whole program; the model alone: {model:.0} MiB"
@@ -147,4 +148,38 @@ fn color(state: RunState, is_dark: bool) -> Color32 {
         RunState::Finished => SignalColor::Blue.for_theme(is_dark),
         RunState::Failed => SignalColor::Red.for_theme(is_dark),
     }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Resume the run.
+    Resume,
+    /// Delete the autosave.
+    Forget,
+    /// Offer it again at the next start.
+    NotNow,
+}
+
+pub fn abandoned(run: &AbandonedRun, ui: &mut Ui) -> Option<Answer> {
+    let mut answer = None;
+    ui.horizontal_wrapped(|ui| {
+        ui.label(RichText::new("Unfinished run").strong().color(Color32::from_rgb(230, 180, 80)));
+        let AbandonedRun { dataset, frames, planned_frames, .. } = run;
+        let name = dataset.file_name().map_or(dataset.as_os_str(), |name| name);
+        ui.label(format!(
+            "of {}: {frames} of {planned_frames} frames were trained when the program ended unexpectedly",
+            name.to_string_lossy()
+        ))
+        .on_hover_text(format!("{}\n{}", dataset.display(), run.file.display()));
+        for (label, choice, tooltip) in [
+            ("Continue", Answer::Resume, "Open the run and resume training"),
+            ("Forget it", Answer::Forget, "Delete the autosave of this run"),
+            ("Not now", Answer::NotNow, "Offer this again at the next start"),
+        ] {
+            if ui.button(label).on_hover_text(tooltip).clicked() {
+                answer = Some(choice);
+            }
+        }
+    });
+    answer
 }

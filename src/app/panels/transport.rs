@@ -1,12 +1,16 @@
 //! Top bar: menus, transport buttons, name, progress and level of detail. One row for all leaves more room
 //! for the viewport.
 
-use super::detail;
-use super::menus::{self, MenuAnswer, MenuContext};
+use super::menus;
+use super::menus::{MenuAnswer, MenuContext};
+use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
+use crate::app::detail::{
+    COARSEST_PX, EffectiveScale, FINEST_PX, effective_scale, forecast, retrainable_run,
+};
 use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
-use eframe::egui::{Button, ProgressBar, RichText, Ui};
+use eframe::egui::{Button, Label, ProgressBar, RichText, Slider, Tooltip, Ui};
 
 /// Groups of buttons, in order.
 const BUTTONS: [&[UiCommand]; 2] = [
@@ -57,7 +61,7 @@ pub fn ui(
         if matches!(snapshot.state, RunState::Loading | RunState::Waiting) {
             ui.spinner();
         }
-        if detail::ui(scale, snapshot, ui) {
+        if detail(scale, snapshot, ui) {
             asked = Some(TransportAnswer::Retrain);
         }
     });
@@ -71,4 +75,90 @@ fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
     let response = ui.add_enabled(why_not.is_none(), button);
     let response = response.on_hover_text(command.hint(ui.ctx()));
     response.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
+}
+
+const WIDTH: f32 = 90.0;
+
+/// Draws the slider, and a retrain button if the next run would differ from the open one. Returns true if
+/// the button is clicked. `chosen` is the scale of the next run; `None` means that of the open run.
+pub fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
+    let Some(run) = snapshot.opened.as_deref().and_then(retrainable_run) else { return false };
+    ui.separator();
+    let sample = snapshot.sample.as_ref();
+    let asked = chosen.unwrap_or(run.scale);
+    let finest = StructuralScale::Pixels(FINEST_PX);
+    let finest =
+        sample.map_or(FINEST_PX, |s| effective_scale(&run.engine, finest, s).length / s.footprint);
+    let finest = finest.clamp(FINEST_PX, COARSEST_PX);
+    let mut pixels = match (asked, sample) {
+        (StructuralScale::Pixels(n), _) => n,
+        (StructuralScale::World(length), Some(sample)) => length / sample.footprint,
+        (StructuralScale::World(_), None) => finest,
+    };
+    // Clamped here because the slider would otherwise clamp it and report a change.
+    pixels = pixels.clamp(finest, COARSEST_PX);
+    let name = ui.label("Detail");
+    ui.spacing_mut().slider_width = WIDTH;
+    let slider = Slider::new(&mut pixels, COARSEST_PX..=finest).logarithmic(true).show_value(false);
+    let slider = ui.add(slider).labelled_by(name.id);
+    if slider.changed() {
+        *chosen = Some(StructuralScale::Pixels((100.0 * pixels).round() / 100.0));
+    }
+    let asked = chosen.unwrap_or(run.scale);
+    let next = sample.map(|sample| effective_scale(&run.engine, asked, sample));
+    let mut card = Tooltip::for_widget(&slider);
+    card.popup = card.popup.open(slider.hovered() || slider.dragged() || slider.has_focus());
+    card.show(|ui| forecast_card(asked, next, snapshot, ui));
+    let is_same = next.map_or(asked == run.scale, |next| is_same_length(next.length, run.engine.h));
+    let is_trained = snapshot.frames_done > 0 && snapshot.state != RunState::Loading;
+    if is_same || !is_trained {
+        return false;
+    }
+    let is_finer = next.is_none_or(|next| next.length < run.engine.h);
+    let text = if is_finer { "Again, finer" } else { "Again, coarser" };
+    ui.button(text)
+        .on_hover_text("Train on the same frames again with this level of detail; the view stays")
+        .clicked()
+}
+
+fn is_same_length(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() < 1e-3
+}
+
+fn forecast_card(
+    asked: StructuralScale,
+    next: Option<EffectiveScale>,
+    snapshot: &Snapshot,
+    ui: &mut Ui,
+) {
+    ui.label(RichText::new("Level of detail, from coarse to fine").strong());
+    let scale = match asked {
+        StructuralScale::Pixels(n) => format!("Structural scale {n:.2} pixels"),
+        StructuralScale::World(length) => format!("Structural scale {length} world units"),
+    };
+    ui.label(scale);
+    let Some(next) = next else { return };
+    if next.is_noise_limited {
+        let text = format!(
+            "Depth noise limits it to {:.2e} world units; in Settings, a scale in world units may be half of that",
+            next.length
+        );
+        let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
+        ui.add(Label::new(RichText::new(text).color(color)).wrap());
+    }
+    match forecast(snapshot, next.length) {
+        Some(forecast) => {
+            let text = format!(
+                "About {:.0} components, {:.1} MB and {:.0} ms per frame after {} frames",
+                forecast.components,
+                1e-6 * forecast.model_bytes,
+                forecast.frame_ms,
+                snapshot.frames_done
+            );
+            ui.add(Label::new(text).wrap());
+        }
+        None => {
+            ui.label(RichText::new("A forecast appears after the first trained frame").weak());
+        }
+    }
 }

@@ -1,8 +1,11 @@
 //! Frame strip at the bottom, and camera previews by dragging over it.
 
 use super::Studio;
-use crate::app::panels::frame_strip::{self, StripAnswer, StripContext};
+use crate::app::frame_outcomes::FrameOutcomes;
+use crate::app::panels::frame_strip;
+use crate::app::panels::frame_strip::{StripAnswer, StripContext, StripPosition};
 use crate::app::state::{RunState, Snapshot};
+use crate::app::viewer::previewing::SavedPosition;
 use eframe::egui::{Frame, Panel, Ui};
 
 /// Initial and largest share of the window's height for the strip.
@@ -72,4 +75,13 @@ impl Studio {
             self.view.restore_position(before);
         }
     }
+}
+
+/// State of the frame strip for the open dataset.
+#[derive(Default)]
+pub(super) struct FrameStripState {
+    pub(super) outcomes: FrameOutcomes,
+    pub(super) position: StripPosition,
+    /// Serial of the open dataset and view before a preview began.
+    pub(super) before: Option<(u64, SavedPosition)>,
 }

@@ -1,54 +1,51 @@
 //! The application: assembles the panels and turns their requests into orders for the worker.
 
-mod cards;
 mod commands;
 mod dock;
-mod editing;
 mod files;
 mod frames;
-mod setup;
 mod side_panel;
-mod strip_memory;
 
 use super::action_finder::ActionFinder;
-use super::device::WindowDevice;
-use super::drop_target;
+use super::drawing::{Painting, ViewRenderer, WindowWaker};
 use super::exit::{Exit, ExitReason, Handover};
-use super::film::FilmThread;
-use super::layout::WindowLayout;
-use super::painting::Painting;
+use super::film::{FilmThread, StillJob};
+use super::layout::{SideTab, WindowLayout};
+use super::opening::Pending;
 use super::panels::menus::{MenuAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
+use super::panels::signal_color::SignalColor;
 use super::panels::transport::TransportAnswer;
-use super::panels::{abandoned, start, status, transport};
-use super::pass_times::PassTimes;
+use super::panels::{ready, status, transport};
 use super::path_dialog::PathDialog;
 use super::path_editor::PathEditor;
-use super::pending::Pending;
-use super::persistence::{self, StoredSettings};
+use super::persistence::StoredSettings;
 use super::quality::QualityMonitor;
-use super::recent::RecentPaths;
 use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
-use super::still::StillJob;
-use super::tab::SideTab;
+use super::thread_times::PassTimes;
 use super::training::TrainSettings;
+use super::user_folders::RecentPaths;
 use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
-use super::viewport;
-use super::window_waker::WindowWaker;
-use super::worker::{Worker, WorkerOrder};
+use super::viewer::settings::ViewSettings;
+use super::viewport::WindowDevice;
+use super::window_painter::WindowPainter;
+use super::worker::{Waker, Worker, WorkerOrder};
+use super::{persistence, viewport};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
-use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
+use eframe::egui::{
+    Align2, CentralPanel, Color32, Context, FontId, Frame, Id, LayerId, Order, Panel, Theme, Ui,
+    ViewportCommand, Visuals,
+};
+use frames::FrameStripState;
 use glam::DVec3;
-use setup::{give_first_orders, scene_view, strengthen_weak_text, take_over};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use strip_memory::FrameStripState;
 
 /// State of the window; the trainer's state is on its own thread.
 pub struct Studio {
@@ -240,7 +237,8 @@ impl Studio {
             Some(TransportAnswer::Retrain) => self.retrain(snapshot),
         }
         if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_postponed(run)) {
-            let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
+            let answer =
+                Panel::top("abandoned").frame(frame).show(ui, |ui| status::abandoned(run, ui));
             self.handle_abandoned_answer(run, answer.inner, snapshot);
         }
         if snapshot.state == RunState::Training {
@@ -312,7 +310,7 @@ impl Studio {
             self.view.apply_update(update);
         }
         if snapshot.opened.is_none() {
-            if let Some(command) = start::ui(snapshot, noticed, ui) {
+            if let Some(command) = ready::start(snapshot, noticed, ui) {
                 self.apply_command(command, snapshot);
             }
             return;
@@ -412,7 +410,76 @@ impl eframe::App for Studio {
         self.handle_shortcuts(ui, &snapshot);
         self.panels(ui, &snapshot);
         self.dialogs(ui, &snapshot);
-        drop_target::show(ui.ctx());
+        show(ui.ctx());
         self.passes.end(self.started);
     }
+}
+
+pub fn show(ctx: &Context) {
+    if ctx.input(|i| i.raw.hovered_files.is_empty()) {
+        return;
+    }
+    let painter = ctx.layer_painter(LayerId::new(Order::Foreground, Id::unique("drop target")));
+    let rect = ctx.content_rect();
+    painter.rect_filled(rect, 0.0, Color32::from_black_alpha(160));
+    painter.text(
+        rect.center(),
+        Align2::CENTER_CENTER,
+        "Drop to open",
+        FontId::proportional(28.0),
+        Color32::WHITE,
+    );
+}
+
+/// Opacity of weak text.
+const WEAK_TEXT: f32 = 0.8;
+
+/// Sends the initial settings, orders and warnings about unreadable stored settings to the worker.
+fn give_first_orders(
+    worker: &Worker,
+    training: &TrainSettings,
+    first: Vec<WorkerOrder>,
+    problems: Vec<String>,
+) {
+    // Settings go first, since they apply to datasets opened after them.
+    worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
+    first.into_iter().for_each(|order| worker.send(order));
+    let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
+    problems.into_iter().for_each(warn);
+}
+
+/// Creates the viewport. If the CPU draws although a GPU exists, a GPU failure is noted; without any GPU, the
+/// CPU also draws the window.
+fn scene_view(
+    painter: ViewPainter,
+    settings: ViewSettings,
+    (window, waker): (&Context, &Waker),
+    device: Option<&WindowDevice>,
+) -> SceneView {
+    let on_cpu = painter.drawer() == ViewRenderer::Cpu;
+    let mut view = SceneView::new(painter, settings, waker.clone());
+    if let Some(WindowDevice { state, .. }) = device.filter(|_| on_cpu) {
+        if viewport::capabilities(state).is_software() {
+            WindowPainter::install(window, state);
+        } else {
+            view.note_gpu_failure();
+        }
+    }
+    view
+}
+
+/// Restores the view handed over by the previous window, if any; returns its camera path.
+fn take_over(view: &mut SceneView, exit: &Exit) -> PathEditor {
+    let Some(Handover { view: kept, path }) = exit.take_handover() else {
+        return Default::default();
+    };
+    view.restore_retained_state(kept);
+    path
+}
+
+/// Raises the contrast of weak text and links, which egui draws too pale, above all on white.
+fn strengthen_weak_text(context: &Context) {
+    context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
+    let link = SignalColor::Blue.for_theme(false);
+    context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
 }

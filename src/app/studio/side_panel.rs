@@ -1,19 +1,26 @@
 //! Panels and their requests to the window.
 
 use super::Studio;
-use crate::app::device::WindowDevice;
+use crate::app::color_mode::ColorMode;
+use crate::app::detail::{finer, retrainable_run};
 use crate::app::drawing::ViewRenderer;
 use crate::app::exit::ExitReason;
-use crate::app::panels::adapter::{self, AdapterRequest};
+use crate::app::layout::SideTab;
+use crate::app::panels::card::CardPlace;
 use crate::app::panels::path::PathRequest;
-use crate::app::panels::settings::SettingsAnswer;
-use crate::app::panels::{draw_share, inspector, latency, path, quality, scene, settings};
-use crate::app::state::{NoticeKind, Snapshot};
-use crate::app::tab::SideTab;
+use crate::app::panels::quality::EvidenceHistogram;
+use crate::app::panels::ready::SummaryAnswer;
+use crate::app::panels::settings::{AdapterRequest, SettingsAnswer};
+use crate::app::panels::{edit, inspector, latency, path, quality, ready, settings};
+use crate::app::state::{NoticeKind, Opened, RunState, Snapshot, Source};
+use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::painter::ViewPainter;
-use crate::app::viewport::{self, GpuViewPainter};
+use crate::app::viewer::toolbar::ViewMode;
+use crate::app::viewport;
+use crate::app::viewport::{GpuViewPainter, WindowDevice};
 use crate::app::worker::WorkerOrder;
 use crate::export::camera_path::PacedPath;
+use crate::train::scene::units::StructuralScale;
 use eframe::egui::Ui;
 
 impl Studio {
@@ -21,7 +28,7 @@ impl Studio {
         match tab {
             SideTab::Latency => self.latency_tab(ui, snapshot),
             SideTab::Quality => self.quality_tab(ui, snapshot),
-            SideTab::Scene => scene::ui(snapshot, ui),
+            SideTab::Scene => inspector::scene_section(snapshot, ui),
             SideTab::Inspector => inspector::ui(snapshot, ui),
             SideTab::Edit => self.edit_tab(ui, snapshot),
             SideTab::Path => self.path_tab(ui, snapshot),
@@ -110,13 +117,13 @@ impl Studio {
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let own_fov_deg = self.view.own_fov_deg();
-        let drawing = self.view.budget().map(draw_share::describe_use);
+        let drawing = self.view.budget().map(settings::describe_use);
         let around = settings::SettingsContext {
             adapter: &self.renderer_description(),
             own_fov_deg,
             drawing: drawing.as_deref(),
         };
-        let adapters = self.device.as_ref().map(|device| adapter::Adapters {
+        let adapters = self.device.as_ref().map(|device| settings::Adapters {
             there: &device.there,
             current: &device.adapter,
             gpu_failed: self.view.gpu_failed(),
@@ -175,6 +182,110 @@ impl Studio {
                 fault.message
             );
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+        }
+    }
+}
+
+impl Studio {
+    /// Draws the card of the current state, if it has one, below `noticed` points of notices.
+    pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
+        let Some(opened) = &snapshot.opened else { return };
+        let place = CardPlace::below(noticed, ui);
+        if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
+            self.ready_card(opened, place, ui, snapshot);
+        }
+        let is_read = self.closed_summary_serial == opened.serial;
+        let is_plain = self.view.mode() == ViewMode::Single
+            && self.view.settings.color_mode == ColorMode::Color;
+        let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
+        if is_done && is_plain && !is_read {
+            self.summary_card(opened, place, ui, snapshot);
+        }
+    }
+
+    fn ready_card(&mut self, opened: &Opened, place: CardPlace, ui: &Ui, snapshot: &Snapshot) {
+        let first = FrameRef::trained(opened, 0);
+        let photo = match (self.view.thumbnails(opened), &first) {
+            (Some(thumbnails), Some(first)) => thumbnails.get(ui.ctx(), first, true),
+            _ => None,
+        };
+        if let Some(command) = ready::ui(snapshot, opened, photo, place, ui) {
+            self.apply_command(command, snapshot);
+        }
+    }
+
+    fn summary_card(&mut self, opened: &Opened, place: CardPlace, ui: &Ui, snapshot: &Snapshot) {
+        let finer = finer(snapshot);
+        let forecast = finer.map(|scale| {
+            let scale = match scale {
+                StructuralScale::Pixels(n) => format!("{n:.2} pixels"),
+                StructuralScale::World(length) => format!("{length:.2e} world units"),
+            };
+            format!(
+                "Train on the same frames again with a structural scale of {scale}: about {} components. The view stays",
+                2 * snapshot.used
+            )
+        });
+        match ready::summary(snapshot, &self.quality, forecast.as_deref(), place, ui) {
+            None => {}
+            Some(SummaryAnswer::Close) => self.closed_summary_serial = opened.serial,
+            Some(SummaryAnswer::Quality) => self.layout.activate(SideTab::Quality),
+            Some(SummaryAnswer::Command(command)) => self.apply_command(command, snapshot),
+            Some(SummaryAnswer::Finer) => {
+                self.training.scene.scale = finer;
+                self.retrain(snapshot);
+            }
+        }
+    }
+
+    /// Trains on the same frames with the current settings; the view stays.
+    pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let settings = Box::new(self.training.clone());
+        // Sent even if the user then cancels discarding: the settings apply to the next run.
+        self.worker.send(WorkerOrder::TrainBy(settings.clone()));
+        self.view.retain_camera_for(opened);
+        self.confirm_then_send(WorkerOrder::Retrain(settings), snapshot);
+    }
+
+    /// Applies a level of detail chosen after opening, if no frame is trained yet.
+    pub(super) fn apply_detail(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let (Some(run), Some(chosen)) = (retrainable_run(opened), self.training.scene.scale) else {
+            return;
+        };
+        if snapshot.state == RunState::Ready && run.scale != chosen {
+            self.view.retain_camera_for(opened);
+            self.worker.send(WorkerOrder::Reset);
+        }
+    }
+}
+
+impl Studio {
+    pub(super) fn edit_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else {
+            ui.label("Nothing is open.");
+            return;
+        };
+        if let Some(command) = edit::ui(&mut self.view, snapshot, opened, ui) {
+            self.apply_command(command, snapshot);
+        }
+    }
+
+    /// Histogram of the components' evidence while training is paused; collecting it costs the trainer time.
+    pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
+        let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
+        let (editor, palette) = self.view.editor_and_palette();
+        is_at_rest.then(|| editor.evidence(palette)).flatten()
+    }
+
+    /// Requests the component attributes needed by colours, edits and panels. Call it after drawing the view,
+    /// which leaves modes unavailable for the scene, and after the panels.
+    pub(super) fn request_attributes(&mut self) {
+        let watched = self.view.take_watched_attribute();
+        if watched != self.requested_attribute {
+            self.requested_attribute = watched;
+            self.worker.send(WorkerOrder::Watch(watched));
         }
     }
 }

@@ -1,13 +1,15 @@
 //! Captions over the picture: names of the compared pictures, PSNR, hints.
 
-use super::mode::ViewMode;
-use super::photo::PhotoResult;
-use super::picture_request::{ComparedPicture, Partner, PictureRequest};
-use super::stand::ViewPosition;
-use super::{SceneView, overlay, pixel_status};
+use super::photo::{ComparedPicture, Partner, PhotoResult, PictureRequest};
+use super::steering::ViewPosition;
+use super::toolbar::ViewMode;
+use super::{SceneView, measure};
 use crate::render::Renderer;
 use crate::render::compare::Combination;
-use eframe::egui::{Align2, Rect, Ui, Vec2};
+use eframe::egui::{
+    Align2, Color32, CursorIcon, EventFilter, FontId, Id, Key, Label, Pos2, Rect, RichText, Sense,
+    Stroke, Ui, Vec2, WidgetInfo,
+};
 use std::time::{Duration, Instant};
 
 /// Time for which a hint is shown.
@@ -22,21 +24,21 @@ impl SceneView {
         request: &PictureRequest,
         result: Option<Result<PhotoResult, String>>,
     ) {
-        let inner = rect.shrink(overlay::MARGIN);
+        let inner = rect.shrink(MARGIN);
         if let Some(second) = &request.second {
             let at = |share: [f32; 2]| rect.lerp_inside(Vec2::from(share));
             let compared = Rect::from_min_max(at(second.area.min), at(second.area.max));
             if let Combination::Wipe(_) = second.how
-                && overlay::divider(ui, rect, compared, &mut self.divider)
+                && divider(ui, rect, compared, &mut self.divider)
             {
                 // Counts as camera motion: the CPU renders at low resolution until the divider rests.
                 self.moved_at = Instant::now();
             }
-            self.captions(ui, inner.intersect(compared.shrink(overlay::MARGIN)), second);
+            self.captions(ui, inner.intersect(compared.shrink(MARGIN)), second);
         }
         let known = result.as_ref().and_then(|s| s.as_ref().ok());
         if let Some(pixel_counts) = known.and_then(|s| s.pixel_counts) {
-            pixel_status::legend(&pixel_counts, inner.right_bottom(), ui);
+            measure::legend(&pixel_counts, inner.right_bottom(), ui);
         }
         let psnr = known.and_then(|s| s.psnr);
         if let Some(psnr) = psnr {
@@ -47,10 +49,10 @@ impl SceneView {
             let compared = known.and_then(|s| s.compared_psnr).zip(self.compared());
             let compared = compared.map(|(psnr, model)| format!(" · {} {psnr:.2} dB", model.name));
             let text = format!("PSNR {psnr:.2} dB{}", compared.unwrap_or_default());
-            overlay::plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
+            plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
         }
         if let Some(text) = self.hint_now(ui, result) {
-            overlay::plate(ui, inner.center_bottom(), Align2::CENTER_BOTTOM, &text, "");
+            plate(ui, inner.center_bottom(), Align2::CENTER_BOTTOM, &text, "");
         }
     }
 
@@ -76,9 +78,9 @@ impl SceneView {
                 (format!("|{own} − photograph| × {gain}"), None)
             }
         };
-        overlay::plate(ui, inner.left_top(), Align2::LEFT_TOP, &left, "");
+        plate(ui, inner.left_top(), Align2::LEFT_TOP, &left, "");
         if let Some(right) = right {
-            overlay::plate(ui, inner.right_top(), Align2::RIGHT_TOP, right, "");
+            plate(ui, inner.right_top(), Align2::RIGHT_TOP, right, "");
         }
     }
 
@@ -118,5 +120,67 @@ fn renderer_label(renderer: Renderer) -> &'static str {
     match renderer {
         Renderer::Projected => "Projected",
         Renderer::Exact => "Exact",
+    }
+}
+
+/// Width of the divider's grab area, points.
+const GRIP: f32 = 14.0;
+/// Step of an arrow key, as a share of the viewport's width.
+const STEP: f32 = 0.02;
+/// Distance of captions from the edge of the viewport, points.
+pub const MARGIN: f32 = 10.0;
+
+/// Draws a draggable divider over the compared part of the viewport. `divider` is a share of the whole
+/// viewport's width. Returns true while it is dragged.
+pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
+    let x_of = |share: f32| viewport.left() + share * viewport.width();
+    // Clamped where it is drawn, not where it is stored: a narrow photograph must not move the divider
+    // permanently.
+    let x = x_of(*divider).clamp(compared.left(), compared.right());
+    let grip = Rect::from_center_size(
+        Pos2::new(x, compared.center().y),
+        Vec2::new(GRIP, compared.height()),
+    );
+    let response = ui
+        .interact(grip, Id::unique("divider"), Sense::drag())
+        .on_hover_and_drag_cursor(CursorIcon::ResizeHorizontal);
+    if response.dragged()
+        && let Some(pointer) = response.interact_pointer_pos()
+    {
+        let at = pointer.x.clamp(compared.left(), compared.right());
+        *divider = (at - viewport.left()) / viewport.width();
+    }
+    response.widget_info(|| WidgetInfo::slider(true, (*divider).into(), "Divider"));
+    if response.has_focus() {
+        // Without this filter the arrow keys would move the focus.
+        let kept = EventFilter { horizontal_arrows: true, ..EventFilter::default() };
+        ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, kept));
+        let pressed = |key| ui.input(|i| i.num_presses(key)) as f32;
+        let steps = pressed(Key::ArrowRight) - pressed(Key::ArrowLeft);
+        *divider = (*divider + STEP * steps).clamp(0.0, 1.0);
+    }
+    // Computed again after the drag, or the line would lag one pass behind the pointer.
+    let x = x_of(*divider).clamp(compared.left(), compared.right());
+    let painter = ui.painter();
+    painter.vline(x, compared.y_range(), Stroke::new(3.0, Color32::from_black_alpha(140)));
+    painter.vline(x, compared.y_range(), Stroke::new(1.0, Color32::WHITE));
+    let knob = Pos2::new(x, compared.center().y);
+    let is_hot = response.hovered() || response.dragged() || response.has_focus();
+    let fill = if is_hot { Color32::WHITE } else { Color32::from_gray(210) };
+    painter.circle(knob, 7.0, fill, Stroke::new(1.0, Color32::from_black_alpha(160)));
+    response.dragged()
+}
+
+/// Draws a line of text on a dark plate anchored at `at`; with a tooltip unless that is empty.
+pub fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
+    let font = FontId::proportional(13.0);
+    let size = ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size();
+    let rect = anchor.anchor_size(at, size + Vec2::new(16.0, 8.0));
+    ui.painter().rect_filled(rect, 4.0, Color32::from_black_alpha(170));
+    // Selectable text would capture drags meant for the camera.
+    let label = Label::new(RichText::new(text).font(font).color(Color32::WHITE)).selectable(false);
+    let response = ui.put(rect, label);
+    if !tooltip.is_empty() {
+        response.on_hover_text(tooltip);
     }
 }

@@ -1,14 +1,13 @@
 //! Edits in the viewport: selection rectangle, crop box, and the resulting changes for painters.
 
 use super::SceneView;
-use super::crop_handles::{self, EditDrag};
-use super::picture_request::PictureRequest;
-use super::stand::ViewPosition;
+use super::photo::PictureRequest;
+use super::steering::ViewPosition;
 use super::world_painter::WorldPainter;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::Editor;
-use crate::app::edit::edits::{Edits, SelectMode};
-use crate::app::edit::screen_box::slots_within;
+use crate::app::edit::history::{Edits, SelectMode};
+use crate::app::edit::visible::slots_within;
 use crate::app::palette::Palette;
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::Opened;
@@ -16,8 +15,8 @@ use crate::math::camera::Camera;
 use crate::model::attributes::ComponentAttributes;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
-use eframe::egui::{Color32, PointerButton, Rect, Response, Stroke, StrokeKind, Ui};
-use glam::DVec2;
+use eframe::egui::{Color32, PointerButton, Pos2, Rect, Response, Stroke, StrokeKind, Ui, Vec2};
+use glam::{DVec2, DVec3};
 
 const FRAME: Color32 = Color32::from_rgb(255, 90, 220);
 
@@ -102,7 +101,7 @@ impl SceneView {
         let Some(at) = ui.input(|i| i.pointer.press_origin()) else { return };
         let face = self.crop_shown().and_then(|crop| {
             let world = self.world_of(ui, response.rect, &self.latest_camera?, opened)?;
-            crop_handles::face_at(&world, crop, at)
+            face_at(&world, crop, at)
         });
         // Edits apply to the current splats, which are not visible while the past is shown.
         let is_boxing = self.editor.is_box_selecting && self.editor.displayed_past().is_none();
@@ -124,14 +123,14 @@ impl SceneView {
     ) {
         let world = self.world_of(ui, response.rect, &request.camera, opened);
         if let (Some(crop), Some(world)) = (self.crop_shown(), &world) {
-            crop_handles::draw(world, crop);
+            draw(world, crop);
         }
         match self.edit_drag {
             None => return,
             Some(EditDrag::Select) => self.drag_box(ui, response, request),
             Some(EditDrag::Face(face)) => {
                 if let (Some(crop), Some(world)) = (self.editor.edits().crop, &world) {
-                    let crop = crop_handles::drag_face(world, crop, face, response.drag_delta());
+                    let crop = drag_face(world, crop, face, response.drag_delta());
                     let next = Edits { crop: Some(crop), ..self.editor.edits().clone() };
                     self.editor.history().drag(next);
                 }
@@ -188,4 +187,68 @@ impl SceneView {
         let is_pinhole = self.place != ViewPosition::Free || self.settings.lens == Lens::Pinhole;
         is_pinhole.then(|| WorldPainter::new(ui, rect, camera, opened.home.radius))
     }
+}
+
+/// Edit made by a drag in the viewport, instead of orbiting the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EditDrag {
+    /// Selects the splats inside the dragged rectangle.
+    Select,
+    /// Moves a face of the crop box. The index is twice the axis, plus one for the far face.
+    Face(usize),
+}
+
+const EDGE: Color32 = Color32::from_rgb(120, 220, 255);
+/// Radius of a handle and of its grab area, points.
+const HANDLE: f32 = 6.0;
+const GRIP: f32 = 12.0;
+const N_FACES: usize = 6;
+
+fn middle([low, high]: [DVec3; 2], face: usize) -> DVec3 {
+    let (axis, mut at) = (face / 2, 0.5 * (low + high));
+    at[axis] = if face.is_multiple_of(2) { low[axis] } else { high[axis] };
+    at
+}
+
+pub fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
+    let corner =
+        |bits: usize| DVec3::from_array(std::array::from_fn(|axis| crop[bits >> axis & 1][axis]));
+    for bits in 0..8 {
+        for axis in (0..3).filter(|axis| bits >> axis & 1 == 0) {
+            let ends = [corner(bits), corner(bits | 1 << axis)];
+            world.line(ends, Stroke::new(1.5, EDGE));
+        }
+    }
+    for at in (0..N_FACES).filter_map(|face| world.position(middle(crop, face))) {
+        world.painter().circle(at, HANDLE, EDGE, Stroke::new(1.5, Color32::BLACK));
+    }
+}
+
+/// Returns the face whose handle is at a window position.
+pub fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
+    let distance = |face| Some((world.position(middle(crop, face))?.distance(at), face));
+    let nearest = (0..N_FACES).filter_map(distance).min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.filter(|(distance, _)| *distance <= GRIP).map(|(_, face)| face)
+}
+
+/// Returns the box with one face moved along its axis by a drag of `by` points, at most to the opposite
+/// face.
+pub fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
+    let (axis, at) = (face / 2, middle(crop, face));
+    // A small step along the axis gives its direction and scale on screen.
+    let step = 1e-3 * (crop[1] - crop[0]).max_element().max(f64::MIN_POSITIVE);
+    let ends = [at, at + step * DVec3::AXES[axis]].map(|end| world.position(end));
+    let [Some(from), Some(to)] = ends else { return crop };
+    let along = (to - from) / step as f32;
+    // Viewed end-on, the axis has no direction on screen.
+    if along.length_sq() < f32::MIN_POSITIVE {
+        return crop;
+    }
+    let by = f64::from(by.dot(along) / along.length_sq());
+    let [mut low, mut high] = crop;
+    match face.is_multiple_of(2) {
+        true => low[axis] = (low[axis] + by).min(high[axis]),
+        false => high[axis] = (high[axis] + by).max(low[axis]),
+    }
+    [low, high]
 }

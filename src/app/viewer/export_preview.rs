@@ -4,13 +4,13 @@
 //! reader, so the preview shows exactly what the file holds. The loss is measured as PSNR between
 //! renders of scene and file at the current view.
 
-use super::compared_model::ComparedModel;
+use super::comparison::ComparedModel;
 use super::frame_refs::fit;
-use super::mode::ViewMode;
-use super::picture_request::PictureRequest;
+use super::photo::PictureRequest;
+use super::toolbar::ViewMode;
 use crate::app::background_job::BackgroundJob;
-use crate::app::edit::left_out::LeftOut;
-use crate::app::export_losses::losses;
+use crate::app::edit::marks::LeftOut;
+use crate::app::export_options::losses;
 use crate::app::worker::Waker;
 use crate::eval::metrics::psnr;
 use crate::export::mapping::Mapping;

@@ -6,7 +6,7 @@
 
 use super::SceneView;
 use super::frame_refs::FrameRef;
-use super::stand::{GuideStage, ViewPosition};
+use super::steering::{GuideStage, ViewPosition};
 use crate::app::camera::ViewCamera;
 use crate::app::state::{Opened, RunState, Snapshot, Source};
 use crate::model::splat::framing::{Framing, framing};

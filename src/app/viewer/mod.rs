@@ -1,31 +1,19 @@
 //! Central view: camera, comparison modes, and painting on GPU or CPU.
 
-mod axes;
 mod captions;
-pub mod compared_model;
-mod comparison;
-mod crop_handles;
-mod current_frame;
+pub mod comparison;
 mod editing;
 pub mod export_preview;
 mod frame_points;
 pub mod frame_refs;
 mod frusta;
 mod guide;
-pub mod kept;
 pub mod measure;
-pub mod mode;
-mod overlay;
-mod pacing;
 pub mod painter;
-mod photo;
-pub mod picture_request;
-mod pixel_status;
+pub mod photo;
 mod place;
-pub mod preview;
-mod previewing;
+pub mod previewing;
 pub mod settings;
-mod stand;
 mod steering;
 pub mod thumbnails;
 pub mod toolbar;
@@ -35,9 +23,9 @@ use super::camera::ViewCamera;
 use super::draw_budget::DrawBudget;
 use super::drawing::DrawHistory;
 use super::edit::editor::Editor;
-use super::file_proposal::FileProposal;
+use super::opening::FileProposal;
 use super::palette::Palette;
-use super::panels::legend;
+use super::panels::signal_color;
 use super::selection::SplatSelection;
 use super::software::Effort;
 use super::splat_updates::{SplatChange, SplatUpdate};
@@ -48,23 +36,22 @@ use crate::math::camera_path::Keyframe;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::Lens;
 use crate::render::compare::Area;
-use compared_model::ModelSlot;
-use crop_handles::EditDrag;
+use comparison::ModelSlot;
+use editing::EditDrag;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
 use export_preview::ExportPreview;
 use frame_points::FramePoints;
 use frame_refs::{FrameRef, fit};
 use glam::DVec3;
 use measure::MeasureTool;
-use mode::ViewMode;
 use painter::ViewPainter;
-use photo::PhotoRequests;
-use picture_request::PictureRequest;
+use photo::{PhotoRequests, PictureRequest};
 use settings::ViewSettings;
-use stand::{GuideStage, ViewPosition};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use steering::{GuideStage, ViewPosition};
 use thumbnails::Thumbnails;
+use toolbar::ViewMode;
 use world_painter::WorldPainter;
 
 /// Time after the last movement until the picture is refined.
@@ -282,7 +269,7 @@ impl SceneView {
         // The past is drawn in its own colours, to which the legend does not apply.
         let legend = self.palette.legend().filter(|_| self.editor.displayed_past().is_none());
         if let Some((attribute, range)) = legend {
-            legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
+            signal_color::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
         self.update_edit_drag(ui, &response, &request, opened);
         // Picking needs positions, not colours, and these splats are shared without a copy.

@@ -1,13 +1,12 @@
 //! Painter of the viewport: a GPU, or the CPU if there is no real one.
 
-use super::picture_request::PictureRequest;
-use crate::app::device::WindowDevice;
+use super::photo::PictureRequest;
 use crate::app::draw_budget::DrawBudget;
-use crate::app::drawing::{DrawSample, ViewRenderer};
-use crate::app::painting::Painting;
+use crate::app::drawing::{DrawSample, Painting, ViewRenderer};
 use crate::app::software::{Effort, SoftwarePainter};
 use crate::app::splat_updates::SplatChange;
-use crate::app::viewport::{self, GpuViewPainter, ViewPaintError};
+use crate::app::viewport;
+use crate::app::viewport::{GpuViewPainter, ViewPaintError, WindowDevice};
 use crate::app::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
 use eframe::egui::{Rect, Ui};

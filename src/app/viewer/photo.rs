@@ -1,21 +1,22 @@
 //! Photographs for comparison, their PSNR and the status of their pixels, computed on a separate
 //! thread.
 
-use super::compared_model::ComparedModel;
+use super::comparison::ComparedModel;
 use super::frame_refs::FrameRef;
-use super::pixel_status::PixelStatusPainter;
+use super::measure::PixelStatusPainter;
 use crate::app::splat_updates::SplatChange;
 use crate::app::view_thread::{Announce, ViewThread};
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::surface::{SurfaceCounts, SurfaceSettings};
 use crate::eval::choices::GroundTruth;
-use crate::eval::metrics::psnr;
-use crate::eval::sizes::MetricError;
+use crate::eval::metrics::{MetricError, psnr};
 use crate::eval::views::ground_truth;
+use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
+use crate::render::compare::{Area, Combination};
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::Ui;
 use std::sync::Arc;
@@ -273,5 +274,50 @@ impl PhotoWorker {
         let photo = Photo { image: Arc::new(image), pixel_counts };
         self.latest = Some((query.clone(), photo.clone()));
         Ok(photo)
+    }
+}
+
+/// Picture of the viewport.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureRequest {
+    /// Camera of the whole viewport, in screen pixels.
+    pub camera: Camera,
+    /// Render options of the scene.
+    pub options: RenderOptions,
+    /// Picture that it is compared with, if any.
+    pub second: Option<ComparedPicture>,
+}
+
+/// Second picture of a comparison.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ComparedPicture {
+    /// Source of the second picture.
+    pub partner: Partner,
+    /// Part of the viewport that it fills.
+    pub area: Area,
+    /// How the two pictures are combined.
+    pub how: Combination,
+}
+
+/// Source of the second picture of a comparison.
+#[derive(Clone, Debug)]
+pub enum Partner {
+    /// The same splats with other options.
+    Splats(RenderOptions),
+    /// Another model.
+    Model(Arc<ComparedModel>, RenderOptions),
+    /// The photograph taken by this camera.
+    Photo(Arc<RgbImage>),
+}
+
+impl PartialEq for Partner {
+    /// Compares photographs and models by address, never by content.
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Splats(a), Self::Splats(b)) => a == b,
+            (Self::Model(a, drawn), Self::Model(b, other)) => Arc::ptr_eq(a, b) && drawn == other,
+            (Self::Photo(a), Self::Photo(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        }
     }
 }

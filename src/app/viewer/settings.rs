@@ -3,10 +3,10 @@
 use crate::app::color_mode::ColorMode;
 use crate::app::draw_budget::{DEFAULT_SHARE, SHARES};
 use crate::app::panels::quality::DEFAULT_INTERVAL;
-use crate::app::stored_text;
-use crate::render::Exposing;
+use crate::app::settings_file;
 use crate::render::{
-    Antialias, DisplayStyle, ExactOptions, Lens, RenderMethod, RenderOptions, Renderer, Response,
+    Antialias, DisplayStyle, ExactOptions, Exposing, Lens, RenderMethod, RenderOptions, Renderer,
+    Response,
 };
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -135,7 +135,7 @@ impl Default for ViewSettings {
 impl ViewSettings {
     /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
-        let (read, notice) = stored_text::from_text::<Self>("the viewport", text);
+        let (read, notice) = settings_file::from_text::<Self>("the viewport", text);
         (read.in_range(), notice)
     }
 

@@ -9,7 +9,7 @@ use crate::app::panic_report::PanicReport;
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
 use crate::eval::report::quantile;
-use crate::render::paint::ramp;
+use crate::render::finish::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -323,7 +323,7 @@ mod tests {
     use super::*;
     use crate::dataset::depth::{DepthCodes, DepthKind};
     use crate::math::image::Image;
-    use crate::pipeline::demo;
+    use crate::pipeline::start;
 
     #[test]
     fn thumbnails_keep_shape_and_mean() {
@@ -357,7 +357,7 @@ mod tests {
 
     #[test]
     fn a_frame_whose_decoding_panics_is_told_and_the_next_one_is_decoded() {
-        let dataset = demo::dataset().unwrap();
+        let dataset = start::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let (requests, inbox) = sync_channel(2);
         let (answers, decoded) = sync_channel(2);
@@ -377,7 +377,7 @@ mod tests {
     /// Simulates scrolling past every frame of a long recording.
     #[test]
     fn what_is_on_screen_stays_and_the_rest_is_bounded() {
-        let dataset = demo::dataset().unwrap();
+        let dataset = start::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
         let kept = |used_in| StoredThumbnails {

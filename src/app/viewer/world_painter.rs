@@ -3,9 +3,14 @@
 //! egui draws them, not the renderers: they are few, they must be crisp, and the renderers must remain
 //! what `eval` measures. Splats do not occlude them.
 
+use super::SceneView;
 use crate::math::camera::Camera;
-use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, TextureId, Ui, Vec2};
+use eframe::egui::{
+    Align2, Color32, FontId, Id, Mesh, Painter, Pos2, Rect, Role, Sense, Shape, Stroke, TextureId,
+    Ui, Vec2, WidgetInfo,
+};
 use glam::{DMat3, DVec3};
+use std::time::Instant;
 
 /// Near plane, as a share of the scene's radius.
 const NEAR: f64 = 1e-3;
@@ -121,4 +126,98 @@ impl WorldPainter {
         let pixel = Pos2::new((fx * p.x / p.z + cx) as f32, (fy * p.y / p.z + cy) as f32);
         (pixel.to_vec2() * self.points_per_pixel).to_pos2() + self.origin.to_vec2()
     }
+}
+
+const AXES: [(DVec3, &str, Color32); 3] = [
+    (DVec3::X, "X", Color32::from_rgb(230, 90, 90)),
+    (DVec3::Y, "Y", Color32::from_rgb(110, 200, 110)),
+    (DVec3::Z, "Z", Color32::from_rgb(100, 150, 240)),
+];
+/// Length of an arm, and offset of the gizmo from the viewport's upper right corner, points.
+const ARM: f32 = 26.0;
+const PLACE: Vec2 = Vec2::new(-46.0, 84.0);
+/// Radius of an arm's end, points.
+const KNOB: f32 = 8.0;
+const GRID: Color32 = Color32::from_gray(90);
+/// Grid cells on either side of the origin.
+const CELLS: i32 = 10;
+
+impl SceneView {
+    /// Draws the axis gizmo. A click on an end moves the camera onto that axis; a right click makes
+    /// that axis point up.
+    pub(super) fn gizmo(&mut self, ui: &Ui, rect: Rect) {
+        let (Some(camera), viewport) = (&mut self.camera, self.viewport) else { return };
+        let (from_world, _) = camera.camera(viewport).pose.inverse();
+        let centre = rect.right_top() + PLACE;
+        let up = camera.up();
+        let mut ends: Vec<(DVec3, &str, Color32, DVec3)> = AXES
+            .iter()
+            .flat_map(|&(axis, name, color)| [(axis, name, color), (-axis, "", color)])
+            .map(|(axis, name, color)| (axis, name, color, from_world * axis))
+            .collect();
+        // Far ends first, so that near ones cover them.
+        ends.sort_by(|a, b| b.3.z.total_cmp(&a.3.z));
+        let mut asked = None;
+        for (axis, name, color, seen) in ends {
+            let at = centre + Vec2::new(seen.x as f32, seen.y as f32) * ARM;
+            let knob = Rect::from_center_size(at, Vec2::splat(2.0 * KNOB));
+            let id = Id::unique(("axis", axis.to_array().map(|v| v as i32)));
+            let response = ui.interact(knob, id, Sense::click());
+            arm(ui, [centre, at], name, color, response.hovered());
+            let sign = if name.is_empty() { "-" } else { "" };
+            let letter = AXES.iter().find(|(a, ..)| a.abs() == axis.abs()).map_or("", |a| a.1);
+            let note = if axis.dot(up) > 0.9 { " (up)" } else { "" };
+            let name = format!("View from {sign}{letter}");
+            response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));
+            let response = response
+                .on_hover_text(format!("{name}{note}; right-click to make this axis point up"));
+            if response.clicked() {
+                asked = Some((axis, false));
+            } else if response.secondary_clicked() {
+                asked = Some((axis, true));
+            }
+        }
+        match asked {
+            None => return,
+            Some((axis, true)) => camera.set_up(axis),
+            Some((axis, false)) => camera.set_view_direction(-axis),
+        }
+        self.guide = None;
+        self.moved_at = Instant::now();
+    }
+
+    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near 0.2
+    /// `radius`; `radius` is the scene's, world units.
+    pub(super) fn grid(&self, world: &WorldPainter, radius: f64) {
+        let Some(up) = self.camera.map(|camera| camera.up()) else { return };
+        let cell = 10f64.powf((0.2 * radius).log10().round());
+        let across = up.any_orthonormal_vector();
+        let along = up.cross(across);
+        let reach = f64::from(CELLS) * cell;
+        for i in -CELLS..=CELLS {
+            let offset = f64::from(i) * cell;
+            for (a, b) in [(across, along), (along, across)] {
+                let stroke = Stroke::new(if i % 5 == 0 { 1.0 } else { 0.5 }, GRID);
+                world.line([a * offset - b * reach, a * offset + b * reach], stroke);
+            }
+        }
+        for (axis, _, color) in AXES {
+            world.line([DVec3::ZERO, axis * cell * 5.0], Stroke::new(2.0, color));
+        }
+    }
+}
+
+fn arm(ui: &Ui, [from, to]: [Pos2; 2], name: &str, color: Color32, is_hovered: bool) {
+    let painter = ui.painter();
+    if name.is_empty() {
+        // The negative end is a ring, so that the letters mark the positive direction.
+        let faint = color.gamma_multiply(if is_hovered { 1.0 } else { 0.5 });
+        painter.circle_stroke(to, 0.6 * KNOB, Stroke::new(1.5, faint));
+        return;
+    }
+    painter.line_segment([from, to], Stroke::new(2.0, color));
+    let fill = if is_hovered { Color32::WHITE } else { color };
+    painter.circle_filled(to, KNOB, fill);
+    let font = FontId::proportional(11.0);
+    painter.text(to, Align2::CENTER_CENTER, name, font, Color32::BLACK);
 }

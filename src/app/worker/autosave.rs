@@ -3,12 +3,12 @@
 //! Nothing is written before training has lasted the interval, and nothing of the demo, which can be
 //! recomputed. The autosave is removed once the user has saved the run to a file or discarded it.
 
-use super::run_autosave::RunAutosave;
-use super::thread::WorkerThread;
-use crate::app::abandoned::{self, AbandonedRun, AutosaveSlot};
-use crate::app::opening::{self, Content};
+use super::thread::{RunAutosave, WorkerThread};
+use crate::app::abandoned::{AbandonedRun, AutosaveSlot};
+use crate::app::opening::Content;
 use crate::app::rescue::Rescue;
 use crate::app::state::{GivenCalibration, NoticeKind, RunState, Subject};
+use crate::app::{abandoned, opening};
 use crate::pipeline::autosave::{Autosave, AutosaveInterval, SaveOutcome};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -3,11 +3,12 @@
 //! A session reads some of its frames before it starts. A drive that does not respond would block the
 //! training thread, so a separate thread starts the session and is polled.
 
-use super::opening_work::{join_opening, start_opening};
-use crate::app::opening::{self, Content, OpenError, OpenedSubject};
+use super::shared::{join_opening, start_opening};
+use crate::app::opening;
+use crate::app::opening::{Content, OpenError, OpenedSubject};
 use crate::app::training::TrainSettings;
-use crate::pipeline::drive_work::DriveWork;
 use crate::pipeline::follow::{Follow, silence};
+use crate::pipeline::looks::DriveWork;
 use crate::pipeline::session::Session;
 use std::time::Duration;
 

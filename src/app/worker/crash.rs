@@ -1,10 +1,10 @@
 //! Handling of panics of the window and of the training thread.
 
 use super::thread::WorkerThread;
-use crate::app::file_proposal::FileProposal;
-use crate::app::opening::Content;
+use crate::app::opening::{Content, FileProposal};
 use crate::app::panic_report::PanicReport;
-use crate::app::rescue::{self, Crash, CrashedThread, Rescue};
+use crate::app::rescue;
+use crate::app::rescue::{Crash, CrashedThread, Rescue};
 
 impl WorkerThread {
     /// After a panic of this thread: rescues the scene and reports the crash to the window, which stays
@@ -48,8 +48,8 @@ impl WorkerThread {
 
 #[cfg(test)]
 mod tests {
-    use crate::app::edit::edits::Edits;
-    use crate::app::edit::left_out::LeftOut;
+    use crate::app::edit::history::Edits;
+    use crate::app::edit::marks::LeftOut;
     use crate::app::rescue::{CrashedThread, Rescue};
     use crate::app::state::{NoticeKind, RunState, Subject};
     use crate::app::unattended::Unattended;

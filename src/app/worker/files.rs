@@ -1,17 +1,16 @@
 //! Files written by the training thread.
 
 use super::thread::WorkerThread;
-use crate::app::edit::left_out::LeftOut;
+use crate::app::edit::marks::LeftOut;
 use crate::app::opening::Content;
+use crate::app::settings_file::unused;
 use crate::app::state::{NoticeKind, WriteOutcome};
-use crate::app::unused_path::unused;
+use crate::export;
 use crate::export::atomic::write_atomic;
 use crate::export::local_origin::warning;
 use crate::export::mapping::Mapping;
-use crate::export::{
-    self, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary,
-};
-use crate::pipeline::provenance::file_comments;
+use crate::export::{ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary};
+use crate::pipeline::any_preset::file_comments;
 use crate::pipeline::session::Session;
 use glam::DVec3;
 use std::path::Path;

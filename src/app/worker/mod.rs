@@ -3,28 +3,15 @@
 
 mod autosave;
 mod awaited;
-mod calibrate;
 mod crash;
-mod dirty;
-mod file_progress;
 mod files;
-mod first_look;
 mod following;
-mod opening_wish;
-mod opening_work;
-mod order;
 mod publishing;
-mod reading;
-mod run_autosave;
 mod shared;
 mod step_clock;
 mod subject;
 mod thread;
 mod training;
-
-pub use file_progress::FileProgress;
-pub use order::WorkerOrder;
-pub use shared::Waker;
 
 use super::panic_report::PanicReport;
 use super::rescue::{Crash, Rescue, fallback_folders};
@@ -37,6 +24,9 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thread::WorkerThread;
+
+pub use shared::{FileProgress, Waker};
+pub use thread::WorkerOrder;
 
 /// Minimum time between two snapshots, if a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);

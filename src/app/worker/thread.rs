@@ -3,10 +3,9 @@
 //! The loop survives panics: the open subject stays open and can be saved.
 
 use super::awaited::AwaitedRecording;
-use super::dirty::Dirty;
-use super::order::WorkerOrder;
-use super::run_autosave::RunAutosave;
 use super::shared::{Shared, Waker};
+use crate::app::abandoned::AutosaveSlot;
+use crate::app::edit::marks::LeftOut;
 use crate::app::opening::Content;
 use crate::app::panic_report::PanicReport;
 use crate::app::rescue::Rescue;
@@ -16,12 +15,14 @@ use crate::app::state::{
 use crate::app::training::TrainSettings;
 use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
+use crate::export::mapping::Mapping;
+use crate::pipeline::autosave::Autosave;
 use crate::render::attributes::Attribute;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -302,5 +303,125 @@ impl WorkerThread {
         notices.push(Notice { serial: self.next_serial, topic, kind, text });
         self.next_serial += 1;
         self.snapshot.notices = Arc::new(notices);
+    }
+}
+
+/// Set of components that changed since the last update of the viewport.
+#[derive(Default)]
+pub struct Dirty {
+    // The list, because most frames change few components; the flags, because a frame may list a
+    // component that is already in the list.
+    ids: Vec<u32>,
+    is_dirty: Vec<bool>,
+}
+
+impl Dirty {
+    /// True if the viewport has received every change.
+    pub fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+
+    /// Adds components, which may be new.
+    pub fn mark(&mut self, ids: &[u32]) {
+        for &id in ids {
+            let n = self.is_dirty.len().max(id as usize + 1);
+            self.is_dirty.resize(n, false);
+            if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
+                self.ids.push(id);
+            }
+        }
+    }
+
+    /// Adds all components.
+    pub fn mark_all(&mut self, components: usize) {
+        self.ids = (0..components as u32).collect();
+        self.is_dirty = vec![true; components];
+    }
+
+    /// Returns each component once, and empties the set.
+    pub fn take(&mut self) -> Vec<u32> {
+        // One by one: clearing all flags would cost time in proportion to the scene at every update.
+        for &id in &self.ids {
+            self.is_dirty[id as usize] = false;
+        }
+        std::mem::take(&mut self.ids)
+    }
+}
+
+pub enum RunAutosave {
+    /// Nothing was saved yet; since this moment there is something to save, if there is.
+    Waiting(Option<Instant>),
+    /// Saves to a claimed slot.
+    On(Autosave, AutosaveSlot),
+    /// Off: it failed, of which the user was warned, or does not apply.
+    Off,
+}
+
+/// Order to the training thread.
+#[derive(Clone, Debug)]
+pub enum WorkerOrder {
+    /// Use these settings for what is opened or reset from now on.
+    TrainBy(Box<TrainSettings>),
+    /// Open a subject; the demo is also trained at once.
+    Open(Subject),
+    /// Open the first path that can be opened, and list the others in a notice.
+    OpenFirst(Vec<PathBuf>),
+    /// Restart with the open subject, its cameras corrected by a calibration file.
+    Calibrate(PathBuf),
+    /// Train until paused or done.
+    Train,
+    /// Stop after the current frame.
+    Pause,
+    /// Train one frame.
+    Step,
+    /// Follow recordings, the open one and those opened next; or stop following.
+    Follow(bool),
+    /// Restart with the same subject.
+    Reset,
+    /// Restart with the same subject and other settings, and train at once.
+    Retrain(Box<TrainSettings>),
+    /// Write a checkpoint of the newest state; the snapshot reports the outcome by this number.
+    Save(u64, PathBuf),
+    /// Export the newest scene, with the mapping from native to plain splats and the splats left out by
+    /// edits; the snapshot reports the outcome by this number.
+    Export(u64, PathBuf, Mapping, LeftOut),
+    /// Write a text to a file, under an unused name if it exists.
+    WriteText(PathBuf, String),
+    /// Rescue training that no checkpoint holds and send the outcome, because the window has crashed.
+    Rescue(SyncSender<Rescue>),
+    /// Stop, and store training that no checkpoint holds for the next window, because the program is
+    /// terminated.
+    StoreForNextWindow(SyncSender<Rescue>),
+    /// Resume the run that the snapshot offers.
+    ResumeAbandoned,
+    /// Discard the offered run.
+    DiscardAbandoned,
+    /// Publish a notice of the window.
+    Report(NoticeKind, String),
+    /// Remove the notices of the window, because another adapter draws.
+    ForgetReports,
+    /// Deliver attributes of components with their splats from now on; `None` stops that.
+    Watch(Option<Attribute>),
+    /// Include the inspection of a component in snapshots; `None` stops that.
+    Inspect(Option<u32>),
+    /// Deliver all splats again, for a new window.
+    Deliver,
+}
+
+#[cfg(test)]
+mod dirty_tests {
+    use super::*;
+
+    #[test]
+    fn components_are_told_once_and_may_be_new() {
+        let mut dirty = Dirty::default();
+        dirty.mark(&[2, 0, 2]);
+        dirty.mark(&[7, 0]);
+        assert_eq!(dirty.take(), [2, 0, 7]);
+        assert!(dirty.is_empty());
+        dirty.mark(&[1]);
+        dirty.mark_all(3);
+        dirty.mark(&[2, 3]);
+        assert_eq!(dirty.take(), [0, 1, 2, 3]);
     }
 }

@@ -6,23 +6,22 @@
 //! with the points is scaled back. Their models saw fewer points, so their PSNR compares within
 //! those rows only; the table says so.
 
-use super::runs::{self, Runs, TimedConfiguration};
+use super::runs;
+use super::runs::{Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::axis::Axis;
-use crate::bench::plot::draw;
 use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::{Axis, draw};
 use crate::dataset::Dataset;
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
     Batch, Candidates, IndexKind, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
     StatisticsForm,
 };
 use crate::train::paper::init::InitialDraw;
-use crate::train::stages::PaperStage;
-use crate::train::timing::StageMs;
+use crate::train::timing::{PaperStage, StageMs};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -264,7 +263,7 @@ fn text(rows: &[AblationRow]) -> String {
     };
     let header =
         ["configuration", "batch", "points run", "ms/frame [quartiles]", "PSNR dB", "used"];
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 fn notes(plan: &AblationPlan, sample: &TrainingSample, thinned: &[Points<f32>]) -> Vec<String> {

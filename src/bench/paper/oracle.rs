@@ -8,15 +8,15 @@
 //! than the standard deviation of their component.
 
 use crate::bench::findings::BenchError;
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
-use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -123,7 +123,7 @@ impl Seen {
         frames: &[Points<f32>],
     ) -> Result<Self, BenchError> {
         // Points and means are in model coordinates already, and nothing here asks for the world.
-        let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
+        let mut engine = learner::begin(config, draw, Normalization::IDENTITY)?;
         for frame in frames {
             engine.learn(frame)?;
         }

@@ -8,15 +8,15 @@
 
 use super::ablation::batch_name;
 use super::oracle::{DenseOracle, Errors};
-use super::runs::{self, Runs, TimedConfiguration, with_threads};
+use super::runs;
+use super::runs::{Runs, TimedConfiguration, with_threads};
 use super::sample::{TrainingSample, thin};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::axis::Axis;
-use crate::bench::plot::draw;
 use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::{Axis, draw};
 use crate::dataset::Dataset;
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
     Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
@@ -357,11 +357,11 @@ fn text(rows: &[ParetoRow]) -> String {
             row.setting.clone(),
             row.spread().to_string(),
             format!("{:.2}", row.psnr),
-            table::error(row.elbo_diff_max),
-            table::error(row.elbo_diff_mean),
-            table::error(row.total_variation_mean),
-            table::error(row.mean_error_p99),
-            table::error(row.covariance_error_p99),
+            report::error(row.elbo_diff_max),
+            report::error(row.elbo_diff_mean),
+            report::error(row.total_variation_mean),
+            report::error(row.mean_error_p99),
+            report::error(row.covariance_error_p99),
             if row.on_front { "*" } else { "" }.to_owned(),
         ]
     };
@@ -376,7 +376,7 @@ fn text(rows: &[ParetoRow]) -> String {
         "covariance",
         "front",
     ];
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &ParetoRow) -> Vec<String> {

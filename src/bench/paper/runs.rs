@@ -2,15 +2,14 @@
 //! the machine does slows all of them alike.
 
 use crate::bench::findings::BenchError;
-use crate::eval::spread::Spread;
-use crate::math::normalization::Normalization;
+use crate::eval::metrics::Spread;
+use crate::math::measured_pixel::Normalization;
 use crate::observation::points::Points;
 use crate::train::paper::config::PaperConfig;
-use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner;
 use crate::train::paper::learner::PaperLearner;
-use crate::train::stages::PAPER_STAGES;
-use crate::train::timing::StageMs;
+use crate::train::timing::{PAPER_STAGES, StageMs};
 use rayon::ThreadPoolBuilder;
 
 /// A configuration and what it is run on.
@@ -80,7 +79,7 @@ pub fn with_threads<T: Send>(
 
 fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs), BenchError> {
     let TimedConfiguration { config, draw, frames, .. } = variant;
-    let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
+    let mut engine = learner::begin(config, draw, Normalization::IDENTITY)?;
     let mut times = Vec::with_capacity(frames.len());
     for frame in *frames {
         times.push(engine.learn(frame)?.ms);

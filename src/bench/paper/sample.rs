@@ -3,12 +3,13 @@
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
-use crate::eval::views::{self, EvalOptions};
-use crate::math::normalization::Normalization;
+use crate::eval::views;
+use crate::eval::views::EvalOptions;
+use crate::math::measured_pixel::Normalization;
 use crate::observation::points::Points;
+use crate::pipeline::frame_loop::TypedPreset;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
-use crate::pipeline::preset::TypedPreset;
 use crate::pipeline::session::Session;
 use crate::render::{RenderMethod, RenderOptions};
 use crate::train::paper::config::{PaperConfig, PaperOverrides};

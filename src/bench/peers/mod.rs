@@ -1,27 +1,33 @@
 //! Other programs beside ours on the same frames. They take turns frame by frame, so that whatever else
 //! the machine does slows all of them alike, and every time is told as a ratio to ours on that frame.
 
-mod process;
-mod shared_frames;
-
-pub use process::{PeerCommand, PeerError};
-
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use super::plot::axis::Axis;
-use super::plot::draw::{self, Mark, Panel, Series};
+use super::paper::sample::spaced;
+use super::plot::draw::{Mark, Panel, Series};
+use super::plot::{Axis, draw};
 use crate::dataset::Dataset;
-use crate::eval::spread::Spread;
-use crate::eval::table;
-use crate::math::normalization::Normalization;
+use crate::dataset::frame::Frame;
+use crate::dataset::unproject::Unprojector;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
+use crate::math::measured_pixel::Normalization;
+use crate::observation::points::Points;
+use crate::pipeline::frame_loop::TypedPreset;
+use crate::pipeline::plan::Selection;
+use crate::pipeline::session::Session;
 use crate::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
-use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner;
 use crate::train::paper::learner::PaperLearner;
-use process::PeerProcess;
-use serde::Serialize;
-use serde_json::json;
-use shared_frames::SharedFrames;
+use bytemuck::cast_slice;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Lines, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
+use tempfile::TempDir;
 
 /// Frames of a run, the first of which warms up, and the same of a quick one.
 const FRAMES: usize = 11;
@@ -88,7 +94,7 @@ pub fn run(
     for (name, policy) in
         [("vbgs-studio", ReassignPolicy::Off), ("vbgs-studio, padded", ReassignPolicy::Padded)]
     {
-        let engine = engine::begin(&config(policy)?, &draw, Normalization::IDENTITY)?;
+        let engine = learner::begin(&config(policy)?, &draw, Normalization::IDENTITY)?;
         lines.push((name.to_owned(), Learning::Ours(engine)));
     }
     for peer in &plan.peers {
@@ -152,7 +158,7 @@ fn text(rows: &[PeerRow]) -> String {
         ]
     };
     let rows: Vec<_> = rows.iter().map(cells).collect();
-    table::text(["program", "frames", "ms/frame", "ratio"], &rows)
+    report::text(["program", "frames", "ms/frame", "ratio"], &rows)
 }
 
 fn panel(rows: &[PeerRow]) -> Panel {
@@ -169,6 +175,251 @@ fn panel(rows: &[PeerRow]) -> Panel {
     }
 }
 
+/// A program to compare with.
+#[derive(Clone, Debug)]
+pub struct PeerCommand {
+    /// What tables call it.
+    pub name: String,
+    /// The program.
+    pub program: OsString,
+    /// Its arguments before the folder of the frames.
+    pub arguments: Vec<OsString>,
+}
+
+impl PeerCommand {
+    /// Open3D's fusion into a truncated signed distance, by a Python that has Open3D.
+    pub fn open3d(python: &Path) -> Self {
+        let arguments = vec!["-c".into(), include_str!("open3d.py").into()];
+        Self { name: "Open3D TSDF".to_owned(), program: python.into(), arguments }
+    }
+
+    /// The published implementation in a checkout of its repository, by a Python that has what it needs.
+    pub fn published(python: &Path, checkout: &Path) -> Self {
+        let script = include_str!("published.py");
+        let arguments = vec!["-c".into(), script.into(), checkout.into()];
+        Self { name: "published, dense".to_owned(), program: python.into(), arguments }
+    }
+}
+
+/// Why a program gives no times.
+#[derive(Debug, thiserror::Error)]
+pub enum PeerError {
+    /// It is not there.
+    #[error(
+        "{name}: `{program}` does not start: {source}; install it, or leave the comparison with it out"
+    )]
+    Start {
+        /// What tables call it.
+        name: String,
+        /// The program.
+        program: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It says so itself.
+    #[error("{name}: {reason}")]
+    Refused {
+        /// What tables call it.
+        name: String,
+        /// In its own words.
+        reason: String,
+    },
+    /// It ended, or answered what nobody understands.
+    #[error("{name}: expected a line such as {expected}, found {found}")]
+    Answer {
+        /// What tables call it.
+        name: String,
+        /// Such a line.
+        expected: &'static str,
+        /// What came instead.
+        found: String,
+    },
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Answer {
+    Ready,
+    Ms(f64),
+    Error(String),
+}
+
+/// The program while it runs; ends with its handle.
+struct PeerProcess {
+    name: String,
+    child: Child,
+    asks: Option<ChildStdin>,
+    answers: Option<Lines<BufReader<ChildStdout>>>,
+}
+
+impl PeerProcess {
+    /// Starts it on a folder of frames and waits until it is ready.
+    pub fn start(command: &PeerCommand, frames: &Path) -> Result<Self, PeerError> {
+        let PeerCommand { name, program, arguments } = command;
+        let started = Command::new(program)
+            .args(arguments)
+            .arg(frames)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn();
+        let mut child = started.map_err(|source| PeerError::Start {
+            name: name.clone(),
+            program: program.to_string_lossy().into_owned(),
+            source,
+        })?;
+        let (asks, out) = (child.stdin.take(), child.stdout.take());
+        let answers = out.map(|out| BufReader::new(out).lines());
+        let mut process = Self { name: name.clone(), child, asks, answers };
+        match process.answer()? {
+            Some(Answer::Ready) => Ok(process),
+            other => Err(process.unexpected("\"ready\"", other)),
+        }
+    }
+
+    /// Milliseconds that it takes to learn a frame.
+    pub fn learn(&mut self, frame: usize) -> Result<f64, PeerError> {
+        // One that has ended is told from what it does not answer.
+        let asked = self.asks.as_mut().map(|asks| writeln!(asks, "{frame}"));
+        drop(asked);
+        match self.answer()? {
+            Some(Answer::Ms(ms)) if ms > 0.0 && ms.is_finite() => Ok(ms),
+            other => Err(self.unexpected("{\"ms\": 12.5}", other)),
+        }
+    }
+
+    /// The next line that is for us; `None` after the last.
+    fn answer(&mut self) -> Result<Option<Answer>, PeerError> {
+        let lines = self.answers.iter_mut().flatten().map_while(Result::ok);
+        match lines.filter_map(|line| serde_json::from_str(&line).ok()).next() {
+            Some(Answer::Error(reason)) => {
+                Err(PeerError::Refused { name: self.name.clone(), reason })
+            }
+            answer => Ok(answer),
+        }
+    }
+
+    fn unexpected(&mut self, expected: &'static str, found: Option<Answer>) -> PeerError {
+        let found = found.map_or_else(
+            || match self.child.wait() {
+                Ok(status) => format!("its end ({status})"),
+                Err(error) => error.to_string(),
+            },
+            |answer| format!("{answer:?}"),
+        );
+        PeerError::Answer { name: self.name.clone(), expected, found }
+    }
+}
+
+impl Drop for PeerProcess {
+    fn drop(&mut self) {
+        // It may have ended already; nobody is left to tell.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// Frames in memory for us and in a folder for others.
+struct SharedFrames {
+    /// By frame what the mixture learns from.
+    pub points: Vec<Points<f32>>,
+    /// Where the same lies for others; goes with its handle.
+    pub folder: TempDir,
+}
+
+impl SharedFrames {
+    /// Up to `n` training frames, evenly spaced; unusable ones are passed over. `told` is what programs
+    /// are told besides.
+    pub fn write(
+        dataset: &Arc<Dataset>,
+        n: usize,
+        config: &PaperConfig,
+        told: Value,
+    ) -> Result<Self, BenchError> {
+        let session = Session::new(dataset.clone(), config.clone(), Selection::all_frames())?;
+        let normalization = *session.normalization();
+        let preparation = config.preparation(session.config(), normalization);
+        let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n));
+        drop(session);
+        let folder = tempfile::tempdir().map_err(at(&std::env::temp_dir()))?;
+        let (mut all, mut described, mut first_problem) = (Vec::new(), Vec::new(), None);
+        let mut unprojector = Unprojector::new();
+        for i in chosen {
+            let mut points = Points::new();
+            let frame = dataset.load(split, i).and_then(|frame| {
+                unprojector.unproject(&frame, &preparation, &mut points).map(|_| frame)
+            });
+            match frame {
+                Ok(frame) => {
+                    described.push(write_frame(folder.path(), all.len(), &frame, &points)?);
+                    all.push(points);
+                }
+                Err(problem) => drop(first_problem.get_or_insert(problem.to_string())),
+            }
+        }
+        if all.is_empty() {
+            let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
+            return Err(BenchError::NoFrame { dataset: dataset.name.clone(), first });
+        }
+        let frames = json!({ "frames": described, "told": told });
+        let path = folder.path().join("frames.json");
+        std::fs::write(&path, serde_json::to_vec(&frames)?).map_err(at(&path))?;
+        Ok(Self { points: all, folder })
+    }
+}
+
+fn write_frame(
+    folder: &Path,
+    number: usize,
+    frame: &Frame,
+    points: &Points<f32>,
+) -> Result<Value, BenchError> {
+    let array = |name: &str, kind, shape: &[usize], bytes: &[u8]| {
+        let path = folder.join(format!("{name}-{number}.npy"));
+        std::fs::write(&path, npy(kind, shape, bytes)).map_err(at(&path))
+    };
+    let row = |i| {
+        let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
+        [x, y, z, r, g, b]
+    };
+    let rows: Vec<[f32; 6]> = (0..points.len()).map(row).collect();
+    array("points", "<f4", &[rows.len(), 6], cast_slice(&rows))?;
+    let registered = frame.with_registered_color();
+    let color = &registered.color;
+    let rgb: Vec<[u8; 3]> = color.data.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+    array("color", "|u1", &[color.height, color.width, 3], cast_slice(&rgb))?;
+    if let Some(depth) = frame.depth_z() {
+        array("depth", "<f4", &[depth.height, depth.width], cast_slice(&depth.data))?;
+    }
+    let k = &frame.camera.intrinsics;
+    let pose = frame.camera.pose;
+    Ok(json!({
+        "name": frame.name,
+        "intrinsics": [k.fx, k.fy, k.cx, k.cy],
+        // Columns of the rotation, camera to world in OpenCV's axes, and the camera's centre.
+        "axes": pose.rotation().to_cols_array_2d(),
+        "centre": pose.centre().to_array(),
+    }))
+}
+
+/// An array as NumPy stores it, version 1.0.
+fn npy(kind: &str, shape: &[usize], bytes: &[u8]) -> Vec<u8> {
+    /// Bytes before the data are a multiple of this.
+    const ALIGNMENT: usize = 64;
+    /// Magic, version, and the length of what follows.
+    const BEFORE: usize = 10;
+    let shape: String = shape.iter().map(|n| format!("{n}, ")).collect();
+    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}");
+    let padded = (BEFORE + header.len() + 1).next_multiple_of(ALIGNMENT) - BEFORE;
+    header.extend(std::iter::repeat_n(' ', padded - header.len() - 1));
+    header.push('\n');
+    let length = (header.len() as u16).to_le_bytes();
+    [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), bytes].concat()
+}
+
+fn at(path: &Path) -> impl FnOnce(std::io::Error) -> BenchError {
+    |source| BenchError::File { path: path.to_owned(), source }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,5 +431,22 @@ mod tests {
         assert_eq!((found.frames, found.ms, found.ratio), (3, 12.0, 3.0));
         assert_eq!((found.ratio_q1, found.ratio_q3), (3.0, 3.0));
         assert_eq!(row("b".to_owned(), &[4.0], &[2.0]).ratio, 2.0);
+    }
+}
+
+#[cfg(test)]
+mod shared_frames_tests {
+    use super::*;
+
+    #[test]
+    fn arrays_begin_at_a_multiple_of_64_bytes_behind_their_shape() {
+        let values = [1.5f32, -2.0, 0.25, 3.0, 4.0, 5.0];
+        let array = npy("<f4", &[3, 2], cast_slice(&values));
+        let header = usize::from(u16::from_le_bytes([array[8], array[9]]));
+        assert_eq!((10 + header) % 64, 0);
+        let text = std::str::from_utf8(&array[10..10 + header]).unwrap();
+        assert!(text.starts_with("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 2, ), }"));
+        assert!(text.ends_with(" \n"), "{text:?}");
+        assert_eq!(array[10 + header..], *cast_slice::<f32, u8>(&values));
     }
 }

@@ -4,9 +4,9 @@
 //! Panels share no axes: a bench shows two quantities side by side. A panel whose axis has names
 //! gets the room that its longest name takes; the others share what is left.
 
-use super::axis::{Axis, Ticked};
-use super::labels;
-use crate::eval::spread::Spread;
+use crate::bench::plot;
+use crate::bench::plot::{Axis, Ticked};
+use crate::eval::metrics::Spread;
 use crate::math::image::RgbImage;
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -183,7 +183,7 @@ impl Panel {
             .map(|(m, label, _)| (area.map_coordinate(&(m.x.median, m.y.median)).into(), *label))
             .collect();
         let bounds = [[columns.start, rows.start], [columns.end, rows.end]];
-        for ((_, label, color), corner) in labelled.iter().zip(labels::place(&pixels, bounds)) {
+        for ((_, label, color), corner) in labelled.iter().zip(plot::place(&pixels, bounds)) {
             // Drawn on the panel: a text has no place in the axes' units.
             let shift = (corner[0] - columns.start, corner[1] - rows.start);
             let style = (FONT, 15).into_font().color(color);

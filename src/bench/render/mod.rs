@@ -13,25 +13,25 @@ mod report;
 mod row;
 mod scene;
 
-pub use painter::FramePath;
-pub use plan::{BenchDevice, RenderPlan};
-pub use report::Ratio;
-pub use row::RenderRow;
-pub use scene::BenchScene;
-
 use super::plot::draw;
 use crate::bench::findings::{Bench, BenchError, Findings, Progress};
-use crate::eval::spread::Spread;
+use crate::eval::metrics::Spread;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
-use crate::model::splat::framing::{Framing, core_sphere};
+use crate::model::splat::framing::{core_sphere, Framing};
 use crate::model::splat::splats::Splat;
 use crate::render::{RenderOptions, Renderer};
 use glam::DVec3;
 use painter::{FrameStageMs, TimedPaintError, TimedPainter};
 use plan::RENDERERS;
-use report::{RenderSummary, notes, panels, text};
+use report::{notes, panels, text, RenderSummary};
 use std::f64::consts::TAU;
+
+pub use painter::FramePath;
+pub use plan::{BenchDevice, RenderPlan};
+pub use report::Ratio;
+pub use row::RenderRow;
+pub use scene::BenchScene;
 
 /// Horizontal field of view of every view, radians.
 const FOV: f64 = 1.0;

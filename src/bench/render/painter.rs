@@ -1,12 +1,12 @@
 //! Frames with their times, by whatever draws them.
 
-use crate::eval::machine;
+#[cfg(feature = "gui")]
+use crate::render::gpu::{GpuError, headless::HeadlessError};
+use crate::eval::report;
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use crate::render::RenderOptions;
 use crate::render::cpu::{CpuRenderer, CpuStage};
-#[cfg(feature = "gui")]
-use crate::render::gpu::{GpuError, headless::HeadlessError};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -97,7 +97,7 @@ impl TimedPainter for TimedCpu {
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let needed = BYTES_PER_SPLAT * splats.len() as u64;
         // Asked beforehand: running out of memory would take the rows that were timed along.
-        match machine::available_bytes() {
+        match report::available_bytes() {
             Some(available) if available < needed => Err(TimedPaintError::Memory {
                 needed_mb: needed.div_ceil(1_000_000),
                 available_mb: available / 1_000_000,

@@ -6,10 +6,10 @@
 use super::painter::{FramePath, STAGES};
 use super::plan::{RENDERERS, RenderPlan};
 use super::row::RenderRow;
-use crate::bench::plot::axis::Axis;
+use crate::bench::plot::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::render::Renderer;
 use serde::Serialize;
 
@@ -64,7 +64,7 @@ pub fn text(rows: &[RenderRow]) -> String {
     let [prepare, sort, bin, draw] = STAGES;
     let header =
         ["path", "renderer", "splats", "size", "ms/frame [quartiles]", prepare, sort, bin, draw];
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 /// How the numbers came about, what follows from them, and what is missing.

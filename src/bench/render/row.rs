@@ -1,7 +1,7 @@
 //! One row of the table of frame times.
 
 use super::painter::{FramePath, STAGES};
-use crate::eval::spread::Spread;
+use crate::eval::metrics::Spread;
 use crate::render::Renderer;
 use serde::Serialize;
 

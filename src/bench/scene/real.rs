@@ -2,19 +2,18 @@
 //! default preset on every recording of a folder, one pass, judged by plain figures and by those that
 //! wrong poses do not hide.
 
-use super::perturbed::Perturbed;
-use super::training::{Trained, ordered, train};
+use super::training::{Perturbed, Trained, ordered, train};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::folder;
 use crate::bench::paper::sample::spaced;
-use crate::bench::plot::axis::Axis;
-use crate::bench::plot::draw::{self, Mark, Panel, Series};
+use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::{Axis, draw};
 use crate::dataset::Dataset;
 use crate::dataset::splits::{HoldOut, ViewGroup, ViewGroupName};
 use crate::eval::choices::{GroundTruth, ViewPoses};
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::eval::report::EvalReport;
-use crate::eval::spread::Spread;
-use crate::eval::table;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
@@ -409,7 +408,7 @@ fn text(rows: &[RecordingRow]) -> String {
             joined(&[row.correlation_1, row.correlation_2, row.correlation_3, row.correlation_4]),
         ]
     };
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 /// Quality and sharpness by recording.

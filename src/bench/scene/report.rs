@@ -1,11 +1,11 @@
 //! The tables for people, and the plot.
 
-use super::row::{AccuracyRow, AccuracySummary};
 use super::variants::Table;
-use crate::bench::plot::axis::Axis;
+use crate::bench::plot::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::bench::scene::{AccuracyRow, AccuracySummary};
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::train::scene::photometric::rule::PhotometricMode;
 
 /// The tables, one below the other.
@@ -19,7 +19,7 @@ pub fn text(rows: &[AccuracyRow]) -> String {
     ];
     let of_table = |(which, title): (Table, &str)| {
         let rows: Vec<_> = rows.iter().filter(|r| r.table == which).map(cells).collect();
-        format!("{title}\n{}", table::text(HEADER, &rows))
+        format!("{title}\n{}", report::text(HEADER, &rows))
     };
     let is_there = |table: &(Table, &str)| rows.iter().any(|row| row.table == table.0);
     let tables: Vec<String> = tables.into_iter().filter(is_there).map(of_table).collect();

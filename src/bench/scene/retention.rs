@@ -7,13 +7,12 @@
 
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::paper::sample::spaced;
-use crate::bench::plot::axis::Axis;
-use crate::bench::plot::draw::{self, Mark, Panel, Series};
+use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::{Axis, draw};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
-use crate::eval::metrics::mean_std;
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::eval::metrics::{Spread, mean_std};
+use crate::eval::report;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::any_preset::AnyPreset;
@@ -266,7 +265,7 @@ fn text(summary: &[RetentionSummary]) -> String {
             format!("{:.2}", row.held_out_fall),
         ]
     };
-    table::text(header, &summary.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &summary.iter().map(cells).collect::<Vec<_>>())
 }
 
 /// What every frame lost, and the held-out views, by frames learnt.

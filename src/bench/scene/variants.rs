@@ -9,12 +9,11 @@ use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::Sensor;
 use crate::dataset::surface::sensor::Thresholds;
-use crate::model::scene::opacity::DensityOpacity;
+use crate::model::scene::splat_rule::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
-use crate::train::scene::config::{BirthRule, VisibilityRule};
+use crate::train::scene::config::{BirthRule, SumForm, VisibilityRule};
 use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
-use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
 

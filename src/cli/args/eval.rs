@@ -1,8 +1,8 @@
 //! Arguments of `eval`.
 
 use super::depth::DepthArgs;
-use super::parse::{choice, parse_color, parse_count, parse_positive};
-use super::renderer::RendererArgs;
+use super::render::RendererArgs;
+use crate::cli::args::{choice, parse_color, parse_count, parse_positive};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::dataset::splits::HoldOut;

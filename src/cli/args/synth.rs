@@ -1,6 +1,6 @@
 //! Arguments of `synth`.
 
-use super::parse::{parse_positive, parse_size};
+use crate::cli::args::{parse_positive, parse_size};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 

@@ -2,10 +2,10 @@
 
 use super::depth::DepthArgs;
 use super::eval::ComparisonArgs;
-use super::mapping::MappingArgs;
-use super::parse::{choice, parse_count, parse_passes, parse_seconds};
-use super::renderer::RendererArgs;
+use super::export::MappingArgs;
+use super::render::RendererArgs;
 use super::settings::SettingsArgs;
+use crate::cli::args::{choice, parse_count, parse_passes, parse_seconds};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;

@@ -6,18 +6,19 @@
 //! matrix with the last row `0 0 0 1` is stored by rows, one with that last column by columns, as in
 //! Apple's own arrays.
 
-use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{RecordedFrame, Recording, same_size};
-use super::stated::{self, flat_numbers};
-use crate::dataset::decode::{self, CodeKind, DepthEncoding};
+use super::stated;
+use super::stated::flat_numbers;
+use crate::dataset::decode;
+use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::describe_json;
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;

@@ -11,20 +11,22 @@
 //! three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous ones
 //! (an angle in degrees, 16-bit depth without its scale) are refused, with the value to write.
 
-use super::format::{DatasetFormat, ParsedFolder};
-use super::listed::{ListedFrame, ListedSplit, photograph_size};
+use super::numbered::{ListedFrame, ListedSplit, photograph_size};
 use super::recording::same_size;
-use super::{lens, nerfstudio};
+use super::{nerfstudio, stated};
+use crate::dataset::calibrated_size::{
+    IntrinsicsDefect, check, from_user, is_plausible_field_of_view,
+};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_text, relative_path};
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, from_user, is_plausible_field_of_view};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::{describe_json, from_json};
 use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::position_range::PositionRange;
+use crate::dataset::pose_check::PoseConvention;
+use crate::dataset::range::PositionRange;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
@@ -224,7 +226,7 @@ impl FrameList {
         let side = |key| Ok::<_, DatasetError>(self.number(key)?.map(|n| n as u32));
         let stated = (side("w")?.unwrap_or(size.0), side("h")?.unwrap_or(size.1));
         same_size(stated, size, &self.file)?;
-        lens::check_model(&self.json, &self.json, &self.file)
+        stated::check_model(&self.json, &self.json, &self.file)
     }
 
     fn check_angle(&self, radians: f64) -> Result<(), DatasetError> {

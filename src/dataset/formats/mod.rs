@@ -4,18 +4,10 @@
 
 mod arkit;
 mod blender;
-mod color_depth;
-mod format;
-mod lens;
-mod listed;
-mod majority;
 mod nerfstudio;
 mod numbered;
-mod open3d;
 mod paired;
 mod record3d;
-mod record3d_archive;
-mod record3d_folder;
 mod recording;
 mod replica;
 mod rig;
@@ -28,13 +20,15 @@ mod trajectory;
 mod tum;
 
 use super::calibration::Calibration;
-use super::error::DatasetError;
+use super::entry::DatasetSplit;
+use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::Folder;
 use super::options::LoadOptions;
-use super::pose_convention::PoseConvention;
+use super::pose_check::PoseConvention;
+use super::range::PositionRange;
 use crate::math::camera::Intrinsics;
-use format::DatasetFormat;
-pub(super) use format::ParsedFolder;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Generates both the variants of [`Layout`] and the table of their formats from one list, so that they
 /// cannot disagree.
@@ -63,7 +57,7 @@ layouts! {
     /// `rgb.txt`, `depth.txt` and `groundtruth.txt` (TUM RGB-D).
     Tum: tum::FORMAT,
     /// `color/`, `depth/` and `trajectory.log` (Open3D, Redwood).
-    Open3d: open3d::FORMAT,
+    Open3d: paired::OPEN3D,
     /// `traj.txt` and `results/` (Replica, NICE-SLAM).
     Replica: replica::FORMAT,
     /// `color/`, `depth/`, `pose/` and `intrinsic/` (ScanNet).
@@ -71,9 +65,9 @@ layouts! {
     /// `transforms.json` with depth files, or a camera for each frame (nerfstudio, NeRFCapture).
     Nerfstudio: nerfstudio::FORMAT,
     /// `metadata.json`, `rgb/` and `depth/` (Record3D's export).
-    Record3d: record3d_folder::FORMAT,
+    Record3d: record3d::FOLDER,
     /// A zip archive `*.r3d` (Record3D).
-    Record3dArchive: record3d_archive::FORMAT,
+    Record3dArchive: record3d::FORMAT,
     /// `odometry.csv`, `camera_matrix.csv`, `depth/` and a video (Stray Scanner).
     StrayScanner: stray::FORMAT,
     /// A file with one JSON object per frame (ARKit packages).
@@ -81,7 +75,7 @@ layouts! {
     /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
     RtabMap: rtabmap::FORMAT,
     /// `color/` and `depth/` without poses, for tracking.
-    ColorDepth: color_depth::FORMAT,
+    ColorDepth: paired::FORMAT,
 }
 
 /// Recognises the layout and reads the folder; also returns the content that identified the layout.
@@ -147,6 +141,38 @@ impl Layout {
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
         let (_, format) = FORMATS.iter().find(|(layout, _)| *layout == self)?;
         (format.known_calibration)(depth_camera)
+    }
+}
+
+/// Recognition and parsing of one layout, and known properties of its cameras.
+pub(in crate::dataset) struct DatasetFormat {
+    /// Identifying content, for messages.
+    pub identified_by: &'static str,
+    /// Convention of its pose matrices.
+    pub poses: PoseConvention,
+    /// Describes the identifying content found, if this is the layout. Must not fail on unknown content.
+    pub recognise: fn(&Folder) -> Option<String>,
+    /// Reads metadata and poses.
+    pub parse: fn(&Folder, &LoadOptions) -> Result<ParsedFolder, DatasetError>,
+    /// Calibration known for depth cameras with these intrinsics.
+    pub known_calibration: fn(&Intrinsics) -> Option<Calibration>,
+}
+
+/// Content of a layout's files.
+#[derive(Default)]
+pub(super) struct ParsedFolder {
+    /// Splits, possibly empty ones, which the caller drops.
+    pub splits: Vec<DatasetSplit>,
+    pub warnings: Vec<Warning>,
+    pub notes: Vec<String>,
+    pub known_range: Option<PositionRange>,
+}
+
+impl ParsedFolder {
+    /// Adds a warning about a frame that cannot be used.
+    pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
+        let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
+        self.warnings.push(Warning { split: split.to_owned(), error });
     }
 }
 

@@ -5,20 +5,19 @@
 //! the frame or, for all frames, at the top level. Depth is along the optical axis, stored times
 //! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
 
-use super::format::{DatasetFormat, ParsedFolder};
-use super::lens;
-use super::majority::majority;
 use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
-use crate::dataset::decode::{self, CodeKind, DepthEncoding};
+use super::stated;
+use super::stated::majority;
+use crate::dataset::decode;
+use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::files::is_file;
-use crate::dataset::folder::Folder;
+use crate::dataset::folder::{Folder, is_file};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::{describe_json, from_json};
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
@@ -198,7 +197,7 @@ impl FrameList<'_> {
         if size != expected {
             return Ok(Err(FrameProblem::CameraSize { expected, found: size }));
         }
-        lens::check_model(frame, self.json, self.file)?;
+        stated::check_model(frame, self.json, self.file)?;
         let k = self.intrinsics(frame, size)?;
         let cameras =
             recording.cameras_of_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;

@@ -2,14 +2,22 @@
 //! layout and by recordings without poses. Depth is in millimetres.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, Recording, metadata_error};
-use super::stated::{self, PRIMESENSE};
+use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
+use super::stated;
+use super::stated::PRIMESENSE;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::source::ByteSource;
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::matrix;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
-use std::collections::BTreeMap;
+use crate::math::pose::Pose;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
 const COLOR_FOLDERS: [&str; 3] = ["color", "image", "rgb"];
 const DEPTH_FOLDER: &str = "depth";
@@ -143,4 +151,164 @@ fn cameras(
         super::recording::same_size((k.width, k.height), size, &file)?;
     }
     recording.cameras_of_lens(&k, size, depth_size, &file).map(Some)
+}
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    identified_by: "photographs and depth without poses: `color/` and `depth/`",
+    poses: PoseConvention::Opencv,
+    recognise: |folder| recognise(folder).map(|images| format!("{images}, without poses")),
+    parse,
+    known_calibration: |_| None,
+};
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    if !options.track {
+        let found = "images only".to_owned();
+        let hint = "estimate the poses with --poses track, or add the poses";
+        return Err(metadata_error(&folder.path, "poses of the frames", found, hint));
+    }
+    let mut recording = Recording::new(folder, options);
+    let Some((pairs, cameras)) = read(&mut recording)? else {
+        return Ok(recording.finish());
+    };
+    let encoding = encoding(&recording);
+    for (number, pair) in &pairs {
+        if folder.was_taken(&pair.name) {
+            continue;
+        }
+        let missing = || FrameProblem::MissingColor(format!("number {number}"));
+        let color = pair.color.clone().ok_or_else(missing);
+        match color.and_then(|color| Ok((color, pair.depth()?))) {
+            Ok((color, depth)) => recording.push(RecordedFrame {
+                name: pair.name.clone(),
+                time: None,
+                pose: Pose::IDENTITY,
+                cameras,
+                color,
+                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
+                lens: Distortion::default(),
+            }),
+            // The other file of the pair may still be written.
+            Err(_) if folder.is_growing() => {}
+            Err(problem) => recording.skip(&pair.name, folder.path.clone(), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+pub(super) const OPEN3D: DatasetFormat = DatasetFormat {
+    identified_by: "Open3D: `color/`, `depth/` and a trajectory `*.log`",
+    poses: PoseConvention::Opencv,
+    recognise: recognise_open3d,
+    parse: parse_open3d,
+    known_calibration: |_| None,
+};
+
+fn recognise_open3d(folder: &Folder) -> Option<String> {
+    let images = recognise(folder)?;
+    trajectory_log(folder).map(|log| format!("{log}, with {images}"))
+}
+
+/// Finds a log whose first block is a pose.
+fn trajectory_log(folder: &Folder) -> Option<&str> {
+    let is_trajectory = |name: &&str| {
+        let text = folder.peek(name);
+        let mut lines = text.lines();
+        let head = lines.next().and_then(head);
+        let row = lines.next().map(matrix::parse_numbers::<4>);
+        matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
+    };
+    let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));
+    // Odometry may be logged as a trajectory too, with another origin: a log named after one is preferred.
+    let named = logs().filter(|name| name.contains("traj")).find(is_trajectory);
+    named.or_else(|| logs().find(is_trajectory))
+}
+
+fn head(line: &str) -> Option<[u64; 3]> {
+    let mut numbers = line.split_whitespace().map(|t| t.parse().ok());
+    let head = [numbers.next()??, numbers.next()??, numbers.next()??];
+    numbers.next().is_none().then_some(head)
+}
+
+fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let Some((pairs, cameras)) = read(&mut recording)? else {
+        return Ok(recording.finish());
+    };
+    let encoding = encoding(&recording);
+    let (log, blocks) = blocks(&mut recording)?;
+    let numbers: Vec<u64> = pairs.keys().copied().collect();
+    let is_complete = numbers.len() == blocks.len();
+    for (index, pose) in blocks {
+        // Blocks count images. If images are missing, the numbers in their names decide.
+        let in_place = usize::try_from(index).ok().and_then(|i| numbers.get(i).copied());
+        let counted = numbers.first().and_then(|first| first.checked_add(index));
+        let number = match folder.is_growing() {
+            // Images may not be written yet: both counts must agree.
+            true => counted.filter(|_| counted == in_place),
+            false if is_complete => in_place,
+            false => counted,
+        };
+        if number.and_then(|n| pairs.get(&n)).is_some_and(|pair| folder.was_taken(&pair.name)) {
+            continue;
+        }
+        let pair = number.and_then(|number| pairs.get(&number));
+        let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
+            let problem = FrameProblem::MissingColor(format!("number {index}"));
+            recording.skip(&index.to_string(), log.clone(), problem);
+            continue;
+        };
+        let frame = pose.and_then(|pose| Ok((pose, pair.depth()?)));
+        match frame {
+            Ok((pose, depth)) => recording.push(RecordedFrame {
+                name: pair.name.clone(),
+                time: None,
+                pose,
+                cameras,
+                color,
+                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
+                lens: Distortion::default(),
+            }),
+            Err(problem) => recording.skip(&pair.name, log.clone(), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+type Block = (u64, Result<Pose, FrameProblem>);
+
+/// Image number and pose of every block.
+fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
+    let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
+    let (file, text) = recording.folder.lines(&name)?;
+    let mut found: Vec<Block> = Vec::new();
+    let mut seen = BTreeSet::new();
+    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    while let Some((i, line)) = lines.next() {
+        let Some([index, ..]) = head(line) else {
+            let expected = "three whole numbers before each matrix of four rows";
+            let problem = FrameProblem::Line {
+                expected,
+                found: line.chars().take(40).collect(),
+                line: i + 1,
+            };
+            recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+            // Skip to the next line that can begin a block.
+            continue;
+        };
+        let rows: Vec<&str> = lines.by_ref().take(4).map(|(_, row)| row).collect();
+        let pose = matrix::from_text(&rows.join("\n")).and_then(|m| Ok(Pose::from_opencv(m)?));
+        match seen.insert(index) {
+            true => found.push((index, pose)),
+            false => {
+                let problem = FrameProblem::Duplicate(format!("another block {index}"));
+                recording.skip(&index.to_string(), file.clone(), problem);
+            }
+        }
+    }
+    if !found.is_sorted_by_key(|(index, _)| *index) {
+        recording.note(format!("{name}: blocks out of order; sorted"));
+        found.sort_by_key(|(index, _)| *index);
+    }
+    Ok((file, found))
 }

@@ -7,21 +7,27 @@
 //! folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
 //! intrinsics of each frame, which autofocus changes.
 
-use super::recording::{self, Cameras, RecordedFrame, Recording, metadata_error, same_size};
-use super::stated;
+use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::recording::{Cameras, RecordedFrame, Recording, metadata_error, same_size};
 use super::trajectory::TimedPose;
+use super::{recording, stated};
+use crate::dataset::archive::Archive;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, relative_path};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::describe_json;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use serde_json::Value;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
@@ -172,4 +178,206 @@ fn pose(value: Option<&Value>, index: usize) -> Result<Pose, FrameProblem> {
     let Ok([qx, qy, qz, qw, x, y, z]) = <[f64; 7]>::try_from(numbers) else { return Err(wrong()) };
     let timed = TimedPose::new([0.0, x, y, z, qx, qy, qz, qw]).ok_or_else(wrong)?;
     Ok(Pose::from_opengl(timed.matrix())?)
+}
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    identified_by: "Record3D's archive: one zip archive with `metadata` and `rgbd/`",
+    poses: PoseConvention::Opengl,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const METADATA: [&str; 2] = ["metadata", "metadata.json"];
+const FRAMES: &str = "rgbd/";
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let name = archive_name(folder)?;
+    Some(format!("the archive {name} with `metadata` of `K` and `poses`"))
+}
+
+/// Name of the archive that was opened, even if damaged, or of the only recording in the root.
+fn archive_name(folder: &Folder) -> Option<&str> {
+    if let Some(name) = folder.opened_archive() {
+        return Some(name);
+    }
+    let is_ours = |name: &&str| {
+        is_recording(folder, name).unwrap_or_else(|problem| {
+            folder.record_unread(name, problem);
+            false
+        })
+    };
+    let mut ours = folder.listing.files().filter(|name| name.ends_with(".r3d")).filter(is_ours);
+    let first = ours.next();
+    // Two recordings are two scenes: the user has to choose one.
+    first.filter(|_| ours.next().is_none())
+}
+
+/// True if a file in the root is an archive with this app's metadata.
+fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
+    let path = folder.file(Path::new(""), &folder.listing, name)?;
+    if !Archive::is_zip_archive(&path)? {
+        return Ok(false);
+    }
+    let archive = Archive::open(&path)?;
+    let names = archive.names();
+    for name in METADATA.into_iter().filter(|name| names.iter().any(|n| n == name)) {
+        if Metadata::is_one(&archive.read(name)?) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let path = folder.path.join(archive_name(folder).unwrap_or_default());
+    let damaged = |problem: FrameProblem| match problem {
+        FrameProblem::Read(source) => DatasetError::Read { path: path.clone(), source },
+        other => {
+            let expected = "a recording shared by Record3D";
+            metadata_error(&path, expected, other.to_string(), "share the recording again")
+        }
+    };
+    let archive = Archive::open(&path).map_err(damaged)?;
+    let archive = Arc::new(archive);
+    let names: BTreeSet<String> = archive.names().into_iter().collect();
+    for name in names.iter().filter(|name| relative_path(name).is_err()) {
+        recording.skip(name, path.clone(), FrameProblem::OutsideFolder(name.clone()));
+    }
+    let Some(name) = METADATA.into_iter().find(|name| names.contains(*name)) else {
+        let found = format!("{} members, none of that name", names.len());
+        return Err(metadata_error(
+            &path,
+            "a member `metadata`",
+            found,
+            "share the recording again",
+        ));
+    };
+    let text = archive.read(name).map_err(damaged)?;
+    let metadata = Metadata::new(path.join(name), &text)?;
+    let member = |name: String| names.contains(&name).then(|| ByteSource::member(&archive, &name));
+    let mut frames = BTreeMap::new();
+    for name in &names {
+        let alone = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".depth"));
+        if let Some(stem) = alone.filter(|stem| !names.contains(&format!("{FRAMES}{stem}.jpg"))) {
+            let problem = FrameProblem::MissingColor(format!("{FRAMES}{stem}.jpg"));
+            recording.skip(stem, path.clone(), problem);
+        }
+        let Some(stem) = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".jpg")) else {
+            continue;
+        };
+        let Ok(number) = stem.parse::<u64>() else { continue };
+        let sources = FrameSources {
+            color: ByteSource::member(&archive, name),
+            depth: member(format!("{FRAMES}{stem}.depth")),
+            confidence: member(format!("{FRAMES}{stem}.conf")),
+        };
+        match frames.contains_key(&number) {
+            true => {
+                let problem = FrameProblem::Duplicate(format!("`{name}`"));
+                recording.skip(stem, path.clone(), problem);
+            }
+            false => drop(frames.insert(number, sources)),
+        }
+    }
+    metadata.record(&mut recording, &frames, CodeKind::BareFloats)?;
+    Ok(recording.finish())
+}
+
+pub(super) const FOLDER: DatasetFormat = DatasetFormat {
+    identified_by: "Record3D's export: `metadata.json` with `K` and `poses`, `rgb/` and `depth/`",
+    poses: PoseConvention::Opengl,
+    recognise: recognise_folder,
+    parse: parse_folder,
+    known_calibration: |_| None,
+};
+
+const FOLDER_METADATA: [&str; 2] = ["metadata.json", "metadata"];
+const COLORS: &str = "rgb";
+const DEPTHS: &str = "depth";
+const CONFIDENCES: [&str; 2] = ["confidence", "conf"];
+/// Metres per unit of float files; codes would be millimetres.
+const FLOAT_UNIT: f64 = 1.0;
+const CODE_UNIT: f64 = 0.001;
+
+fn recognise_folder(folder: &Folder) -> Option<String> {
+    let name = metadata(folder)?;
+    let is_ours = folder.has_folder(COLORS);
+    is_ours.then(|| format!("{name} with `K` and `poses`, and images in {COLORS}/"))
+}
+
+fn metadata(folder: &Folder) -> Option<&'static str> {
+    FOLDER_METADATA.into_iter().find(|name| {
+        folder.listing.has_file(name) && Metadata::is_one(folder.peek_whole(name).as_bytes())
+    })
+}
+
+fn parse_folder(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let (file, text) = folder.text(metadata(folder).unwrap_or(FOLDER_METADATA[0]))?;
+    let metadata = Metadata::new(file, text.as_bytes())?;
+    let list = |name: &str, extensions: &[&str]| {
+        NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
+            let expected = "a folder of numbered images";
+            metadata_error(
+                &folder.path.join(name),
+                expected,
+                problem.to_string(),
+                "export it again",
+            )
+        })
+    };
+    let colors = list(COLORS, &PHOTOGRAPHS)?;
+    recording.skip_doubled(&colors, COLORS);
+    let depths = match folder.has_folder(DEPTHS) {
+        true => Some(list(DEPTHS, &["exr", "png", "tiff", "tif", "npy"])?),
+        false => None,
+    };
+    if let Some(depths) = &depths {
+        recording.skip_doubled(depths, DEPTHS);
+    }
+    let confidence = CONFIDENCES.into_iter().find(|name| folder.has_folder(name));
+    let confidences = confidence.map(|name| list(name, &["png", "conf", "bin"])).transpose()?;
+    let mut frames = BTreeMap::new();
+    let lists: Vec<&NumberedFiles> =
+        [Some(&colors), depths.as_ref()].into_iter().flatten().collect();
+    let taken = |number: &u64| folder.was_taken(&number.to_string());
+    for number in NumberedFiles::union(&lists).into_iter().filter(|number| !taken(number)) {
+        match sources(folder, [Some(&colors), depths.as_ref(), confidences.as_ref()], number) {
+            Ok(sources) => drop(frames.insert(number, sources)),
+            Err(problem) => {
+                recording.skip(&number.to_string(), folder.path.join(COLORS), problem);
+            }
+        }
+    }
+    // By name: the unit must not depend on whether a file can be read.
+    let is_codes = depths
+        .as_ref()
+        .is_some_and(|d| d.numbers().next().is_some_and(|n| d.has_extension(n, "png")));
+    let unit = CodeKind::ByContent(if is_codes { CODE_UNIT } else { FLOAT_UNIT });
+    metadata.record(&mut recording, &frames, unit)?;
+    Ok(recording.finish())
+}
+
+fn sources(
+    folder: &Folder,
+    [colors, depths, confidences]: [Option<&NumberedFiles>; 3],
+    number: u64,
+) -> Result<FrameSources, FrameProblem> {
+    let file = |files: Option<&NumberedFiles>| {
+        files.and_then(|files| files.file(folder, number)).transpose()
+    };
+    let missing = || {
+        FrameProblem::MissingColor(Path::new(COLORS).join(number.to_string()).display().to_string())
+    };
+    let confidence = file(confidences)?;
+    if folder.is_growing() && confidences.is_some() && confidence.is_none() {
+        return Err(FrameProblem::MissingConfidence(number.to_string()));
+    }
+    Ok(FrameSources {
+        color: file(colors)?.ok_or_else(missing)?.into(),
+        depth: file(depths)?.map(Into::into),
+        confidence: confidence.map(Into::into),
+    })
 }

@@ -5,11 +5,12 @@
 //! `held-out`. Depth has its own camera; its intrinsics follow from the photograph's if both share one
 //! lens.
 
-use super::format::ParsedFolder;
-use super::majority::majority;
 use super::numbered::NumberedFiles;
+use super::stated::majority;
+use crate::dataset::calibrated_size::{IntrinsicsDefect, check, from_user};
 use crate::dataset::calibration::ColorCamera;
-use crate::dataset::decode::{self, CodeKind, DepthEncoding};
+use crate::dataset::decode;
+use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{
@@ -17,9 +18,8 @@ use crate::dataset::entry::{
 };
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, from_user};
-use crate::dataset::options::LoadOptions;
-use crate::dataset::source::ByteSource;
+use crate::dataset::formats::ParsedFolder;
+use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;

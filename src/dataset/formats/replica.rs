@@ -4,19 +4,18 @@
 //!
 //! Depth is rendered, in steps of 1/6553.5 m, and registered.
 
-use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::files::is_file;
-use crate::dataset::folder::{Folder, read_text};
-use crate::dataset::matrix::{self, describe_json};
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
+use crate::dataset::folder::{Folder, is_file, read_text};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::matrix;
+use crate::dataset::matrix::describe_json;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;

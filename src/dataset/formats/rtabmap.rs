@@ -8,7 +8,6 @@
 //! writes
 //! `…_camera_poses.txt`).
 
-use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error};
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
@@ -16,10 +15,10 @@ use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;

@@ -4,7 +4,6 @@
 //! Colour and depth are two cameras of two sizes. If tracking was lost, a pose is all `-inf`; such frames
 //! are skipped and counted.
 
-use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{Cameras, RecordedFrame, Recording, check_intrinsics, metadata_error};
 use super::stated;
@@ -13,12 +12,11 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::files::is_file;
-use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::folder::{Folder, is_file, read_small_text};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;

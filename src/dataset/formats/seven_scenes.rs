@@ -9,17 +9,17 @@
 //! state this, hence the notice at opening. The known calibration applies only if the depth intrinsics are
 //! the published ones.
 
-use super::format::{DatasetFormat, ParsedFolder};
-use super::listed::{ListedFrame, ListedSplit, photograph_size};
+use super::numbered::{ListedFrame, ListedSplit, photograph_size};
+use crate::dataset::calibrated_size::{IntrinsicsDefect, check, from_user};
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_small_text};
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, from_user};
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;

@@ -3,7 +3,8 @@
 use super::recording::metadata_error;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::Folder;
-use crate::dataset::matrix::{self, describe_json};
+use crate::dataset::matrix;
+use crate::dataset::matrix::describe_json;
 use crate::math::camera::Intrinsics;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -110,4 +111,105 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
         return Ok(Some((file, k)));
     }
     Ok(None)
+}
+
+/// Models with the terms `k1`, `k2`, `k3`, `p1` and `p2`, or none.
+const KNOWN_MODELS: [&str; 7] = [
+    "OPENCV",
+    "PINHOLE",
+    "SIMPLE_PINHOLE",
+    "RADIAL",
+    "SIMPLE_RADIAL",
+    "PERSPECTIVE",
+    "FULL_OPENCV",
+];
+/// Terms of other models, unless zero.
+const OTHER_TERMS: [&str; 6] = ["k4", "k5", "k6", "skew", "sk_x", "sk_y"];
+/// Flags of other models.
+const OTHER_FLAGS: [&str; 2] = ["is_fisheye", "fisheye"];
+
+/// Refuses a camera that is not perspective, according to a frame or the list that contains it.
+pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<(), DatasetError> {
+    let said = |key: &str| frame.get(key).or_else(|| list.get(key));
+    let model = said("camera_model").and_then(Value::as_str);
+    let other_model = model.filter(|model| !KNOWN_MODELS.contains(model));
+    let other_term = OTHER_TERMS.iter().find(|key| {
+        // A value that is not a number does not count as zero.
+        said(key).is_some_and(|value| value.as_f64() != Some(0.0))
+    });
+    let other_flag =
+        OTHER_FLAGS.iter().find(|key| said(key).and_then(Value::as_bool) == Some(true));
+    let found = match (other_model, other_term.or(other_flag)) {
+        (Some(model), _) => format!("`camera_model` {model}"),
+        (None, Some(key)) => format!("`{key}` {}", said(key).unwrap_or(&Value::Null)),
+        (None, None) => return Ok(()),
+    };
+    let expected = "a perspective camera with k1, k2, k3, p1, p2";
+    Err(metadata_error(file, expected, found, "undistort the images to a pinhole first"))
+}
+
+/// Number of evenly spaced files that are read.
+const SAMPLED_FILES: usize = 9;
+
+/// Most frequent value among the sampled files; of equally frequent values the first file's. `None` without
+/// files.
+///
+/// # Errors
+/// The first error if no file can be read.
+pub(super) fn majority<S, T: Copy + PartialEq, E>(
+    files: &[S],
+    ask: impl Fn(&S) -> Result<T, E>,
+) -> Result<Option<T>, E> {
+    let n = files.len().min(SAMPLED_FILES);
+    let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
+    let (mut answers, mut error) = (Vec::new(), None);
+    // Retried once: a passing disk error would change the result for all frames silently.
+    let ask = |file: &S| ask(file).or_else(|_| ask(file));
+    let mut note = |answer: Result<T, E>| match answer {
+        Ok(answer) => answers.push(answer),
+        Err(e) => drop(error.get_or_insert(e)),
+    };
+    files.iter().enumerate().filter(is_asked).for_each(|(_, file)| note(ask(file)));
+    // If no sampled file is readable, any other one decides: damaged images must not cost the recording.
+    let mut others = files.iter().enumerate().filter(|file| !is_asked(file));
+    let n_votes = |answer: &T| answers.iter().filter(|other| *other == answer).count();
+    let mut most: Option<T> = None;
+    for answer in &answers {
+        if most.is_none_or(|most| n_votes(answer) > n_votes(&most)) {
+            most = Some(*answer);
+        }
+    }
+    match most.or_else(|| others.find_map(|(_, file)| ask(file).ok())) {
+        Some(answer) => Ok(Some(answer)),
+        None => error.map_or(Ok(None), Err),
+    }
+}
+
+#[cfg(test)]
+mod majority_tests {
+    use super::*;
+
+    fn most(files: &[Option<u32>]) -> Result<Option<u32>, &'static str> {
+        majority(files, |file| file.ok_or("damaged"))
+    }
+
+    #[test]
+    fn the_odd_one_is_outvoted_wherever_it_stands() {
+        for odd in 0..4 {
+            let mut files = [Some(7); 4];
+            files[odd] = Some(5);
+            assert_eq!(most(&files), Ok(Some(7)), "{odd}");
+        }
+        assert_eq!(most(&[Some(5), Some(7)]), Ok(Some(5)), "as many of each");
+        assert_eq!(most(&[]), Ok(None));
+        assert_eq!(most(&[None, None]), Err("damaged"));
+        assert_eq!(most(&[None, Some(5), Some(7), Some(7)]), Ok(Some(7)));
+    }
+
+    #[test]
+    fn a_file_that_can_be_read_is_found_among_many_that_cannot() {
+        let mut files = [None; 100];
+        files[1] = Some(7);
+        assert_eq!(most(&files), Ok(Some(7)));
+    }
 }

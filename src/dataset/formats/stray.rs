@@ -6,7 +6,6 @@
 //! The video is HEVC and is decoded by an installed `ffmpeg`. Without one, the recording opens on request
 //! with its geometry only.
 
-use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{RecordedFrame, Recording, depth_size, metadata_error, photograph_size};
 use super::stated;
@@ -16,9 +15,9 @@ use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
 use crate::dataset::folder::Folder;
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::dataset::video::Video;
 use crate::math::camera::Intrinsics;

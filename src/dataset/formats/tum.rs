@@ -13,22 +13,22 @@
 //! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
 //! the calibration published for each colour camera.
 
-use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
-use super::rig::{self, Clock, ImagePair, Mount, Rig};
-use super::stated::{self, PRIMESENSE};
+use super::rig::{Clock, ImagePair, Mount, Rig};
+use super::stated::PRIMESENSE;
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
+use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::options::LoadOptions;
-use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::rolling_shutter::{KINECT_COLOR, KINECT_DEPTH, RollingShutter};
-use crate::dataset::source::ByteSource;
+use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
+use crate::dataset::video::{KINECT_COLOR, KINECT_DEPTH, RollingShutter};
 use crate::math::camera::Intrinsics;
 use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec3};

@@ -1,7 +1,7 @@
 //! OpenEXR: half or single floats, in a channel of any name.
 
-use super::stored::{StoredDepth, check_size};
 use crate::dataset::error::FrameProblem;
+use crate::dataset::lengths::{StoredDepth, check_size};
 use crate::math::image::Image;
 use ::exr::meta::MetaData;
 use ::exr::prelude::{ReadChannels, ReadLayers, read as open};

@@ -1,7 +1,6 @@
 //! Colours of points: from the same pixel, or from a separate colour camera.
 
-use super::projection::Projection;
-use super::seen::ReprojectedDepths;
+use super::seen::{Projection, ReprojectedDepths};
 use crate::dataset::calibration::Calibration;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;

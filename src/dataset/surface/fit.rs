@@ -12,9 +12,8 @@
 //! square, without gain over a threshold; windows of other sizes (see `recipe`).
 
 use super::planes::{NOTHING, Planes, load};
-use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
-use super::sampling::PixelSampling;
 use super::sensor::Profile;
+use super::settings::{MIN_INLIERS, MIN_SHARE, PixelSampling, RADIUS, ROUNDS};
 use crate::math::simd::{Kernel, LANES, SET_LANE, Vector};
 use std::ops::Range;
 

@@ -6,9 +6,9 @@
 //! converted individually. Planes are separate arrays instead of structs per pixel, because the fit loads
 //! eight neighbouring values of one kind at a time.
 
-use super::recipe::{LENGTHS, RADIUS};
+use super::emit::PixelStatus;
 use super::sensor::{NoiseLaw, Profile};
-use super::status::PixelStatus;
+use super::settings::{LENGTHS, RADIUS};
 use crate::dataset::calibration::Calibration;
 use crate::dataset::depth::{
     Depth, DepthCodes, DepthKind, decode_inverse8, decode_length, decode_linear16,

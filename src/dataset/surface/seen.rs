@@ -1,9 +1,12 @@
 //! The depth image reprojected into a separate colour camera, for occlusion tests.
 
 use super::planes::{NOTHING, Planes};
-use super::projection::Projection;
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::frame::Frame;
 use crate::math::image::Image;
-use crate::math::simd::{Kernel, LANES, Vector};
+use crate::math::simd::{Kernel, LANES, Vector, turned};
+use crate::observation::surface::Photograph;
+use glam::{DQuat, DVec3};
 
 /// Limit for the side of the square that a depth pixel covers in the colour image, pixels.
 const MOST_COVERED: f32 = 16.0;
@@ -119,4 +122,100 @@ fn begin(image: &mut Image<f32>, [width, height]: [usize; 2]) {
     image.data.clear();
     image.data.resize(width * height, NOTHING);
     (image.width, image.height) = (width, height);
+}
+
+/// A colour camera in f32.
+pub(super) struct Projection {
+    /// Rotation from the depth camera's axes to the colour camera's, by rows.
+    turn: [[f32; 3]; 3],
+    offset: [f32; 3],
+    focal: [f32; 2],
+    principal: [f32; 2],
+}
+
+impl Projection {
+    pub fn new(camera: &ColorCamera) -> Self {
+        Self {
+            turn: camera.color_from_depth().transpose().to_cols_array_2d().map(single),
+            offset: single(camera.offset),
+            focal: single(camera.focal),
+            principal: single(camera.principal),
+        }
+    }
+
+    /// Transforms points from the depth camera's frame to the colour camera's.
+    #[inline(always)]
+    pub fn turned_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 3] {
+        let [right, down, ahead] = self.offset;
+        turned(&self.turn, [x - V::splat(right), y - V::splat(down), z - V::splat(ahead)])
+    }
+
+    /// Pixel coordinates of points in the colour camera's frame; undefined behind the camera.
+    #[inline(always)]
+    pub fn project_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 2] {
+        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
+        [V::splat(fx) * x / z + V::splat(cx), V::splat(fy) * y / z + V::splat(cy)]
+    }
+}
+
+fn single<const N: usize>(values: [f64; N]) -> [f32; N] {
+    values.map(|value| value as f32)
+}
+
+/// Photograph registered to the depth image; reuses the memory of an earlier one.
+pub(super) fn registered(
+    frame: &Frame,
+    planes: &Planes,
+    gain: [f64; 3],
+    earlier: Option<Photograph>,
+) -> Photograph {
+    let Image { width, height, .. } = *frame.color;
+    let rows = (0..height).map(|row| &planes.z[planes.at(0, row)..][..width]);
+    Photograph {
+        intrinsics: frame.camera.intrinsics,
+        offset: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        colors: frame.color.clone(),
+        gain: gain.map(|gain| gain as f32),
+        depths: depths(frame, rows, earlier),
+        has_coverage: true,
+    }
+}
+
+/// Photograph of a separate colour camera; reuses the memory of an earlier one.
+pub(super) fn seen_beside(
+    frame: &Frame,
+    seen: &ReprojectedDepths,
+    camera: &ColorCamera,
+    gain: [f64; 3],
+    earlier: Option<Photograph>,
+) -> Photograph {
+    Photograph {
+        intrinsics: camera.intrinsics(frame.camera.intrinsics),
+        offset: DVec3::from_array(camera.offset),
+        rotation: camera.rotation_quat(),
+        colors: frame.color.clone(),
+        gain: gain.map(|gain| gain as f32),
+        depths: depths(frame, [&seen.nearest.data[..]], earlier),
+        // Depth of another camera does not show what covers a pixel of this one.
+        has_coverage: false,
+    }
+}
+
+/// Depth image of a photograph, from consecutive runs of pixels. Reuses an earlier one's memory, since
+/// allocating a million pixels takes longer than filling them.
+fn depths<'a>(
+    frame: &Frame,
+    runs: impl IntoIterator<Item = &'a [f32]>,
+    earlier: Option<Photograph>,
+) -> Image<f32> {
+    let mut depths = earlier.map(|earlier| earlier.depths.data).unwrap_or_default();
+    depths.clear();
+    runs.into_iter().for_each(|run| depths.extend(run.iter().map(|z| known(*z))));
+    Image::from_vec(frame.color.width, frame.color.height, depths)
+}
+
+/// Depth, or 0 if none was measured.
+fn known(z: f32) -> f32 {
+    if z < NOTHING { z } else { 0.0 }
 }

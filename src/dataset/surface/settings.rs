@@ -1,6 +1,5 @@
 //! Settings of the surface stage.
 
-use super::sampling::PixelSampling;
 use super::sensor::{Profile, Sensor, Thresholds};
 use crate::dataset::calibration::Calibration;
 use crate::dataset::depth::Depth;
@@ -8,6 +7,8 @@ use crate::dataset::opened::Dataset;
 use crate::math::camera::Intrinsics;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
+use strum::{Display, EnumString, VariantNames};
 
 /// Settings of the conversion of frames to observations; each stage can be disabled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,4 +78,70 @@ fn to_array<S: serde::Serializer>(v: &DVec3, serializer: S) -> Result<S::Ok, S::
 
 fn from_array<'de, D: serde::Deserializer<'de>>(from: D) -> Result<DVec3, D::Error> {
     <[f64; 3]>::deserialize(from).map(DVec3::from_array)
+}
+
+/// Pixels from the centre of the window to its side.
+pub(super) const RADIUS: usize = 2;
+/// Least-squares rounds; from the second on, only inliers count.
+pub(super) const ROUNDS: usize = 3;
+/// Least number of inliers in a round, including the pixel itself.
+pub(super) const MIN_INLIERS: usize = 5;
+/// Least final share of inliers in the window.
+pub(super) const MIN_SHARE: f64 = 0.3;
+/// Pixels on a side of a tile.
+pub(super) const TILE: usize = 8;
+/// Lengths whose squares and inverses are representable in f32.
+pub(super) const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
+
+/// Selection of the pixels that become points; each point is weighted by the skipped pixels it represents.
+/// Plane fits over 5×5 pixels make neighbours redundant, and later frames show what a frame skips.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    Display,
+    EnumString,
+    VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum PixelSampling {
+    /// Every pixel.
+    #[default]
+    Every,
+    /// Every other row.
+    Half,
+    /// Every other pixel of every other row.
+    Quarter,
+}
+
+impl PixelSampling {
+    /// True if every usable pixel becomes a point.
+    pub fn is_every(&self) -> bool {
+        *self == Self::Every
+    }
+
+    /// Number of pixels represented by a point.
+    pub fn weight(self) -> u32 {
+        match self {
+            Self::Every => 1,
+            Self::Half => 2,
+            Self::Quarter => 4,
+        }
+    }
+
+    /// Distance between used rows.
+    pub(super) fn row_step(self) -> usize {
+        if self.is_every() { 1 } else { 2 }
+    }
+
+    /// Distance between used columns.
+    pub(super) fn column_step(self) -> usize {
+        if self == Self::Quarter { 2 } else { 1 }
+    }
 }

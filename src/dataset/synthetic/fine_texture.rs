@@ -2,7 +2,7 @@
 //!
 //! Each octave fades out where it is finer than a pixel, as in [`super::texture`].
 
-use super::pattern::{SurfaceSample, antialiased_line, hash, noise2, step};
+use super::texture::{SurfaceSample, antialiased_line, hash, noise2, step};
 use glam::{Vec2, Vec3, vec3};
 
 /// Surface with fine detail; colours are linear RGB.

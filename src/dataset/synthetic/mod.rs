@@ -11,23 +11,16 @@
 pub(in crate::dataset) mod scene;
 pub mod write;
 
-mod capsule;
-mod distance;
 mod fine_texture;
 mod free_views;
-mod light;
-mod on_demand;
 mod params;
-mod pattern;
 mod phone;
 mod plan;
 mod room;
 mod solid;
 mod texture;
-mod trajectory;
 mod view;
 
-pub use on_demand::{dataset, demo, position_range};
 pub use params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
 pub use scene::{DEPTH_UNIT, FIELD_OF_VIEW, SyntheticScene};
-pub use view::SyntheticView;
+pub use view::{SyntheticView, dataset, demo, position_range};

@@ -1,16 +1,17 @@
 //! The furnished and lit room, and its rendering to frames.
 
-use super::light::LightMaps;
 use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::phone::contents;
-use super::room::FurnishedRoom;
-use super::view::{self, SyntheticView};
+use super::room::{FurnishedRoom, Lamp};
+use super::solid::{Ray, Shape};
+use super::view;
+use super::view::SyntheticView;
 use crate::dataset::depth::{Depth, DepthCodes, DepthKind, HOLE16, sensor_noise};
 use crate::dataset::frame::Frame;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::rng::{Purpose, Rng};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3, vec3};
 
 /// Unit of the 16-bit depth codes of demo frames: 0.25 mm per step, up to 16 m.
 pub const DEPTH_UNIT: f64 = 0.000_25;
@@ -122,4 +123,127 @@ pub(super) fn quantise(lengths: &Image<f64>, unit: f64) -> Image<u16> {
         let code = (length / unit).round();
         if code >= 1.0 && code < f64::from(HOLE16) { code as u16 } else { 0 }
     })
+}
+
+/// Texel size, metres.
+const TEXEL: f64 = 0.1;
+/// Minimum texels per side, so that small objects are shaded too.
+const MIN_TEXELS: usize = 6;
+/// Shadow rays per lamp: a grid with this many per side.
+const LAMP_GRID: usize = 4;
+/// Rays over the hemisphere for ambient light.
+const SKY_RAYS: usize = 20;
+/// Ambient radiance from walls (open rays) and from objects (blocked rays), linear RGB.
+const FROM_WALLS: Vec3 = vec3(0.46, 0.42, 0.36);
+const FROM_THINGS: Vec3 = vec3(0.11, 0.09, 0.07);
+/// Length of ambient rays, metres.
+const REACH: f64 = 3.0;
+
+/// Irradiance of all surfaces, divided by π.
+#[derive(Debug)]
+pub(super) struct LightMaps {
+    /// Indexed by solid, then by face.
+    maps: Vec<Vec<LightMap>>,
+}
+
+#[derive(Debug)]
+struct LightMap {
+    columns: usize,
+    rows: usize,
+    texels: Vec<Vec3>,
+}
+
+impl LightMaps {
+    /// Bakes the light maps of all non-emissive surfaces.
+    pub fn bake(room: &FurnishedRoom) -> Self {
+        let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
+        let maps = room.solids.iter().map(|solid| match solid.texture.is_emissive() {
+            true => Vec::new(),
+            false => (0..solid.shape.n_faces()).map(|face| map(&solid.shape, face)).collect(),
+        });
+        Self { maps: maps.collect() }
+    }
+
+    /// Irradiance (over π) at a surface point; zero on emissive surfaces.
+    #[inline]
+    pub fn at(&self, solid: usize, face: usize, uv: DVec2) -> Vec3 {
+        self.maps[solid].get(face).map_or(Vec3::ZERO, |map| map.at(uv))
+    }
+}
+
+impl LightMap {
+    fn bake(room: &FurnishedRoom, shape: &Shape, face: usize) -> Self {
+        let size = shape.face_size(face);
+        let count = |metres: f64| ((metres / TEXEL).ceil() as usize).max(MIN_TEXELS);
+        let (columns, rows) = (count(size.x), count(size.y));
+        let mut texels = Vec::with_capacity(columns * rows);
+        for row in 0..rows {
+            for column in 0..columns {
+                let centre = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let uv = centre / DVec2::new(columns as f64, rows as f64);
+                let point = shape.point(uv, face);
+                texels.push(gather(room, point, shape.normal(point, face)));
+            }
+        }
+        Self { columns, rows, texels }
+    }
+
+    /// Interpolates bilinearly between texel centres; constant beyond the outermost centres.
+    #[inline]
+    fn at(&self, uv: DVec2) -> Vec3 {
+        let place = |v: f64, n: usize| {
+            // The outer half texel has only one neighbour.
+            let x = (v * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+            let i = (x as usize).min(n - 2);
+            (i, (x - i as f64) as f32)
+        };
+        let ((i, s), (j, t)) = (place(uv.x, self.columns), place(uv.y, self.rows));
+        let row = |j: usize| {
+            let base = j * self.columns + i;
+            self.texels[base].lerp(self.texels[base + 1], s)
+        };
+        row(j).lerp(row(j + 1), t)
+    }
+}
+
+fn gather(room: &FurnishedRoom, point: DVec3, normal: DVec3) -> Vec3 {
+    // Offset from the surface, which would otherwise shadow itself.
+    let start = point + normal * 1e-4;
+    let direct = room.lamps.iter().map(|lamp| lamp_irradiance(room, start, normal, lamp));
+    direct.sum::<Vec3>() + ambient(room, start, normal)
+}
+
+fn lamp_irradiance(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
+    let area = lamp.edges[0].length() * lamp.edges[1].length();
+    let per_sample = area / (std::f64::consts::PI * (LAMP_GRID * LAMP_GRID) as f64);
+    let mut sum = 0.0;
+    for i in 0..LAMP_GRID * LAMP_GRID {
+        let part = |k: usize| (k as f64 + 0.5) / LAMP_GRID as f64;
+        let on_lamp =
+            lamp.corner + lamp.edges[0] * part(i % LAMP_GRID) + lamp.edges[1] * part(i / LAMP_GRID);
+        let way = on_lamp - start;
+        let square = way.length_squared();
+        let cosines = normal.dot(way).max(0.0) * (-lamp.normal.dot(way)).max(0.0) / square;
+        if cosines > 0.0 && !room.is_blocked(&Ray::new(start, way)) {
+            // Bounds the 1/r² term next to a lamp.
+            sum += cosines / square.max(0.05) * per_sample;
+        }
+    }
+    lamp.radiance * sum as f32
+}
+
+/// Ambient light from cosine-weighted directions on a golden-angle spiral. The directions are the same at
+/// every point, so flat surfaces are shaded without noise.
+fn ambient(room: &FurnishedRoom, start: DVec3, normal: DVec3) -> Vec3 {
+    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    let mut n_open = 0;
+    for i in 0..SKY_RAYS {
+        let radius = ((i as f64 + 0.5) / SKY_RAYS as f64).sqrt();
+        let disc = DVec2::from_angle(i as f64 * GOLDEN_ANGLE) * radius;
+        let up = (1.0 - radius * radius).sqrt();
+        let direction = tangent * disc.x + bitangent * disc.y + normal * up;
+        n_open += usize::from(!room.is_blocked(&Ray::new(start, direction * REACH)));
+    }
+    FROM_THINGS.lerp(FROM_WALLS, n_open as f32 / SKY_RAYS as f32)
 }

@@ -5,15 +5,25 @@
 //! footprint of a pixel instead. Pixels are cast in tiles; each tile tests only solids whose projected
 //! bounding boxes overlap it, nearest first.
 
-use super::light::LightMaps;
-use super::pattern::SurfaceSample;
+use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
+use super::plan::{PlannedSplit, ViewPlan};
+use super::room;
 use super::room::{FurnishedRoom, Solid};
+use super::scene::LightMaps;
 use super::solid::{Hit, Ray};
+use super::texture::SurfaceSample;
+use crate::dataset::entry::{DatasetSplit, FrameEntry, FrameSource};
+use crate::dataset::formats::Layout;
+use crate::dataset::opened::Dataset;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::range::PositionRange;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
+use crate::math::pose::Pose;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Colour and exact depth of one view.
 #[derive(Clone, Debug)]
@@ -214,4 +224,53 @@ impl ToneCurve {
         let root = (light.max(0.0) * (1.0 / Self::WHITE)).sqrt();
         self.table[((root * Self::STEPS as f32) as usize).min(Self::STEPS)]
     }
+}
+
+/// Returns the demo: [`SyntheticParams::demo`] as a dataset.
+pub fn demo() -> Result<Dataset, ParamsError> {
+    dataset(&SyntheticParams::demo())
+}
+
+/// Returns a dataset whose frames are rendered when loaded.
+///
+/// # Errors
+/// Parameters outside their range, or the phone camera, whose recordings need files.
+pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
+    if params.camera != SyntheticCamera::Room {
+        let found = "the phone, whose recordings must be written to files".to_owned();
+        return Err(ParamsError { setting: "camera", expected: "the room's camera", found });
+    }
+    let ViewPlan { scene, splits, .. } = ViewPlan::new(params)?;
+    let intrinsics = scene.intrinsics();
+    let split = |planned: PlannedSplit| {
+        let entry = |(i, pose): (usize, Pose)| FrameEntry {
+            name: format!("{}/{i:04}", planned.name),
+            camera: Camera { intrinsics, pose },
+            color_camera: None,
+            time: None,
+            source: FrameSource::Synthetic {
+                scene: Arc::clone(&scene),
+                noise_stream: planned.noise_stream(i),
+            },
+        };
+        let frames = planned.poses.iter().copied().enumerate().map(entry).collect();
+        DatasetSplit { name: planned.name.to_owned(), frames, has_depth: true }
+    };
+    Ok(Dataset {
+        name: "synthetic room".to_owned(),
+        path: None,
+        is_folder: false,
+        layout: Layout::Synthetic,
+        recognised_by: "generated, no files".to_owned(),
+        splits: splits.into_iter().map(split).collect(),
+        warnings: Vec::new(),
+        notes: Vec::new(),
+        known_range: position_range(),
+        options: LoadOptions::default(),
+    })
+}
+
+/// Bounds of the room: every point of the scene lies inside.
+pub fn position_range() -> Option<PositionRange> {
+    PositionRange::new(room::LO, room::HI, "the bounds of the synthetic room")
 }

@@ -2,7 +2,7 @@
 
 use super::container::Section;
 use super::element::Stored;
-use super::tag;
+use super::sections;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::state::{Carry, InitialMeans, Totals};
 use bytemuck::{Pod, pod_read_unaligned};
@@ -19,7 +19,7 @@ pub(super) fn means(means: &InitialMeans) -> Section<'_> {
 }
 
 fn columns_of<'a, T: Stored>(space: &'a [[T; 3]], color: &'a [[T; 3]]) -> Section<'a> {
-    Section::new(tag::MEANS, space.as_flattened()).extended(color.as_flattened())
+    Section::new(sections::MEANS, space.as_flattened()).extended(color.as_flattened())
 }
 
 pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
@@ -31,8 +31,8 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
             let ids: Vec<u32> = carries.clone().map(|carry| carry.id).collect();
             if !ids.is_empty() {
                 let limbs = carries.flat_map(|carry| carry.limbs).collect();
-                sections.push(Section::owned(tag::CARRY_IDS, ids));
-                sections.push(Section::owned::<i32>(tag::CARRY_LIMBS, limbs));
+                sections.push(Section::owned(sections::CARRY_IDS, ids));
+                sections.push(Section::owned::<i32>(sections::CARRY_LIMBS, limbs));
             }
             sections
         }
@@ -52,9 +52,9 @@ fn split_rows<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
         second.extend_from_slice(&[xx, xy, xz, yy, yz, zz]);
     }
     vec![
-        Section::owned(tag::COUNTS, counts),
-        Section::owned(tag::FIRST, first),
-        Section::owned(tag::SECOND, second),
+        Section::owned(sections::COUNTS, counts),
+        Section::owned(sections::FIRST, first),
+        Section::owned(sections::SECOND, second),
     ]
 }
 

@@ -8,12 +8,13 @@
 use super::super::error::{shorten, try_with_capacity};
 use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
-use super::tag;
-use super::version::VERSION;
+use super::sections;
+use super::sections::VERSION;
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
 use std::cmp::Ordering;
-use std::io::{self, Read, Write};
+use std::io;
+use std::io::{Read, Write};
 
 /// Line endings and a byte with the high bit set reveal damage by text-mode transfers.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
@@ -180,7 +181,7 @@ impl<'a> Container<'a> {
                 return Err(Defect::Checksum { place: tag_text(entry.tag) });
             }
             // Later minor versions may add optional sections, marked by tags in lower case.
-            if !tag::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
+            if !sections::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
                 return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
             }
             // A duplicate would never be read and could hold anything.

@@ -1,7 +1,7 @@
 //! Errors of writing and reading checkpoints.
 
 use super::super::error::{ExportError, Fault};
-use super::version::VERSION;
+use super::sections::VERSION;
 use std::path::PathBuf;
 
 /// Error of writing or reading a checkpoint.

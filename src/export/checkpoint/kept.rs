@@ -3,7 +3,7 @@
 use super::container::Section;
 use super::error::Defect;
 use super::sections::Sections;
-use super::{check, tag};
+use super::{check, sections};
 use crate::model::scene::kept::{ComponentObservation, FrameContribution, StoredFrame};
 use crate::model::scene::sums::N_SUMS;
 use glam::DVec3;
@@ -30,28 +30,31 @@ pub(super) fn retained_sections(frames: &[StoredFrame]) -> Vec<Section<'_>> {
     let ids = frames.iter().map(|kept| bytemuck::cast_slice(&kept.taught.ids));
     let sums = frames.iter().map(|kept| bytemuck::cast_slice(&kept.taught.sums));
     vec![
-        Section::owned::<f64>(tag::RETAINED, frames.iter().flat_map(numbers).collect()),
-        Section::owned::<u32>(tag::KEPT_SHOWN_IDS, shown().map(|shown| shown.component).collect()),
-        Section::owned::<f64>(tag::RETAINED_MEANS, shown().flat_map(means).collect()),
-        Section::from_runs::<u32>(tag::KEPT_IDS, ids),
-        Section::from_runs::<i32>(tag::KEPT_SUMS, sums),
+        Section::owned::<f64>(sections::RETAINED, frames.iter().flat_map(numbers).collect()),
+        Section::owned::<u32>(
+            sections::KEPT_SHOWN_IDS,
+            shown().map(|shown| shown.component).collect(),
+        ),
+        Section::owned::<f64>(sections::RETAINED_MEANS, shown().flat_map(means).collect()),
+        Section::from_runs::<u32>(sections::KEPT_IDS, ids),
+        Section::from_runs::<i32>(sections::KEPT_SUMS, sums),
     ]
 }
 
 /// Reads the frames. Their values are checked with the scene.
 pub(super) fn read(sections: &Sections) -> Result<Vec<StoredFrame>, Defect> {
-    if !sections.has(tag::RETAINED) {
+    if !sections.has(sections::RETAINED) {
         return Ok(Vec::new());
     }
-    let frames = sections.rows::<f64, N_FRAME>(tag::RETAINED, None)?;
+    let frames = sections.rows::<f64, N_FRAME>(sections::RETAINED, None)?;
     check::check_retained_numbers(&frames)?;
     let [n_shown, n_taught] = frames.iter().fold([0usize; 2], |[a, b], &[.., shown, taught]| {
         [a.saturating_add(shown as usize), b.saturating_add(taught as usize)]
     });
-    let shown_ids: Vec<u32> = sections.elements(tag::KEPT_SHOWN_IDS, Some(n_shown))?;
-    let means = sections.rows::<f64, N_SHOWN>(tag::RETAINED_MEANS, Some(n_shown))?;
-    let ids: Vec<u32> = sections.elements(tag::KEPT_IDS, Some(n_taught))?;
-    let sums = sections.rows::<i32, N_SUMS>(tag::KEPT_SUMS, Some(n_taught))?;
+    let shown_ids: Vec<u32> = sections.elements(sections::KEPT_SHOWN_IDS, Some(n_shown))?;
+    let means = sections.rows::<f64, N_SHOWN>(sections::RETAINED_MEANS, Some(n_shown))?;
+    let ids: Vec<u32> = sections.elements(sections::KEPT_IDS, Some(n_taught))?;
+    let sums = sections.rows::<i32, N_SUMS>(sections::KEPT_SUMS, Some(n_taught))?;
     let shown = |(component, [x, y, z, r, g, b, noise]): (u32, [f64; N_SHOWN])| {
         let (place, color) = (DVec3::new(x, y, z), DVec3::new(r, g, b));
         ComponentObservation { component, position: place, color, noise }

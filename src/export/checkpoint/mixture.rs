@@ -1,17 +1,17 @@
 //! Sections of a mixture.
 
 use super::super::error::try_with_capacity;
-use super::columns::{self, N_FIRST, N_SECOND};
+use super::columns::{N_FIRST, N_SECOND};
 use super::container::Section;
 use super::element::Stored;
 use super::error::Defect;
 use super::sections::{F32, F64, I64, I128, Sections, check_size, rows, wrong_type};
-use super::{check, tag};
-use crate::math::normalization::Normalization;
+use super::{check, columns, sections};
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::state::{InitialMeans, ModelState, Totals};
-use crate::model::stored::StoredModel;
 
 pub(super) fn sections<'a>(
     normalization: &'a Normalization,
@@ -29,9 +29,9 @@ pub(super) fn sections<'a>(
         hyper.u0_color,
     ];
     let mut sections = vec![
-        Section::new(tag::NORMALIZATION, &normalization.offset).extended(&normalization.scale),
-        Section::owned::<f64>(tag::PRIOR, prior),
-        Section::new(tag::ALPHA, &state.alpha_init),
+        Section::new(sections::NORMALIZATION, &normalization.offset).extended(&normalization.scale),
+        Section::owned::<f64>(sections::PRIOR, prior),
+        Section::new(sections::ALPHA, &state.alpha_init),
         columns::means(&state.means),
     ];
     sections.extend(columns::totals(&state.totals));
@@ -39,9 +39,9 @@ pub(super) fn sections<'a>(
 }
 
 pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
-    let alpha_init: Vec<f64> = sections.elements(tag::ALPHA, None)?;
+    let alpha_init: Vec<f64> = sections.elements(sections::ALPHA, None)?;
     let n = alpha_init.len();
-    check_size(tag::ALPHA, 1, n)?;
+    check_size(sections::ALPHA, 1, n)?;
     let state = ModelState { alpha_init, means: means(sections, n)?, totals: totals(sections, n)? };
     check::check_mixture(&state)?;
     let (normalization, hyper) = (normalization(sections)?, hyper(sections, n)?);
@@ -49,14 +49,14 @@ pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
 }
 
 fn normalization(sections: &Sections) -> Result<Normalization, Defect> {
-    let [ox, oy, oz, sx, sy, sz] = sections.read_numbers(tag::NORMALIZATION)?;
+    let [ox, oy, oz, sx, sy, sz] = sections.read_numbers(sections::NORMALIZATION)?;
     let normalization = Normalization { offset: [ox, oy, oz], scale: [sx, sy, sz] };
     check::check_normalization(&normalization)?;
     Ok(normalization)
 }
 
 fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
-    let numbers = sections.read_numbers::<8>(tag::PRIOR)?;
+    let numbers = sections.read_numbers::<8>(sections::PRIOR)?;
     check::check_prior(&numbers)?;
     let [alpha0, kappa0_space, kappa_init_space, u0_space, nu0, rest @ ..] = numbers;
     let [kappa0_color, kappa_init_color, u0_color] = rest;
@@ -74,7 +74,7 @@ fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
 }
 
 fn means(sections: &Sections, n: usize) -> Result<InitialMeans, Defect> {
-    match sections.find(tag::MEANS)?.1 {
+    match sections.find(sections::MEANS)?.1 {
         F32 => {
             let [space, color] = means_of(sections, n)?;
             Ok(InitialMeans::F32 { space, color })
@@ -83,31 +83,31 @@ fn means(sections: &Sections, n: usize) -> Result<InitialMeans, Defect> {
             let [space, color] = means_of(sections, n)?;
             Ok(InitialMeans::F64 { space, color })
         }
-        code => Err(wrong_type(tag::MEANS, "F32 or F64", code)),
+        code => Err(wrong_type(sections::MEANS, "F32 or F64", code)),
     }
 }
 
 fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2], Defect> {
-    let bytes = sections.bytes::<T>(tag::MEANS, Some(6 * n))?;
+    let bytes = sections.bytes::<T>(sections::MEANS, Some(6 * n))?;
     let (space, color) = bytes.split_at(bytes.len() / 2);
     Ok([rows(space)?, rows(color)?])
 }
 
 fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
-    let (_, form) = sections.find(tag::COUNTS)?;
+    let (_, form) = sections.find(sections::COUNTS)?;
     // Carries extend 64-bit sums; with wider sums they have no meaning.
-    if form != I64 && sections.has(tag::CARRY_IDS) {
+    if form != I64 && sections.has(sections::CARRY_IDS) {
         let expected = "I64 sums beside carries";
-        return Err(wrong_type(tag::COUNTS, expected, form));
+        return Err(wrong_type(sections::COUNTS, expected, form));
     }
     match form {
         I64 => {
             let rows = sums(sections, n)?;
             let mut carries = Vec::new();
-            if sections.has(tag::CARRY_IDS) {
-                let ids = sections.bytes::<u32>(tag::CARRY_IDS, None)?;
+            if sections.has(sections::CARRY_IDS) {
+                let ids = sections.bytes::<u32>(sections::CARRY_IDS, None)?;
                 let n = ids.len() / size_of::<u32>();
-                let limbs = sections.bytes::<i32>(tag::CARRY_LIMBS, Some(N_SUMS * n))?;
+                let limbs = sections.bytes::<i32>(sections::CARRY_LIMBS, Some(N_SUMS * n))?;
                 carries =
                     columns::carries(ids, limbs, try_with_capacity(n).map_err(Defect::Memory)?);
             }
@@ -115,15 +115,15 @@ fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
         }
         I128 => Ok(Totals::Fixed128(sums(sections, n)?)),
         F32 => Ok(Totals::F32(sums(sections, n)?)),
-        code => Err(wrong_type(tag::COUNTS, "I64, I128 or F32", code)),
+        code => Err(wrong_type(sections::COUNTS, "I64, I128 or F32", code)),
     }
 }
 
 fn sums<T: Stored>(sections: &Sections, n: usize) -> Result<Vec<[T; N_SUMS]>, Defect> {
     let columns = [
-        sections.bytes::<T>(tag::COUNTS, Some(n))?,
-        sections.bytes::<T>(tag::FIRST, Some(N_FIRST * n))?,
-        sections.bytes::<T>(tag::SECOND, Some(N_SECOND * n))?,
+        sections.bytes::<T>(sections::COUNTS, Some(n))?,
+        sections.bytes::<T>(sections::FIRST, Some(N_FIRST * n))?,
+        sections.bytes::<T>(sections::SECOND, Some(N_SECOND * n))?,
     ];
     Ok(columns::join_rows(columns, try_with_capacity(n).map_err(Defect::Memory)?))
 }

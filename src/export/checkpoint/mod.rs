@@ -46,7 +46,7 @@
 //!
 //! ```
 //! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, write};
-//! use vbgs_studio::math::normalization::Normalization;
+//! use vbgs_studio::math::measured_pixel::Normalization;
 //! use vbgs_studio::model::conjugate::prior::Hyper;
 //! use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};
 //!
@@ -78,7 +78,6 @@
 mod check;
 mod columns;
 mod container;
-mod content;
 mod element;
 mod error;
 mod kept;
@@ -86,16 +85,13 @@ mod mixture;
 mod read;
 mod scene;
 mod sections;
-mod tag;
-mod version;
 mod write;
 
-pub use crate::model::stored::StoredModel;
-pub use content::{Checkpoint, Cursor, LoadedCheckpoint};
+pub use crate::model::attributes::StoredModel;
+pub use element::{Checkpoint, Cursor, LoadedCheckpoint};
 pub use error::{CheckpointError, Defect};
 pub use read::{is_checkpoint, parse, read};
-pub use sections::MAX_JSON_BYTES;
-pub use version::VERSION;
+pub use sections::{MAX_JSON_BYTES, VERSION};
 pub use write::{to_bytes, write, write_keeping_old};
 
 // Columns are written and read in their memory layout.

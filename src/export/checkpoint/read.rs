@@ -2,12 +2,12 @@
 
 use super::super::error::Fault;
 use super::container::{Container, MAGIC, is_text_damaged};
-use super::content::{Checkpoint, Cursor, LoadedCheckpoint};
+use super::element::{Checkpoint, Cursor, LoadedCheckpoint};
 use super::error::{CheckpointError, Defect, tag_text};
 use super::sections::Sections;
-use super::{check, mixture, scene, tag};
+use super::{check, mixture, scene, sections};
 use crate::export::read::read_file;
-use crate::model::stored::StoredModel;
+use crate::model::attributes::StoredModel;
 use std::io::Read;
 use std::path::Path;
 
@@ -47,15 +47,15 @@ pub fn parse(bytes: &[u8]) -> Result<LoadedCheckpoint, Defect> {
     let container = Container::parse(bytes)?;
     let sections = Sections(&container);
     // Detected by its sections: files of version 1.0 hold mixtures and name no preset.
-    let model = match tag::OF_SCENES.iter().any(|tag| sections.has(*tag)) {
+    let model = match sections::OF_SCENES.iter().any(|tag| sections.has(*tag)) {
         true => StoredModel::Scene(scene::read(&sections)?),
         false => mixture::read(&sections)?,
     };
     let checkpoint = Checkpoint {
-        config: sections.text(tag::CONFIG)?,
-        meta: sections.text(tag::META)?,
-        numerics: sections.text(tag::NUMERICS)?,
-        history: sections.optional_text(tag::HISTORY)?,
+        config: sections.text(sections::CONFIG)?,
+        meta: sections.text(sections::META)?,
+        numerics: sections.text(sections::NUMERICS)?,
+        history: sections.optional_text(sections::HISTORY)?,
         cursor: cursor(&sections)?,
         model,
     };
@@ -63,10 +63,10 @@ pub fn parse(bytes: &[u8]) -> Result<LoadedCheckpoint, Defect> {
 }
 
 fn cursor(sections: &Sections) -> Result<Cursor, Defect> {
-    let numbers: Vec<u64> = sections.elements(tag::CURSOR, None)?;
+    let numbers: Vec<u64> = sections.elements(sections::CURSOR, None)?;
     let [frames, points, visited @ ..] = numbers.as_slice() else {
         let found = format!("{} numbers", numbers.len());
-        return Err(Defect::malformed(tag_text(tag::CURSOR), "2 numbers or more", found));
+        return Err(Defect::malformed(tag_text(sections::CURSOR), "2 numbers or more", found));
     };
     let visited = check::check_visited(visited, *frames)?;
     Ok(Cursor { frames: *frames, points: *points, visited })

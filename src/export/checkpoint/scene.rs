@@ -3,19 +3,17 @@
 use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
-use super::{check, kept, tag};
+use super::{check, kept, sections};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
-    MAX_COARSENING_STEPS, SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow,
+    MAX_COARSENING_STEPS, SceneState, StoredSums, TrackedPose, VisibilityCounts, WHOLE, WideRow,
 };
 use crate::model::scene::sums::N_SUMS;
-use crate::model::scene::trajectory::TrackedPose;
 use crate::model::scene::waiting::{
     BufferedDepths, BufferedPhotograph, DepthScale, PhotographView,
 };
 use crate::model::splat::appearance::Appearance;
-use crate::model::splat::exposure::FrameExposure;
-use crate::model::splat::pose_log::FramePose;
+use crate::model::splat::pose_log::{FrameExposure, FramePose};
 use crate::model::splat::splats::Splat;
 use crate::model::splat::viewpoint::Viewpoint;
 
@@ -38,46 +36,47 @@ const N_APPEARANCE: usize = 18;
 
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     let mut sections = vec![
-        Section::new(tag::ORIGIN, &state.origin),
-        Section::new(tag::SEEDS, state.seeds.as_flattened()),
+        Section::new(sections::ORIGIN, &state.origin),
+        Section::new(sections::SEEDS, state.seeds.as_flattened()),
     ];
     match &state.sums {
         StoredSums::Mixed { rows, wide } => {
-            sections.push(Section::new(tag::SUMS, rows.as_flattened()));
+            sections.push(Section::new(sections::SUMS, rows.as_flattened()));
             // Only large components are stored wide; without any, the sections are omitted.
             if !wide.is_empty() {
                 let ids = wide.iter().map(|row| row.id).collect();
                 let sums = wide.iter().flat_map(|row| row.sums).collect();
-                sections.push(Section::owned::<u32>(tag::WIDE_IDS, ids));
-                sections.push(Section::owned::<f64>(tag::WIDE_SUMS, sums));
+                sections.push(Section::owned::<u32>(sections::WIDE_IDS, ids));
+                sections.push(Section::owned::<f64>(sections::WIDE_SUMS, sums));
             }
         }
-        StoredSums::F32(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
-        StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
+        StoredSums::F32(rows) => sections.push(Section::new(sections::SUMS, rows.as_flattened())),
+        StoredSums::F64(rows) => sections.push(Section::new(sections::SUMS, rows.as_flattened())),
     }
     // Omitted if the component budget sufficed, so that such files keep their earlier bytes.
     if state.coarsening_steps > 0 {
-        sections.push(Section::owned::<u32>(tag::COARSENED, vec![state.coarsening_steps]));
+        sections.push(Section::owned::<u32>(sections::COARSENED, vec![state.coarsening_steps]));
     }
     if let Some(shares) = &state.shares {
         let words = shares.iter().map(|&share| share.into()).collect();
-        sections.push(Section::owned::<u32>(tag::SHARES, words));
+        sections.push(Section::owned::<u32>(sections::SHARES, words));
     }
     let components = state.components.as_ref();
-    sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
+    sections.extend(components.map(|c| Section::new(sections::COMPONENTS, c.as_slice())));
     // Pairs of u16 as one word: on little-endian machines hits are in the low half.
-    sections.push(Section::new::<u32>(tag::VISIBILITY, bytemuck::cast_slice(&state.visibility)));
+    sections
+        .push(Section::new::<u32>(sections::VISIBILITY, bytemuck::cast_slice(&state.visibility)));
     // Omitted without fitted gains, so that such files keep their earlier bytes.
     if !state.exposures.is_empty() {
         let numbers = bytemuck::cast_slice(&state.exposures);
-        sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
+        sections.push(Section::new::<f64>(sections::EXPOSURES, numbers));
     }
     if !state.poses.is_empty() {
         sections.extend(pose_sections(&state.poses));
     }
     if !state.trajectory.is_empty() {
         let numbers = bytemuck::cast_slice(&state.trajectory);
-        sections.push(Section::new::<f64>(tag::TRAJECTORY, numbers));
+        sections.push(Section::new::<f64>(sections::TRAJECTORY, numbers));
     }
     sections.extend(state.photometric.iter().flat_map(photometric_sections));
     sections.extend(kept::retained_sections(&state.stored_frames));
@@ -92,8 +91,8 @@ fn pose_sections(poses: &[FramePose]) -> [Section<'_>; 2] {
     let numbers: Vec<[f64; 3]> = poses.iter().flat_map(numbers).collect();
     let rotations: Vec<[f64; 4]> = poses.iter().map(|pose| pose.rotation).collect();
     [
-        Section::owned::<f64>(tag::POSES, numbers.into_flattened()),
-        Section::owned::<f64>(tag::POSE_ROTATIONS, rotations.into_flattened()),
+        Section::owned::<f64>(sections::POSES, numbers.into_flattened()),
+        Section::owned::<f64>(sections::POSE_ROTATIONS, rotations.into_flattened()),
     ]
 }
 
@@ -101,22 +100,24 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
     let slopes = photometric.appearance.iter();
     let slopes = slopes.flat_map(|look| look.gradient.into_iter().chain(look.directional));
     let mut sections = vec![
-        Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
-        Section::owned::<f32>(tag::PHOTO_APPEARANCE, slopes.flatten().collect()),
-        Section::new(tag::PHOTO_SHAPE_PRECISION, photometric.form.as_flattened()),
-        Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
-        Section::new(tag::PHOTO_NOISE, &photometric.noise),
-        Section::new(tag::PHOTO_POINTS, &photometric.points),
-        Section::new(tag::PHOTO_SEEN_THROUGH, &photometric.seen_through),
+        Section::new::<f32>(sections::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
+        Section::owned::<f32>(sections::PHOTO_APPEARANCE, slopes.flatten().collect()),
+        Section::new(sections::PHOTO_SHAPE_PRECISION, photometric.form.as_flattened()),
+        Section::new(sections::PHOTO_COLOR, photometric.color.as_flattened()),
+        Section::new(sections::PHOTO_NOISE, &photometric.noise),
+        Section::new(sections::PHOTO_POINTS, &photometric.points),
+        Section::new(sections::PHOTO_SEEN_THROUGH, &photometric.seen_through),
     ];
     // Omitted if no photographs are buffered, so that such files keep their earlier bytes.
     if !photometric.buffered.is_empty() {
         let views: Vec<PhotographView> = photometric.buffered.iter().map(|w| w.view).collect();
         // One word per pixel, borrowed: the buffer may hold 64 MB.
         let pixels = photometric.buffered.iter().map(|waiting| waiting.pixels.as_flattened());
-        sections
-            .push(Section::owned::<f64>(tag::PHOTO_BUFFER, bytemuck::cast_slice(&views).to_vec()));
-        sections.push(Section::from_runs::<u32>(tag::PHOTO_PIXELS, pixels));
+        sections.push(Section::owned::<f64>(
+            sections::PHOTO_BUFFER,
+            bytemuck::cast_slice(&views).to_vec(),
+        ));
+        sections.push(Section::from_runs::<u32>(sections::PHOTO_PIXELS, pixels));
         sections.extend(depth_sections(&photometric.buffered));
     }
     sections
@@ -133,29 +134,30 @@ fn depth_sections(waiting: &[BufferedPhotograph]) -> Vec<Section<'_>> {
     let scales: Vec<DepthScale> = depths().map(scale).collect();
     let steps = depths().flatten().map(|depths| bytemuck::cast_slice(&depths.steps));
     vec![
-        Section::owned::<f64>(tag::PHOTO_SCALES, bytemuck::cast_slice(&scales).to_vec()),
-        Section::from_runs::<u16>(tag::PHOTO_DEPTHS, steps),
+        Section::owned::<f64>(sections::PHOTO_SCALES, bytemuck::cast_slice(&scales).to_vec()),
+        Section::from_runs::<u16>(sections::PHOTO_DEPTHS, steps),
     ]
 }
 
 pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
-    sections.refuse(&tag::OF_MIXTURES, "scene")?;
-    let seeds = sections.rows::<f32, 3>(tag::SEEDS, None)?;
+    sections.refuse(&sections::OF_MIXTURES, "scene")?;
+    let seeds = sections.rows::<f32, 3>(sections::SEEDS, None)?;
     // Zero seeds are valid: a run may be saved before any frame had points.
-    check_size(tag::SEEDS, 0, seeds.len())?;
-    let shares = sections.has(tag::SHARES).then(|| shares(sections, seeds.len())).transpose()?;
-    let components = match sections.has(tag::COMPONENTS) {
-        true => Some(sections.elements::<u32>(tag::COMPONENTS, Some(seeds.len()))?),
+    check_size(sections::SEEDS, 0, seeds.len())?;
+    let shares =
+        sections.has(sections::SHARES).then(|| shares(sections, seeds.len())).transpose()?;
+    let components = match sections.has(sections::COMPONENTS) {
+        true => Some(sections.elements::<u32>(sections::COMPONENTS, Some(seeds.len()))?),
         false => None,
     };
     // Without shared components, each seed has its own.
     let n = components.is_none().then_some(seeds.len());
-    let visibility = sections.rows::<u32, N_VISIBILITY>(tag::VISIBILITY, n)?;
+    let visibility = sections.rows::<u32, N_VISIBILITY>(sections::VISIBILITY, n)?;
     let n = visibility.len();
-    check_size(tag::VISIBILITY, 0, n)?;
+    check_size(sections::VISIBILITY, 0, n)?;
     let state = SceneState {
-        origin: sections.read_numbers(tag::ORIGIN)?,
-        coarsening_steps: match sections.has(tag::COARSENED) {
+        origin: sections.read_numbers(sections::ORIGIN)?,
+        coarsening_steps: match sections.has(sections::COARSENED) {
             true => coarsened(sections)?,
             false => 0,
         },
@@ -164,19 +166,23 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
         components,
         sums: sums(sections, n)?,
         visibility: bytemuck::cast_vec(visibility),
-        exposures: match sections.has(tag::EXPOSURES) {
-            true => bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(tag::EXPOSURES, None)?),
+        exposures: match sections.has(sections::EXPOSURES) {
+            true => {
+                bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(sections::EXPOSURES, None)?)
+            }
             false => Vec::new(),
         },
-        poses: match sections.has(tag::POSES) {
+        poses: match sections.has(sections::POSES) {
             true => poses(sections)?,
             false => Vec::new(),
         },
-        trajectory: match sections.has(tag::TRAJECTORY) {
-            true => bytemuck::cast_vec(sections.rows::<f64, N_TRACKED>(tag::TRAJECTORY, None)?),
+        trajectory: match sections.has(sections::TRAJECTORY) {
+            true => {
+                bytemuck::cast_vec(sections.rows::<f64, N_TRACKED>(sections::TRAJECTORY, None)?)
+            }
             false => Vec::new(),
         },
-        photometric: match sections.has(tag::PHOTO_SPLATS) {
+        photometric: match sections.has(sections::PHOTO_SPLATS) {
             true => Some(photometric(sections, n)?),
             false => None,
         },
@@ -190,9 +196,9 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
 
 /// Reads corrected poses. Older files lack the rotations, which are read as zero.
 fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
-    let rows = sections.rows::<f64, N_POSE>(tag::POSES, None)?;
-    let rotations = match sections.has(tag::POSE_ROTATIONS) {
-        true => sections.rows::<f64, 4>(tag::POSE_ROTATIONS, Some(rows.len()))?,
+    let rows = sections.rows::<f64, N_POSE>(sections::POSES, None)?;
+    let rotations = match sections.has(sections::POSE_ROTATIONS) {
+        true => sections.rows::<f64, 4>(sections::POSE_ROTATIONS, Some(rows.len()))?,
         false => vec![[0.0; 4]; rows.len()],
     };
     let pose = |([x, y, z, u, v, w, a, b, c, i, j, k], rotation): ([f64; N_POSE], [f64; 4])| {
@@ -203,23 +209,23 @@ fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
 }
 
 fn coarsened(sections: &Sections) -> Result<u32, Defect> {
-    let steps = sections.elements::<u32>(tag::COARSENED, Some(1))?;
+    let steps = sections.elements::<u32>(sections::COARSENED, Some(1))?;
     match steps.first().copied().unwrap_or(0) {
         steps @ 1..=MAX_COARSENING_STEPS => Ok(steps),
         steps => {
             let expected = format!("a whole number from 1 to {MAX_COARSENING_STEPS}");
-            Err(check::value_defect(tag::COARSENED, 0, "steps", &expected, steps.into()))
+            Err(check::value_defect(sections::COARSENED, 0, "steps", &expected, steps.into()))
         }
     }
 }
 
 /// Reads the shares of seeds, 1 to 64 each.
 fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
-    let words: Vec<u32> = sections.elements(tag::SHARES, Some(n))?;
+    let words: Vec<u32> = sections.elements(sections::SHARES, Some(n))?;
     let share = |(at, word): (usize, u32)| match u8::try_from(word) {
         Ok(share @ 1..=WHOLE) => Ok(share),
         _ => Err(check::value_defect(
-            tag::SHARES,
+            sections::SHARES,
             at,
             "share",
             "a whole number from 1 to 64",
@@ -235,19 +241,19 @@ fn appearance_of(stored: [f32; N_APPEARANCE]) -> Appearance {
 }
 
 fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {
-    let splats = sections.rows::<f32, N_SPLAT>(tag::PHOTO_SPLATS, Some(n))?;
-    let appearance = sections.rows::<f32, N_APPEARANCE>(tag::PHOTO_APPEARANCE, Some(n))?;
+    let splats = sections.rows::<f32, N_SPLAT>(sections::PHOTO_SPLATS, Some(n))?;
+    let appearance = sections.rows::<f32, N_APPEARANCE>(sections::PHOTO_APPEARANCE, Some(n))?;
     // Older files have neither section.
     let usual = |tag| if sections.has(tag) { sections.read_numbers(tag) } else { Ok([0.0; 2]) };
     Ok(PhotometricState {
         splats: bytemuck::cast_vec(splats),
         appearance: appearance.into_iter().map(appearance_of).collect(),
-        form: sections.rows(tag::PHOTO_SHAPE_PRECISION, Some(n))?,
-        color: sections.rows(tag::PHOTO_COLOR, Some(n))?,
-        noise: sections.read_numbers(tag::PHOTO_NOISE)?,
-        points: usual(tag::PHOTO_POINTS)?,
-        seen_through: usual(tag::PHOTO_SEEN_THROUGH)?,
-        buffered: match sections.has(tag::PHOTO_BUFFER) {
+        form: sections.rows(sections::PHOTO_SHAPE_PRECISION, Some(n))?,
+        color: sections.rows(sections::PHOTO_COLOR, Some(n))?,
+        noise: sections.read_numbers(sections::PHOTO_NOISE)?,
+        points: usual(sections::PHOTO_POINTS)?,
+        seen_through: usual(sections::PHOTO_SEEN_THROUGH)?,
+        buffered: match sections.has(sections::PHOTO_BUFFER) {
             true => read_buffered_photographs(sections)?,
             false => Vec::new(),
         },
@@ -256,12 +262,12 @@ fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect
 
 /// Reads buffered photographs; the pixel count of each follows from its view.
 fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotograph>, Defect> {
-    let views = sections.rows::<f64, N_VIEW>(tag::PHOTO_BUFFER, None)?;
+    let views = sections.rows::<f64, N_VIEW>(sections::PHOTO_BUFFER, None)?;
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);
     // Views are checked before they determine the number of pixels.
     check::check_buffered_views(views.iter())?;
     let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
-    let words: Vec<u32> = sections.elements(tag::PHOTO_PIXELS, Some(n))?;
+    let words: Vec<u32> = sections.elements(sections::PHOTO_PIXELS, Some(n))?;
     let mut pixels = words.into_iter().map(u32::to_le_bytes);
     let depths = read_depths(sections, &views)?;
     let of = |(view, depths): (PhotographView, Option<BufferedDepths>)| {
@@ -277,16 +283,16 @@ fn read_depths(
     views: &[PhotographView],
 ) -> Result<Vec<Option<BufferedDepths>>, Defect> {
     // Older files have no depths.
-    if !sections.has(tag::PHOTO_SCALES) {
+    if !sections.has(sections::PHOTO_SCALES) {
         return Ok(vec![None; views.len()]);
     }
-    let scales = sections.rows::<f64, N_SCALE>(tag::PHOTO_SCALES, Some(views.len()))?;
+    let scales = sections.rows::<f64, N_SCALE>(sections::PHOTO_SCALES, Some(views.len()))?;
     let scales: Vec<DepthScale> = bytemuck::cast_vec(scales);
     let has_depths = |scale: &DepthScale| *scale != NO_SCALE;
     check::check_depth_scales(scales.iter().filter(|scale| has_depths(scale)))?;
     let pixels = views.iter().zip(&scales).filter(|(_, scale)| has_depths(scale));
     let n = pixels.map(|(view, _)| view.n_pixels()).fold(0, usize::saturating_add);
-    let steps: Vec<u16> = sections.elements(tag::PHOTO_DEPTHS, Some(n))?;
+    let steps: Vec<u16> = sections.elements(sections::PHOTO_DEPTHS, Some(n))?;
     let mut steps = steps.into_iter();
     let of = |(view, scale): (&PhotographView, DepthScale)| {
         has_depths(&scale).then(|| {
@@ -298,23 +304,23 @@ fn read_depths(
 }
 
 fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {
-    let (_, form) = sections.find(tag::SUMS)?;
-    let has_wide = [tag::WIDE_IDS, tag::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
+    let (_, form) = sections.find(sections::SUMS)?;
+    let has_wide = [sections::WIDE_IDS, sections::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
     match form {
         I32 => {
-            let rows = sections.rows(tag::SUMS, Some(n))?;
+            let rows = sections.rows(sections::SUMS, Some(n))?;
             let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
             Ok(StoredSums::Mixed { rows, wide })
         }
-        _ if has_wide => Err(wrong_type(tag::SUMS, "I32 beside wide sums", form)),
-        F32 => Ok(StoredSums::F32(sections.rows(tag::SUMS, Some(n))?)),
-        F64 => Ok(StoredSums::F64(sections.rows(tag::SUMS, Some(n))?)),
-        code => Err(wrong_type(tag::SUMS, "I32, F32 or F64", code)),
+        _ if has_wide => Err(wrong_type(sections::SUMS, "I32 beside wide sums", form)),
+        F32 => Ok(StoredSums::F32(sections.rows(sections::SUMS, Some(n))?)),
+        F64 => Ok(StoredSums::F64(sections.rows(sections::SUMS, Some(n))?)),
+        code => Err(wrong_type(sections::SUMS, "I32, F32 or F64", code)),
     }
 }
 
 fn wide_rows(sections: &Sections) -> Result<Vec<WideRow>, Defect> {
-    let ids: Vec<u32> = sections.elements(tag::WIDE_IDS, None)?;
-    let sums = sections.rows::<f64, N_SUMS>(tag::WIDE_SUMS, Some(ids.len()))?;
+    let ids: Vec<u32> = sections.elements(sections::WIDE_IDS, None)?;
+    let sums = sections.rows::<f64, N_SUMS>(sections::WIDE_SUMS, Some(ids.len()))?;
     Ok(ids.into_iter().zip(sums).map(|(id, sums)| WideRow { id, sums }).collect())
 }

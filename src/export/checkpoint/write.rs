@@ -1,12 +1,13 @@
 //! Encoding of checkpoint files.
 
 use super::super::atomic;
-use super::container::{self, Section};
-use super::content::Checkpoint;
+use super::container::Section;
+use super::element::Checkpoint;
 use super::error::CheckpointError;
-use super::{check, mixture, scene, tag};
-use crate::model::stored::StoredModel;
-use std::io::{self, Write};
+use super::{check, container, mixture, scene, sections};
+use crate::model::attributes::StoredModel;
+use std::io;
+use std::io::Write;
 use std::path::Path;
 
 /// Writes a checkpoint atomically (see [`atomic::write_atomic`]); returns the number of bytes.
@@ -55,10 +56,10 @@ fn write_to(out: &mut dyn Write, checkpoint: &Checkpoint) -> io::Result<()> {
     let visited = cursor.visited.iter().map(|&frame| u64::from(frame));
     let cursor = [cursor.frames, cursor.points].into_iter().chain(visited).collect();
     let mut sections = vec![
-        Section::new(tag::CONFIG, config.as_bytes()),
-        Section::new(tag::META, meta.as_bytes()),
-        Section::new(tag::NUMERICS, numerics.as_bytes()),
-        Section::owned::<u64>(tag::CURSOR, cursor),
+        Section::new(sections::CONFIG, config.as_bytes()),
+        Section::new(sections::META, meta.as_bytes()),
+        Section::new(sections::NUMERICS, numerics.as_bytes()),
+        Section::owned::<u64>(sections::CURSOR, cursor),
     ];
     sections.extend(match model {
         StoredModel::Mixture { normalization, hyper, state } => {
@@ -66,6 +67,6 @@ fn write_to(out: &mut dyn Write, checkpoint: &Checkpoint) -> io::Result<()> {
         }
         StoredModel::Scene(state) => scene::sections(state),
     });
-    sections.extend(history.as_ref().map(|h| Section::new(tag::HISTORY, h.as_bytes())));
+    sections.extend(history.as_ref().map(|h| Section::new(sections::HISTORY, h.as_bytes())));
     container::write(out, &sections)
 }

@@ -1,18 +1,17 @@
 //! Triangle meshes as GLB, in core glTF 2.0, which every viewer draws.
 
-use super::container;
 use super::schema::*;
 use super::write::{GENERATOR, extras, root_node};
-use super::{COLOR_0, POSITION};
+use super::{COLOR_0, POSITION, container};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::srgb_to_linear;
-use crate::export::mesh::nets::TriangleMesh;
-use crate::export::progress::ProgressCounter;
-use crate::export::stream::{put_floats, write_rows};
+use crate::export::mesh::field::TriangleMesh;
+use crate::export::stream::{ProgressCounter, put_floats, write_rows};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;

@@ -1,15 +1,12 @@
 //! glTF 2.0 with `KHR_gaussian_splatting` (`export.md`, GLB). Files are y-up, splats in memory z-up: writing
 //! maps `(x, y, z)` to `(x, z, −y)`, and reading always inverts that.
 
-mod accessor;
 mod container;
 mod import;
 #[expect(clippy::indexing_slicing, reason = "all indices come from the mesh's own lists")]
 pub(super) mod mesh;
-mod nodes;
 pub(super) mod read;
 mod schema;
-mod uri;
 pub(super) mod write;
 
 const POSITION: &str = "POSITION";

@@ -12,16 +12,15 @@ use super::{
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, srgb_to_linear};
-use crate::export::harmonics;
-use crate::export::local_origin;
-use crate::export::progress::ProgressCounter;
 use crate::export::source::file_origin;
-use crate::export::stream::{SplatRows, put_floats, write_rows};
+use crate::export::stream::{ProgressCounter, SplatRows, put_floats, write_rows};
+use crate::export::{harmonics, local_origin};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;

@@ -21,13 +21,178 @@
 //! # Ok::<(), vbgs_studio::export::Fault>(())
 //! ```
 
-mod field;
-mod format;
-pub(super) mod nets;
-mod text;
-mod write;
+pub(super) mod field;
 
-pub use field::Surfel;
-pub use format::MeshFormat;
-pub use nets::{TriangleMesh, triangulate};
-pub use write::{MeshSummary, write_mesh};
+use super::atomic::write_atomic;
+use super::error::{ExportError, Fault};
+use super::format::{Axes, ModelFormat, WriteOptions};
+use super::glb::mesh::MeshLayout;
+use super::local_origin::{OriginCarrier, comment};
+use super::source::{check_axes, file_origin, file_rotation};
+use super::stream::{ProgressCounter, put_floats, write_rows};
+use crate::math::image::unit_to_byte;
+use glam::DVec3;
+use std::fmt::Write as _;
+use std::io;
+use std::io::Write;
+use std::path::Path;
+
+pub use field::{Surfel, TriangleMesh, triangulate};
+
+/// File format of meshes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// Binary PLY with `red green blue`.
+    Ply,
+    /// glTF 2.0 with linear `COLOR_0`, y-up.
+    Glb,
+    /// Text; colours follow the coordinates, as MeshLab and Blender read them.
+    Obj,
+}
+
+impl MeshFormat {
+    /// All formats.
+    pub const ALL: [MeshFormat; 3] = [MeshFormat::Ply, MeshFormat::Glb, MeshFormat::Obj];
+
+    /// File extension, without the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            MeshFormat::Ply => "ply",
+            MeshFormat::Glb => "glb",
+            MeshFormat::Obj => "obj",
+        }
+    }
+
+    /// How files of this format store the local origin.
+    pub fn origin_carrier(self) -> OriginCarrier {
+        match self {
+            MeshFormat::Glb => OriginCarrier::Transform,
+            MeshFormat::Ply | MeshFormat::Obj => OriginCarrier::Comment,
+        }
+    }
+
+    /// Derives the format from a file extension, case-insensitive.
+    ///
+    /// # Errors
+    /// [`Fault::UnknownMeshExtension`] for any other extension.
+    pub fn from_path(path: &Path) -> Result<Self, ExportError> {
+        let found = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let known = Self::ALL.into_iter().find(|format| format.extension() == found);
+        known.ok_or_else(|| Fault::UnknownMeshExtension { found }.with_path(path))
+    }
+}
+
+/// Writes a binary PLY with 8-bit vertex colours and triangles.
+fn ply(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh,
+    comments: &[String],
+    steps: &mut ProgressCounter,
+) -> io::Result<()> {
+    let mut header = "ply\nformat binary_little_endian 1.0\n".to_owned();
+    for comment in comments {
+        let _ = writeln!(header, "comment {comment}");
+    }
+    let _ = writeln!(header, "element vertex {}", mesh.positions.len());
+    ["x", "y", "z"].iter().for_each(|n| header.push_str(&format!("property float {n}\n")));
+    ["red", "green", "blue"].iter().for_each(|n| header.push_str(&format!("property uchar {n}\n")));
+    let _ = writeln!(header, "element face {}", mesh.triangles.len());
+    header.push_str("property list uchar int vertex_indices\nend_header\n");
+    out.write_all(header.as_bytes())?;
+    write_rows(out, mesh.positions.len(), steps, |i, row| {
+        put_floats(row, &mesh.positions[i].to_array());
+        row.extend_from_slice(&mesh.colors[i].to_array().map(|c| unit_to_byte(c as f32)));
+    })?;
+    write_rows(out, mesh.triangles.len(), steps, |i, row| {
+        row.push(3);
+        mesh.triangles[i].iter().for_each(|v| row.extend_from_slice(&v.to_le_bytes()));
+    })
+}
+
+/// Writes an OBJ: colours follow the coordinates, indices start at 1.
+fn obj(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh,
+    comments: &[String],
+    steps: &mut ProgressCounter,
+) -> io::Result<()> {
+    for comment in comments {
+        writeln!(out, "# {comment}")?;
+    }
+    write_rows(out, mesh.positions.len(), steps, |i, row| {
+        let [x, y, z] = mesh.positions[i].as_vec3().to_array();
+        let [r, g, b] = mesh.colors[i].to_array();
+        row.extend_from_slice(format!("v {x} {y} {z} {r:.4} {g:.4} {b:.4}\n").as_bytes());
+    })?;
+    write_rows(out, mesh.triangles.len(), steps, |i, row| {
+        let [a, b, c] = mesh.triangles[i].map(|v| v + 1);
+        row.extend_from_slice(format!("f {a} {b} {c}\n").as_bytes());
+    })
+}
+
+/// Summary of a written mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshSummary {
+    /// Number of vertices.
+    pub n_vertices: usize,
+    /// Number of triangles.
+    pub n_triangles: usize,
+    /// Size of the file in bytes.
+    pub bytes: u64,
+}
+
+/// Triangulates surfels on cells of width `cell`, in world units, and writes the mesh atomically. Of the
+/// options only axes, up, local origin, unit scale, comments and progress apply; GLB is y-up.
+///
+/// # Errors
+/// [`Fault::NoSurface`] if no surface is found, [`Fault::Setting`] for invalid options,
+/// [`Fault::TooLargeForGlb`], [`Fault::Cancelled`], or an error of writing the file.
+pub fn write_mesh(
+    path: &Path,
+    surfels: &[Surfel],
+    cell: f64,
+    format: MeshFormat,
+    options: &WriteOptions,
+) -> Result<MeshSummary, ExportError> {
+    let (mesh, origin) =
+        in_file_axes(surfels, cell, format, options).map_err(|fault| fault.with_path(path))?;
+    let (n_vertices, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
+    let steps = |n| ProgressCounter::new(options.progress, n);
+    let comments: Vec<String> = options.comments.iter().cloned().chain(comment(origin)).collect();
+    let n_rows = n_vertices + n_triangles;
+    let bytes = match format {
+        MeshFormat::Ply => {
+            write_atomic(path, |out| ply(out, &mesh, &comments, &mut steps(n_rows)))?
+        }
+        MeshFormat::Obj => {
+            write_atomic(path, |out| obj(out, &mesh, &comments, &mut steps(n_rows)))?
+        }
+        MeshFormat::Glb => {
+            let layout =
+                MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.with_path(path))?;
+            let steps = &mut steps(n_rows + n_vertices);
+            write_atomic(path, |out| layout.write(out, &mesh, steps))?
+        }
+    };
+    Ok(MeshSummary { n_vertices, n_triangles, bytes })
+}
+
+/// Triangulates and returns the mesh and its local origin in the axes and units of the file.
+fn in_file_axes(
+    surfels: &[Surfel],
+    cell: f64,
+    format: MeshFormat,
+    options: &WriteOptions,
+) -> Result<(TriangleMesh, DVec3), Fault> {
+    check_axes(options)?;
+    let mut mesh = triangulate(surfels, cell)?;
+    if mesh.triangles.is_empty() {
+        return Err(Fault::NoSurface { n_components: surfels.len() });
+    }
+    let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
+    let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
+    let turn = file_rotation(&options);
+    let place = |p: &mut DVec3| *p = options.unit_scale * turn.rotate_vector(*p);
+    mesh.positions.iter_mut().for_each(place);
+    Ok((mesh, file_origin(&options)))
+}

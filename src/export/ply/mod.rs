@@ -3,7 +3,6 @@
 mod body;
 mod compressed;
 mod header;
-pub(super) mod points;
 pub(super) mod read;
 pub(super) mod write;
 

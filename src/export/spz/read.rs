@@ -1,7 +1,7 @@
 //! Import of SPZ versions 1 to 4.
 
-use super::columns::MAGIC;
-use super::container::{self, Unpacked};
+use super::container;
+use super::container::{MAGIC, Unpacked};
 use super::quantise::{coefficient, color, first_three, fixed, half, scale, smallest_three};
 use crate::export::error::Fault;
 use crate::export::gaussian::{AxisRotation, Gaussian};

@@ -4,19 +4,18 @@
 //! Coordinates have enough fraction bits for an eighth of a small splat's size: this moves nothing visibly,
 //! and any further bit is incompressible noise.
 
-use super::columns::{COLUMN_NAMES, MAGIC};
-use super::container::NGSP_BYTES;
+use super::container::{COLUMN_NAMES, MAGIC, NGSP_BYTES};
 use super::quantise::{
     fixed, scale, to_coefficient, to_color, to_fixed, to_opacity, to_scale, to_smallest_three,
 };
 use crate::export::error::Fault;
 use crate::export::gaussian::Gaussian;
 use crate::export::harmonics;
-use crate::export::progress::ProgressCounter;
-use crate::export::stream::{SplatRows, write_rows};
+use crate::export::stream::{ProgressCounter, SplatRows, write_rows};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 /// Zstandard level: higher ones take twice as long for 1 %.
 const LEVEL: i32 = 9;

@@ -7,11 +7,9 @@
 mod avx2;
 mod isa;
 mod portable;
-mod rows;
-mod triples;
 mod vector;
 
 pub use isa::{FORCE_VARIABLE, Isa};
-pub use rows::{gather_rows, load_rows, scatter_rows};
-pub use triples::{dot, scaled, turned};
-pub use vector::{Kernel, LANES, SET_LANE, Vector};
+pub use vector::{
+    Kernel, LANES, SET_LANE, Vector, dot, gather_rows, load_rows, scaled, scatter_rows, turned,
+};

@@ -6,7 +6,7 @@
 
 use super::prior::Hyper;
 use super::statistics::Moments;
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
 use crate::math::sym3::Sym3;
 use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DMat3, DVec3};
@@ -124,7 +124,7 @@ fn make_positive_definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
 ///
 /// ```
 /// use glam::DVec3;
-/// use vbgs_studio::math::normalization::Normalization;
+/// use vbgs_studio::math::measured_pixel::Normalization;
 /// use vbgs_studio::model::conjugate::posterior::{ComponentPosterior, Conversion};
 /// use vbgs_studio::model::conjugate::prior::Hyper;
 /// use vbgs_studio::model::conjugate::statistics::Moments;

@@ -5,7 +5,7 @@
 //! coordinate) are left to the processor.
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
-use crate::model::device_error::DeviceError;
+use crate::model::inspection::DeviceError;
 
 /// Maximum number of candidates per point on a device.
 pub const MAX_DEVICE_CANDIDATES: usize = 4;

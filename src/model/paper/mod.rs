@@ -1,9 +1,7 @@
 //! Mixture of the published algorithm: a fixed number of components, their initial model and totals.
 
 pub mod merging;
-pub mod mixture;
 pub mod mixture_device;
-mod shard;
 pub mod state;
 mod total_scalar;
 pub mod totals;

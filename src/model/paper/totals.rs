@@ -9,7 +9,7 @@
 //! a frame before they are merged, while records and their addition take 0.9 to 1.4), sorting the points by
 //! component (1.6 to 1.9 ms), and unordered floating-point sums, whose bits differ from run to run.
 
-use super::shard::{TotalShard, row_bytes};
+use super::merging::{TotalShard, row_bytes};
 use super::state::{Carry, Totals};
 use super::total_scalar::TotalScalar;
 use crate::math::real::Real;

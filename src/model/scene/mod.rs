@@ -2,16 +2,12 @@
 //! normals, view directions and visibility counts (`model.md`, Scene sums). The NIW and Dirichlet posteriors
 //! derive from a subset of the sums.
 
-pub mod bounds;
 pub mod kept;
-pub mod kept_motion;
 pub mod merging;
-pub mod opacity;
 pub mod photometric;
 pub mod points_device;
 mod rigid;
 pub mod splat_rule;
 pub mod state;
 pub mod sums;
-pub mod trajectory;
 pub mod waiting;

@@ -1,8 +1,7 @@
 //! Photometric state of a scene: splat parameters and their precision, one row per component.
 
 use super::waiting::BufferedPhotograph;
-use crate::math::cholesky::Cholesky;
-use crate::math::lane_cholesky::at;
+use crate::math::cholesky::{Cholesky, at};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;

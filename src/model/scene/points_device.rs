@@ -5,7 +5,7 @@
 //! the processor.
 
 use super::sums::N_SUMS;
-use crate::model::device_error::DeviceError;
+use crate::model::inspection::DeviceError;
 
 /// Words of a surface point as stored in a frame: position, colour, normal, direction, each as three f32
 /// followed by one integer.

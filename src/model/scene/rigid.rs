@@ -1,7 +1,7 @@
 //! Rigid motion of the photometric state with the world.
 
 use super::photometric::{N_COLOR, N_FORM, PhotometricState};
-use crate::math::lane_cholesky::at;
+use crate::math::cholesky::at;
 use crate::math::pose::Pose;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;

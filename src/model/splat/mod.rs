@@ -1,10 +1,8 @@
 //! Splats as drawn and as stored in files: their appearance, and exposures and poses of the training frames.
 
 pub mod appearance;
-pub mod exposure;
 pub mod framing;
 pub mod observed_cone;
-pub mod plain;
 pub mod pose_log;
 pub mod splats;
 pub mod viewpoint;

@@ -4,16 +4,22 @@
 //! depth here. A comparison of the stored JSON would miss settings with another name or place there.
 
 use super::error::RunError;
-use super::saved::SavedRun;
-use crate::dataset::LoadOptions;
+use super::saved::{History, SavedRun, parse};
+use crate::dataset::fingerprint::Fingerprint;
 use crate::dataset::splits::HoldOut;
-use crate::pipeline::plan::{Order, Selection, Shard};
+use crate::dataset::{Dataset, LoadOptions};
+use crate::export::checkpoint::Checkpoint;
+use crate::pipeline::plan::{Order, Plan, Selection, Shard};
+use crate::pipeline::run::RunProgress;
+use crate::pipeline::session::Session;
 use crate::pipeline::settings::GivenSettings;
+use crate::pipeline::start::InitialState;
 use crate::train::setting::Preset;
 use crate::train::setting::table::Conflict;
 use crate::train::setting::value::text_of;
 use serde::Serialize;
 use std::fmt::Debug;
+use std::sync::Arc;
 
 /// Settings requested for a resumed run; `None` keeps the run's.
 #[derive(Clone, Debug, Default)]
@@ -123,4 +129,63 @@ fn differs<T: PartialEq + Serialize + Debug>(
         stored: stored.map(text_of),
         requested: text_of(asked),
     })
+}
+
+impl SavedRun {
+    /// Resumes the run on the dataset it was trained on.
+    ///
+    /// # Errors
+    /// [`RunError::Conflict`] for settings other than the run's, [`RunError::OtherDataset`] unless `force`,
+    /// or any error of starting a session.
+    pub fn resume(
+        self,
+        dataset: Arc<Dataset>,
+        asked: &ResumeRequest,
+        force: bool,
+    ) -> Result<Session, RunError> {
+        self.check(asked)?;
+        let (expected, found) = (self.local_origin(), dataset.local_origin());
+        // Not even with `force`: every position would be off by the difference.
+        if expected != found {
+            return Err(RunError::LocalOrigin { path: self.path, expected, found });
+        }
+        let most_visits = self.most_visited_frame().1;
+        let Self { path, mut config, meta, content, .. } = self;
+        let Checkpoint { history, cursor, mut model, .. } = content;
+        if asked.shard.is_some_and(|shard| config.selection.shard != Some(shard)) {
+            model.drop_stored_frames();
+        }
+        config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
+        config.selection.shard = asked.shard.or(config.selection.shard);
+        config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
+        let plan = Plan::resumed(
+            &dataset,
+            &config.selection,
+            config.method.as_any().seed(),
+            &cursor.visited,
+        )?;
+        // A followed recording may have grown since.
+        let found = match asked.follow || config.selection.follow {
+            true => Fingerprint::of_first_frames(&dataset, plan.split, meta.fingerprint.frames()),
+            false => Fingerprint::of(&dataset, plan.split),
+        };
+        if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
+            return Err(RunError::OtherDataset { path, difference });
+        }
+        let n_frames = dataset.splits.get(plan.split).map_or(0, |split| split.frames.len());
+        let expected = cursor.visited.iter().max().map_or(0, |&last| last as usize + 1);
+        if expected > n_frames {
+            return Err(RunError::TooFewFrames { path, expected, found: n_frames });
+        }
+        let mut past = RunProgress::at_start(&dataset, plan.split);
+        past.visited = cursor.visited.len();
+        past.points = cursor.points;
+        past.wall_s = meta.wall_s;
+        if let Some(history) = history {
+            let history: History = parse(&path, "HIST", &history)?;
+            (past.frames, past.skipped) = (history.frames, history.skipped);
+        }
+        let origin = InitialState::Stored(&model, cursor.frames);
+        Ok(Session::begin(dataset, config, plan, &origin, past)?)
+    }
 }

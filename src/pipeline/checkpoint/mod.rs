@@ -5,11 +5,7 @@
 
 mod asked;
 mod error;
-mod history;
-mod json;
 mod merge;
-mod resume;
-mod save;
 mod saved;
 mod snapshot;
 

@@ -1,15 +1,14 @@
 //! Run read from a checkpoint.
 
 use super::error::RunError;
-use super::history::History;
-use super::json::parse;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::dataset::{Layout, LoadOptions};
-use crate::eval::machine;
-use crate::export::checkpoint::{self, Checkpoint, LoadedCheckpoint};
+use crate::eval::report;
+use crate::eval::report::{FrameReport, SkippedFrame};
+use crate::export::checkpoint;
+use crate::export::checkpoint::{Checkpoint, LoadedCheckpoint};
 use crate::model::splat::appearance::SplatSet;
-use crate::pipeline::any_preset::RestoredLearner;
-use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::any_preset::{Mismatch, RestoredLearner};
 use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::tracked::Trajectory;
@@ -156,7 +155,7 @@ impl SavedRun {
 
     /// Returns a warning if results on this machine may differ from those on the one that saved the run.
     pub fn numerics_differ(&self) -> Option<String> {
-        let here = machine::numerics();
+        let here = report::numerics();
         (here != self.content.numerics).then(|| {
             format!(
                 "{}: saved on a machine or build with {}, resumed with {here}: results may differ in the last bits",
@@ -165,4 +164,38 @@ impl SavedRun {
             )
         })
     }
+}
+
+/// Content of the `HIST` section.
+#[derive(Serialize, Deserialize)]
+pub(super) struct History {
+    pub frames: Vec<FrameReport>,
+    pub skipped: Vec<SkippedFrame>,
+}
+
+impl History {
+    /// Serializes like [`canonical`], one frame at a time: sorting a long run at once would take ten times
+    /// the memory.
+    pub fn canonical(&self) -> Result<String, serde_json::Error> {
+        let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
+        let skipped = canonical(&self.skipped)?;
+        Ok(format!("{{\"frames\":[{}],\"skipped\":{skipped}}}", frames?.join(",")))
+    }
+}
+
+pub(super) fn parse<T: for<'de> Deserialize<'de>>(
+    path: &Path,
+    section: &'static str,
+    json: &str,
+) -> Result<T, RunError> {
+    serde_json::from_str(json).map_err(|error| RunError::Json {
+        path: path.to_owned(),
+        section,
+        problem: error.to_string(),
+    })
+}
+
+/// Serializes with sorted keys, so that equal values have equal bytes.
+pub(super) fn canonical(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    Ok(serde_json::to_value(value)?.to_string())
 }

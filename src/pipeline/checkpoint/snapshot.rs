@@ -3,19 +3,21 @@
 //! Fingerprint, JSON, checksums and the disk take longer than a frame, and grow with the number of frames.
 //! None of them needs the learner, so they run later on any thread.
 
-use super::history::History;
-use super::json::canonical;
-use super::saved::Meta;
+use super::SavedRun;
+use super::error::RunError;
+use super::saved::{History, Meta, canonical};
 use crate::dataset::Dataset;
 use crate::dataset::fingerprint::Fingerprint;
-use crate::eval::machine;
+use crate::eval::report;
+use crate::export::checkpoint;
 use crate::export::checkpoint::{Checkpoint, Cursor, MAX_JSON_BYTES};
-use crate::model::stored::StoredModel;
+use crate::model::attributes::StoredModel;
 use crate::pipeline::error::SessionError;
-use crate::pipeline::past::RunProgress;
-use crate::pipeline::run::RunConfig;
+use crate::pipeline::looks::{NO_MESSAGE, panic_text};
+use crate::pipeline::run::{RunConfig, RunProgress};
 use crate::pipeline::session::Session;
-use std::path::PathBuf;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -80,7 +82,7 @@ impl SessionSnapshot {
         Ok(Checkpoint {
             config: canonical(&config)?,
             meta: canonical(&meta)?,
-            numerics: machine::numerics(),
+            numerics: report::numerics(),
             history: if_readable(history.canonical()?),
             cursor,
             model,
@@ -96,6 +98,38 @@ fn if_readable(history: String) -> Option<String> {
 
 pub(super) fn now_unix_s() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+impl Session {
+    /// Writes a checkpoint atomically; returns its size in bytes.
+    pub fn save(&self, path: &Path) -> Result<u64, RunError> {
+        Ok(checkpoint::write(path, &self.checkpoint()?)?)
+    }
+
+    /// Writes like [`Session::save`] and retains an existing file as `<name>.bak`.
+    pub fn save_keeping_old(&self, path: &Path) -> Result<u64, RunError> {
+        Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
+    }
+
+    /// Saves the state after a panic, possibly in the middle of a frame. A file that cannot be read back is
+    /// removed, so that it is never mistaken for a valid scene.
+    ///
+    /// # Errors
+    /// Message of why no file was saved, including that of a second panic.
+    pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
+        let attempt = || -> Result<(), String> {
+            self.save(path).map_err(|error| error.to_string())?;
+            let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
+            read.inspect_err(|_| drop(std::fs::remove_file(path)))
+        };
+        catch_unwind(AssertUnwindSafe(attempt))
+            .unwrap_or_else(|panic| Err(panic_text(&*panic).unwrap_or(NO_MESSAGE).to_owned()))
+    }
+
+    /// Returns everything needed to resume this session bit for bit. Copies the model.
+    pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
+        self.snapshot().into_checkpoint()
+    }
 }
 
 #[cfg(test)]

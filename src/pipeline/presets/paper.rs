@@ -5,22 +5,23 @@ use crate::dataset::error::DatasetError;
 use crate::dataset::range::PositionRange;
 use crate::dataset::unproject::{CameraConvention, UnprojectSettings, Unprojector};
 use crate::dataset::{Dataset, Layout};
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
 use crate::model::paper::state::{ModelState, Totals};
 use crate::model::splat::splats::CovarianceForm;
-use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, RestoredLearner};
+use crate::pipeline::any_preset::{
+    AnyPreset, ComponentLimit, Mismatch, OrderDependence, RestoredLearner,
+};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::frames_at_once;
-use crate::pipeline::preset::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
-use crate::train::memory::MemoryEstimate;
+use crate::train::outcome::MemoryEstimate;
 use crate::train::paper::config::{Init, PaperConfig, UpdateWidth};
-use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner;
 
 impl AnyPreset for PaperConfig {
     fn seed(&self) -> u64 {
@@ -96,7 +97,7 @@ impl TypedPreset for PaperConfig {
     ) -> Result<InitialLearner<Points<f32>>, SessionError> {
         let normalization = range.normalization();
         let draw = initial_draw(dataset, run, self, normalization)?;
-        let learner = engine::begin(self, &draw, normalization)?;
+        let learner = learner::begin(self, &draw, normalization)?;
         Ok(InitialLearner { learner, normalization })
     }
 
@@ -106,8 +107,8 @@ impl TypedPreset for PaperConfig {
         frames: u64,
     ) -> Result<InitialLearner<Points<f32>>, Mismatch> {
         let (state, normalization) = self.mixture(model)?;
-        let learner =
-            engine::restore(self, state.clone(), frames, normalization).map_err(Mismatch::Index)?;
+        let learner = learner::restore(self, state.clone(), frames, normalization)
+            .map_err(Mismatch::Index)?;
         Ok(InitialLearner { learner, normalization })
     }
 }

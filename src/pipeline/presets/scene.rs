@@ -5,23 +5,23 @@ use crate::dataset::range::PositionRange;
 use crate::dataset::surface::SurfaceSettings;
 use crate::dataset::unproject::CameraConvention;
 use crate::dataset::{Dataset, Layout};
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
 use crate::model::scene::state::{SceneState, StoredSums};
 use crate::model::splat::splats::CovarianceForm;
-use crate::model::stored::StoredModel;
 use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, RestoredLearner};
+use crate::pipeline::any_preset::{
+    AnyPreset, ComponentLimit, Mismatch, OrderDependence, RestoredLearner,
+};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::prefetch::frames_at_once;
-use crate::pipeline::preset::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::memory::MemoryEstimate;
-use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::outcome::MemoryEstimate;
+use crate::train::scene::config::{SceneConfig, SumForm, VisibilityRule};
 use crate::train::scene::engine;
 use crate::train::scene::photometric::rule::PhotometricMode;
-use crate::train::scene::sum_form::SumForm;
 
 impl AnyPreset for SceneRun {
     fn seed(&self) -> u64 {

@@ -1,7 +1,99 @@
 //! Settings of a run: the user's values, and their result on a dataset.
 
 pub mod method;
-mod presets;
 pub mod scene;
 
-pub use presets::{ForeignSetting, GivenSettings, preset_file};
+use crate::train::paper::config::{PaperConfig, PaperOverrides};
+use crate::train::setting::table::{Conflict, SettingLayer};
+use crate::train::setting::{ConfigError, Preset};
+use method::{Method, MethodRequest};
+use scene::SceneOverrides;
+
+/// Settings given by the user, per preset; an option common to both is set in both.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GivenSettings {
+    /// Settings of the paper preset.
+    pub paper: PaperOverrides,
+    /// Settings of the scene preset.
+    pub scene: SceneOverrides,
+}
+
+impl GivenSettings {
+    /// Returns the request for a model of a preset.
+    ///
+    /// # Errors
+    /// [`ConfigError`] states a setting that is out of range.
+    pub fn request(self, preset: Preset) -> Result<MethodRequest, ConfigError> {
+        Ok(match preset {
+            Preset::Paper => PaperConfig::paper().with(&self.paper)?.into(),
+            Preset::Scene => self.scene.into(),
+        })
+    }
+
+    /// Returns the first given setting that the preset lacks, and the preset that has it.
+    pub fn foreign_to(&self, preset: Preset) -> Option<ForeignSetting> {
+        match preset {
+            Preset::Paper => first_foreign::<_, PaperOverrides>(&self.scene),
+            Preset::Scene => first_foreign::<_, SceneOverrides>(&self.paper),
+        }
+    }
+
+    /// Returns the first given setting that differs from the run's.
+    pub fn conflict(&self, method: &Method) -> Option<Conflict> {
+        let conflict = match method {
+            Method::Paper(config) => self.paper.conflict(config),
+            Method::Scene(run) => self.scene.conflict(run),
+        };
+        conflict.or_else(|| {
+            let ForeignSetting { setting, value: asked, .. } = self.foreign_to(method.preset())?;
+            Some(Conflict { setting, stored: None, requested: asked })
+        })
+    }
+}
+
+impl From<PaperOverrides> for GivenSettings {
+    fn from(paper: PaperOverrides) -> Self {
+        Self { paper, ..Self::default() }
+    }
+}
+
+impl From<SceneOverrides> for GivenSettings {
+    fn from(scene: SceneOverrides) -> Self {
+        Self { scene, ..Self::default() }
+    }
+}
+
+/// Setting of another preset.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ForeignSetting {
+    /// Name of the setting in messages.
+    pub setting: String,
+    /// Preset that has this setting.
+    pub preset: Preset,
+    /// Given value.
+    pub value: String,
+}
+
+fn first_foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<ForeignSetting> {
+    let (about, value) = given.first_unsupported_by::<Own>()?;
+    Some(ForeignSetting { setting: about.name(), preset: Other::PRESET, value })
+}
+
+/// Returns a preset as a RON file: every setting with its help and its default.
+///
+/// ```
+/// use vbgs_studio::pipeline::settings::{preset_file, scene::SceneOverrides};
+/// use vbgs_studio::train::setting::Preset;
+///
+/// let options =
+///     ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+/// let preset: SceneOverrides = options.from_str(preset_file(Preset::Scene))?;
+/// assert_eq!(preset.directional, Some(true));
+/// # Ok::<(), ron::error::SpannedError>(())
+/// ```
+pub fn preset_file(preset: Preset) -> &'static str {
+    match preset {
+        Preset::Paper => include_str!("../../../assets/presets/paper.ron"),
+        Preset::Scene => include_str!("../../../assets/presets/scene.ron"),
+    }
+}

@@ -1,6 +1,6 @@
 //! Lists of records per tile or per row of tiles.
 
-use crate::math::pieces::split_by_sizes;
+use crate::math::image::split_by_sizes;
 use rayon::prelude::*;
 use std::ops::Range;
 

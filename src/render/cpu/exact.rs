@@ -2,9 +2,9 @@
 //! (`rendering.md`, Exact renderer).
 
 use super::bounds;
-use super::conic::{Conic, Tangent};
-use super::drawn::ImageSplat;
+use super::projected::{Conic, Tangent};
 use super::record::TangentFrame;
+use super::shade::ImageSplat;
 use super::view::{CameraSplat, CpuView};
 use crate::math::camera::Intrinsics;
 use crate::render::options::ExactOptions;

@@ -6,12 +6,7 @@
 
 mod bounds;
 mod buckets;
-mod conic;
-mod drawn;
 mod exact;
-mod lanes;
-mod lists;
-mod longest_first;
 pub mod photometric;
 mod prepare;
 mod projected;
@@ -20,7 +15,6 @@ mod record;
 mod renderer;
 mod rows;
 mod shade;
-mod sort;
 mod tile;
 mod view;
 

@@ -5,9 +5,8 @@ use super::record::Records;
 use super::tile::{ProjectionForm, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
-use crate::render::constants::TILE;
 use crate::render::finish::Finish;
-use crate::render::options::{Lens, RenderMethod, Response};
+use crate::render::options::{Lens, RenderMethod, Response, TILE};
 use wide::bytemuck::cast_slice;
 
 /// Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever

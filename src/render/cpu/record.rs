@@ -15,7 +15,7 @@
 //! the case `l = w = 0`. All sums are sums of squares, so nothing cancels. The error of the numerator
 //! grows with `p`; in the expanded form it would grow with `(p_x·δx)²`.
 
-use crate::render::constants::TILE;
+use crate::render::options::TILE;
 use std::ops::Range;
 
 /// Projected splat. Fits one cache line, because rows fetch records from all over the list.

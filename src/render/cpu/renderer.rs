@@ -4,17 +4,15 @@
 //! of tiles: lists per tile grow long when splats cover the whole image (`rendering.md`, Tried and
 //! dropped).
 
-use super::lists::ViewLists;
-use super::longest_first::longest_first;
 use super::raster::{DrawRow, RowCanvas, RowInputs};
+use super::rows::{ViewLists, longest_first};
 use super::view::CpuView;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
 use crate::model::splat::appearance::SplatView;
-use crate::render::constants::TILE;
 use crate::render::finish::Finish;
-use crate::render::options::RenderOptions;
+use crate::render::options::{RenderOptions, TILE};
 
 /// Rendered image; all planes have the size of the camera's image.
 #[derive(Clone, Debug)]

@@ -5,9 +5,12 @@
 //! long for 10⁶ splats on two cores.
 
 use super::buckets::Buckets;
-use super::longest_first::longest_first;
-use super::record::DepthEntry;
-use super::sort::DepthSorter;
+use super::prepare;
+use super::prepare::ChunkCount;
+use super::record::{DepthEntry, Records};
+use super::view::CpuView;
+use crate::model::splat::appearance::SplatView;
+use crate::render::options::TILE;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -47,6 +50,144 @@ impl RowLists {
     }
 }
 
+/// Records of a view and their order. Buffers are reused between views.
+#[derive(Default)]
+pub(super) struct ViewLists {
+    pub records: Records,
+    depth_entries: Vec<DepthEntry>,
+    counts: Vec<ChunkCount>,
+    /// Visible records per row of tiles, nearest first. Lists per row remain short even if every splat
+    /// covers the image, and rows bin their own tiles in parallel.
+    pub rows: RowLists,
+}
+
+impl ViewLists {
+    /// Fills the records. Returns the number of invalid splats.
+    pub(super) fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
+        prepare::prepare(
+            splats,
+            view,
+            &mut self.records,
+            &mut self.depth_entries,
+            &mut self.counts,
+        );
+        self.counts.iter().map(|count| count.n_invalid).sum()
+    }
+
+    /// Lists the visible records per row of tiles; `height` is the image height in pixels.
+    pub(super) fn bin(&mut self, height: usize) {
+        let runs: Vec<Range<u32>> = self.visible_runs().collect();
+        self.rows.fill(height.div_ceil(TILE), &runs, &self.depth_entries);
+    }
+
+    /// Sorts every row's list by depth.
+    pub(super) fn sort(&mut self) {
+        self.rows.sort(&self.depth_entries);
+    }
+
+    pub(super) fn n_visible(&self) -> usize {
+        self.counts.iter().map(|count| count.n_visible).sum()
+    }
+
+    /// Ranges of visible records in the order of their splats. Each [`prepare::CHUNK`] of splats has one
+    /// range, which starts at the chunk's first index.
+    pub(super) fn visible_runs(&self) -> impl Iterator<Item = Range<u32>> {
+        let firsts = (0..).step_by(prepare::CHUNK);
+        self.counts.iter().zip(firsts).map(|(count, first)| first..first + count.n_visible as u32)
+    }
+}
+
+/// Runs tasks in parallel, largest work estimate first. Only short tasks remain at the end, so threads
+/// finish at about the same time.
+pub(super) fn longest_first<T: Send>(
+    tasks: impl Iterator<Item = (usize, T)>,
+    run: impl Fn(T) + Sync,
+) {
+    let mut tasks: Vec<(usize, T)> = tasks.collect();
+    tasks.sort_by_key(|(work, _)| *work);
+    let tasks = Mutex::new(tasks);
+    let next = || tasks.lock().unwrap_or_else(PoisonError::into_inner).pop();
+    rayon::scope(|scope| {
+        for _ in 0..rayon::current_num_threads() {
+            scope.spawn(|_| {
+                while let Some((_, task)) = next() {
+                    run(task);
+                }
+            });
+        }
+    });
+}
+
+/// Record index with its sort key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Keyed {
+    /// Bits of a positive `f32`, which order like its value.
+    key: u32,
+    record: u32,
+}
+
+/// Bits per pass. Three passes cover the 31 bits of a positive `f32`, and 2¹¹ counters fit L1.
+const DIGIT_BITS: u32 = 11;
+const N_DIGITS: usize = 1 << DIGIT_BITS;
+const N_PASSES: usize = 3;
+/// Shorter lists use a comparison sort: they have fewer items than a pass has counters.
+const MIN_RADIX_LENGTH: usize = 1024;
+
+/// Least-significant-digit radix sort with reusable buffers.
+#[derive(Default)]
+pub(super) struct DepthSorter {
+    items: Vec<Keyed>,
+    buffer: Vec<Keyed>,
+}
+
+impl DepthSorter {
+    /// Sorts an ascending list of records by depth, which must be positive. Stable.
+    pub(super) fn sort(&mut self, records: &mut [u32], depth: impl Fn(u32) -> f32) {
+        let Self { items, buffer } = self;
+        items.clear();
+        let keyed = |&record: &u32| Keyed { key: depth(record).to_bits(), record };
+        items.extend(records.iter().map(keyed));
+        if items.len() < MIN_RADIX_LENGTH {
+            items.sort_unstable_by_key(|item| (item.key, item.record));
+        } else {
+            // One loop counts the digits of all passes, because reordering leaves the counts unchanged.
+            let mut starts = digit_starts(items);
+            buffer.resize(items.len(), Keyed::default());
+            for (pass, starts) in starts.iter_mut().enumerate() {
+                for &item in items.iter() {
+                    let start = &mut starts[digit(item.key, pass)];
+                    buffer[*start as usize] = item;
+                    *start += 1;
+                }
+                std::mem::swap(items, buffer);
+            }
+        }
+        records.iter_mut().zip(items).for_each(|(record, item)| *record = item.record);
+    }
+}
+
+#[inline(always)]
+fn digit(key: u32, pass: usize) -> usize {
+    (key >> (pass as u32 * DIGIT_BITS)) as usize & (N_DIGITS - 1)
+}
+
+/// Start of each digit's items, per pass.
+fn digit_starts(items: &[Keyed]) -> [[u32; N_DIGITS]; N_PASSES] {
+    let mut counts = [[0; N_DIGITS]; N_PASSES];
+    for item in items {
+        for (pass, counts) in counts.iter_mut().enumerate() {
+            counts[digit(item.key, pass)] += 1;
+        }
+    }
+    for counts in &mut counts {
+        let mut start = 0;
+        for count in counts {
+            start += std::mem::replace(count, start);
+        }
+    }
+    counts
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,6 +209,41 @@ mod tests {
             });
             let lists: Vec<&[u32]> = (0..5).map(|row| rows.get(row)).collect();
             assert_eq!(lists, [&[3, 0, 2][..], &[3, 0], &[3, 1, 0], &[3], &[3]], "{n_threads}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod longest_first_tests {
+    use super::*;
+
+    #[test]
+    fn every_task_runs_once_and_the_longest_first() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let ran = Mutex::new(Vec::new());
+        let tasks = [3, 0, 7, 7, 1].into_iter().map(|work| (work, work));
+        pool.install(|| longest_first(tasks, |task| ran.lock().unwrap().push(task)));
+        assert_eq!(*ran.lock().unwrap(), [7, 7, 3, 1, 0]);
+    }
+}
+
+#[cfg(test)]
+mod sort_tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn agrees_with_the_stable_sort_of_the_standard_library(
+            depths in proptest::collection::vec(prop_oneof![0f32..1e-30, 0.2f32..9.0, Just(1.5), 1e20f32..3e38], 0..300),
+            times in prop_oneof![Just(1), Just(20)],
+        ) {
+            let depth = |record: u32| depths[record as usize % depths.len()];
+            let mut sorted: Vec<u32> = (0..(times * depths.len()) as u32).collect();
+            let mut expected = sorted.clone();
+            expected.sort_by(|&a, &b| depth(a).total_cmp(&depth(b)));
+            DepthSorter::default().sort(&mut sorted, depth);
+            prop_assert_eq!(sorted, expected);
         }
     }
 }

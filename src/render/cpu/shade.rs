@@ -1,13 +1,15 @@
 //! Colour of a splat in a view, computed once per splat (`rendering.md`, Native appearance).
 
-use super::conic::Tangent;
-use super::record::Gradient;
+use super::projected::{Conic, Tangent};
+use super::record::{ConicRecord, Gradient, Rect};
+use super::tile::EXP2_MIN;
 use super::view::{CameraSplat, CpuView};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
+use crate::render::finish::{MARKER_COLOR, ramp};
 use crate::render::options::Paint;
-use crate::render::paint::{MARKER_COLOR, ramp};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
+use std::f64::consts::LOG2_E;
 
 /// Colour gradient of one splat in camera axes, per world unit.
 pub(super) struct ColorGradient(DMat3);
@@ -78,4 +80,51 @@ fn normal_color(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
     let towards = if axis.dot(placed.m) > 0.0 { -axis } else { axis };
     let n = view.world_from_camera * towards;
     (0.5 + 0.5 * n).as_vec3().to_array()
+}
+
+/// Splat in the image, in f64.
+pub(super) struct ImageSplat {
+    pub centre: DVec2,
+    pub conic: Conic,
+    /// See [`ConicRecord::linear`].
+    pub linear: DVec2,
+    /// Depth `z` (pinhole) or distance (fisheye) of the centre, world units.
+    pub reach: f64,
+    /// Sort key, world units: view depth (projected) or distance (exact).
+    pub key: f64,
+    pub opacity: f64,
+    /// `k²` at the alpha cut.
+    pub extent_squared: f64,
+    pub rect: Rect,
+}
+
+impl ImageSplat {
+    /// Record and sort key; `None` if a value overflows f32.
+    pub(super) fn record(&self, color: [f32; 3]) -> Option<(ConicRecord, f32)> {
+        // exp(−½ D²) = 2^−(½ log₂e · D²).
+        let unit = (0.5 * LOG2_E).sqrt();
+        let Conic { p_x, p_y, q_y, w, .. } = self.conic;
+        let record = ConicRecord {
+            u: self.centre.x as f32,
+            v: self.centre.y as f32,
+            p_x: (unit * p_x) as f32,
+            p_y: (unit * p_y) as f32,
+            q_y: (unit * q_y) as f32,
+            linear: self.linear.as_vec2().to_array(),
+            w: (w / (unit * unit)) as f32,
+            // Limited to the range of `exp2`: below it, the bits of its result are not a valid number.
+            min_exponent: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
+            opacity: self.opacity as f32,
+            color,
+            reach: self.reach as f32,
+            rect: self.rect,
+        };
+        // f32 overflows long before f64, so finiteness is checked on the values that the loop reads.
+        let ConicRecord { u, v, p_x, p_y, q_y, linear: [l_x, l_y], w, reach, .. } = record;
+        let key = self.key as f32;
+        [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]
+            .iter()
+            .all(|value| value.is_finite())
+            .then_some((record, key))
+    }
 }

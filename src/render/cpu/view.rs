@@ -3,9 +3,9 @@
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
-use crate::render::constants::{ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, REFERENCE_VARIANCE};
 use crate::render::options::{
-    Antialias, DisplayStyle, ExactOptions, Lens, RenderMethod, RenderOptions,
+    ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens,
+    REFERENCE_VARIANCE, RenderMethod, RenderOptions,
 };
 use glam::{DMat3, DVec2, DVec3};
 

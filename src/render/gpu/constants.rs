@@ -10,7 +10,7 @@ use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, TERM_FACTORS};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::compare::OUTSIDE_BRIGHTNESS;
 use crate::render::cpu::photometric::{MIN_COUNTED_COVERAGE, MIN_WEIGHT, N_IMAGE_SUMS};
-use crate::render::paint::{MARKER_COLOR, RAMP};
+use crate::render::finish::{MARKER_COLOR, RAMP};
 use crate::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO,
     POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,

@@ -1,9 +1,13 @@
 //! Buffers that grow on demand.
 
-use super::context::max_buffer_bytes;
+use super::adapters::max_buffer_bytes;
 use super::error::GpuError;
-use super::poll::poll_once;
-use wgpu::BufferUsages as Usage;
+use super::readback::poll_once;
+use rayon::prelude::*;
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use wgpu::{BufferUsages as Usage, WriteOnly};
 
 const MIB: u64 = 1 << 20;
 /// Initial size in bytes; a binding cannot be empty.
@@ -137,4 +141,109 @@ fn create_buffer(device: &wgpu::Device, label: &str, usage: Usage, size: u64) ->
         usage,
         mapped_at_creation: usage.contains(Usage::MAP_WRITE),
     })
+}
+
+type Answer = Pin<Box<dyn Future<Output = Option<wgpu::Error>> + Send>>;
+
+/// Outcome of an allocation.
+pub(super) struct Allocation {
+    /// `None` once the driver has responded.
+    pending_error: Option<Answer>,
+    out_of_memory_error: GpuError,
+}
+
+impl Allocation {
+    /// Runs `allocate`. If the driver reports that it is out of memory, `refused` is returned, either here or
+    /// by a later [`Self::check`].
+    pub(super) fn new<T>(
+        device: &wgpu::Device,
+        refused: GpuError,
+        allocate: impl FnOnce() -> T,
+    ) -> Result<(T, Self), GpuError> {
+        // A separate error scope delivers the error here rather than to the fault handler.
+        let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let made = allocate();
+        let mut allocation =
+            Self { pending_error: Some(Box::pin(scope.pop())), out_of_memory_error: refused };
+        // Native backends respond immediately; then nothing is built on an invalid buffer.
+        allocation.check()?;
+        Ok((made, allocation))
+    }
+
+    /// Returns the error once if the driver has reported one since the last check.
+    pub(super) fn check(&mut self) -> Result<(), GpuError> {
+        let Some(said) = self.pending_error.as_mut().and_then(poll_once) else { return Ok(()) };
+        // Reported once; later frames continue with the existing buffers.
+        self.pending_error = None;
+        said.map_or(Ok(()), |_| Err(self.out_of_memory_error.clone()))
+    }
+}
+
+impl fmt::Debug for Allocation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Allocation").field("is_pending", &self.pending_error.is_some()).finish()
+    }
+}
+
+/// Bytes per piece.
+const PIECE_BYTES: usize = 1 << 14;
+
+/// Minimum number of pieces per task: waking a thread takes about as long as copying a few.
+const TASK: usize = 8;
+
+/// Copies the pieces consecutively into the first `bytes` bytes of a mapped buffer.
+///
+/// # Errors
+/// Message from wgpu if the buffer is not mapped.
+pub(super) fn copy_pieces<'a>(
+    buffer: &wgpu::Buffer,
+    bytes: u64,
+    pieces: impl IntoIterator<Item = &'a [u8]>,
+) -> Result<(), String> {
+    let mut mapped = buffer.get_mapped_range_mut(..bytes).map_err(|error| error.to_string())?;
+    let mut rest = mapped.slice(..);
+    copy_all(pieces.into_iter().map(|piece| {
+        let to = rest.split_off(..piece.len()).unwrap_or_default();
+        (to, piece)
+    }));
+    Ok(())
+}
+
+/// Copies every `from` to its `to` of equal length, on all threads.
+pub(super) fn copy_all<'a, 'b>(copies: impl Iterator<Item = (WriteOnly<'a, [u8]>, &'b [u8])>) {
+    // Fixed-size pieces, because only those can be sent to other threads.
+    let mut pieces: Vec<(WriteOnly<'_, [u8; PIECE_BYTES]>, &[u8; PIECE_BYTES])> = Vec::new();
+    for (to, from) in copies {
+        let (to, mut end) = to.into_chunks::<PIECE_BYTES>();
+        let (from, left) = from.as_chunks::<PIECE_BYTES>();
+        pieces.extend(to.into_iter().zip(from));
+        end.copy_from_slice(left);
+    }
+    let pieces = pieces.into_par_iter().with_min_len(TASK);
+    pieces.for_each(|(to, from)| WriteOnly::<[u8]>::from(to).copy_from_slice(from));
+}
+
+#[cfg(test)]
+mod allocation_tests {
+    use super::*;
+    use std::sync::{Arc, Mutex};
+    use std::task::Poll;
+
+    #[test]
+    fn an_answer_that_comes_late_is_an_error_once() {
+        let answer: Arc<Mutex<Option<Option<wgpu::Error>>>> = Arc::default();
+        let told = answer.clone();
+        let refused = GpuError::OutOfMemory { n_splats: 7, mib: 3 };
+        let mut allocation = Allocation {
+            pending_error: Some(Box::pin(std::future::poll_fn(move |_| {
+                told.lock().unwrap().take().map_or(Poll::Pending, Poll::Ready)
+            }))),
+            out_of_memory_error: refused.clone(),
+        };
+        assert_eq!(allocation.check(), Ok(()));
+        *answer.lock().unwrap() =
+            Some(Some(wgpu::Error::OutOfMemory { source: "none left".into() }));
+        assert_eq!(allocation.check(), Err(refused));
+        assert_eq!(allocation.check(), Ok(()));
+    }
 }

@@ -1,13 +1,12 @@
 //! GPU device without a window, for benchmarks, training and rendering without a display.
 
-use super::adapters::{self, AdapterChoice, AdapterInfo, UnknownAdapter};
-use super::context::{GpuCaps, device_descriptor};
-use super::error::GpuError;
-use super::faults::GpuFaults;
+use super::adapters;
+use super::adapters::{AdapterChoice, AdapterInfo, GpuCaps, UnknownAdapter, device_descriptor};
+use super::error::{GpuError, GpuFaults};
 use super::mixture::GpuMixture;
 use super::photometric::GpuComparer;
 use super::points::GpuPoints;
-use super::poll::poll_once;
+use super::readback::poll_once;
 use std::time::Duration;
 
 /// Timeout after which the GPU counts as lost.

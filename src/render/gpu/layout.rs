@@ -13,8 +13,9 @@ use crate::math::camera::Camera;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
-use crate::render::constants::FRUSTUM_MARGIN;
-use crate::render::options::{ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support};
+use crate::render::options::{
+    ExactOptions, FRUSTUM_MARGIN, Paint, RenderMethod, RenderOptions, Response, Support,
+};
 
 /// WGSL of each pipeline, to be prefixed by [`super::constants`].
 pub mod shader {

@@ -5,46 +5,36 @@
 //! 1. [`scene::GpuScene::update`] uploads the splats changed by training. [`scene::GpuScene::set_order`]
 //!    uploads the order computed by [`sort::back_to_front`] on another thread.
 //! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
-//!    [`target::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster.
+//!    [`renderer::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster.
 //! 3. [`composite::Compositor`] composites the image over a background inside the window's own pass,
 //!    optionally combined with another image or a photograph.
 //!
 //! On software adapters, [`meshes::MeshPainter`] draws the window itself.
 //! [`photometric`], [`mixture`] and [`points`] run parts of training on a separate device.
 //!
-//! Resources do not survive a lost device. [`faults::GpuFaults`] reports the loss, and `new` rebuilds
+//! Resources do not survive a lost device. [`error::GpuFaults`] reports the loss, and `new` rebuilds
 //! everything from the splats on the CPU.
 
 pub mod adapters;
-mod allocation;
-mod answer;
 mod chooser;
 pub mod composite;
 pub mod constants;
-pub mod context;
 mod draw_pipeline;
-mod error;
-pub mod faults;
+pub mod error;
 mod growing;
 pub mod headless;
 mod kernel;
 pub mod layout;
 pub mod meshes;
 pub mod mixture;
-mod parallel_copy;
 mod path;
-pub mod photo;
 pub mod photometric;
 pub mod points;
-mod poll;
 mod quads;
 pub mod readback;
 pub mod renderer;
-mod ring;
-mod scatter;
 pub mod scene;
 pub mod sort;
-pub mod target;
 pub mod tiles;
 mod timer;
 

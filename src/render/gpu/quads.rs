@@ -3,8 +3,8 @@
 use super::constants::module;
 use super::draw_pipeline::DrawPipeline;
 use super::layout::shader;
+use super::renderer;
 use super::scene::{ComparedImage, GpuScene};
-use super::target;
 
 /// Pipelines for drawing a scene into one attachment of the splat image's format.
 #[derive(Debug)]
@@ -69,7 +69,7 @@ fn pipeline(
     entries: [&str; 2],
 ) -> wgpu::RenderPipeline {
     let target = wgpu::ColorTargetState {
-        format: target::FORMAT,
+        format: renderer::FORMAT,
         blend: Some(wgpu::BlendState { color: OVER, alpha: OVER }),
         write_mask: wgpu::ColorWrites::ALL,
     };

@@ -6,11 +6,10 @@
 //! on average: half or twice as many change search time by less than 7 %. If few means move, the
 //! order is updated incrementally (`edits`).
 
-use super::cell_sort::CellSort;
-use super::columns::Columns;
-use super::edits::Edits;
-use super::error::IndexError;
+use super::cell_sort::{CellSort, Edits};
+use super::kernel::Columns;
 use crate::model::paper::mixture_device::GridShape;
+use crate::train::candidates::IndexError;
 use rayon::prelude::*;
 
 const MAX_CELLS: usize = 1 << 22;

@@ -3,9 +3,10 @@
 //! There are two levels: a raw list, gathered from the grid once per group, and a near list of a few
 //! dozen entries per sixteen points, short enough to compare every point with every entry.
 
-use super::columns::{CHUNK, Columns, STEP};
 use super::extent::{Extent, RELATIVE_MARGIN};
-use super::kernel::{Neighbours, distances, neighbours, nth_smallest, select};
+use super::kernel::{
+    CHUNK, Columns, Neighbours, STEP, distances, neighbours, nth_smallest, select,
+};
 use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;

@@ -11,25 +11,28 @@
 //! finer grids where means cluster (a tenth faster, on such data only).
 
 mod cell_sort;
-mod columns;
-mod edits;
-mod error;
 mod extent;
 mod grid;
-mod kd_tree;
 mod kernel;
 mod lists;
 mod nearest;
-mod reach;
-mod search;
 
-pub(in crate::train) use columns::{CHUNK, Columns};
-pub use error::IndexError;
+pub(in crate::train) use extent::AnyWithin;
 pub use grid::MeanGrid;
 pub(in crate::train) use grid::grid_shape;
-pub use kd_tree::KdTree;
+pub(in crate::train) use kernel::{CHUNK, Columns};
 pub(in crate::train) use lists::{ListKind, Lists, Nearest};
-pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
-pub(in crate::train) use reach::AnyWithin;
-pub use search::CandidateSearch;
-pub(in crate::train) use search::VisitChunk;
+pub(in crate::train) use nearest::VisitChunk;
+pub use nearest::{CandidateSearch, KdTree, nearest_in_tile, nearest_in_tile_wide};
+
+/// The candidate index could not be built.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "building the candidate index over {components} components failed: {reason}; try fewer components"
+)]
+pub struct IndexError {
+    /// Number of means.
+    pub components: usize,
+    /// Message of the index library.
+    pub reason: String,
+}

@@ -4,14 +4,15 @@
 //! hides the order, points are ranked individually. The f64 form ranks the candidate lists of the
 //! rounded means by f64 distances; the lists' margins cover the rounding.
 
-use super::columns::Columns;
+use super::extent::{Extent, MAX_RADIUS};
 use super::grid::MeanGrid;
-use super::kernel::Neighbours;
+use super::kernel::{CHUNK, Columns, Neighbours};
 use super::lists::{ListKind, Lists};
-use super::search::{CandidateSearch, VisitChunk};
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
+use crate::train::candidates::IndexError;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::num::NonZero;
 use std::ops::Range;
 
@@ -208,5 +209,160 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
             let ids = &mut self.ids[place * self.rank..(place + 1) * self.rank];
             ids.iter_mut().zip(found).for_each(|(id, found)| *id = found);
         }
+    }
+}
+
+// Length in cells beyond which a group of points is split. Tiles across a depth edge split, tiles on one
+// surface stay whole. Smaller groups gained nothing, even on stepped depth (`train.md`, Tried and dropped).
+const MAX_GROUP_CELLS: f32 = 2.0;
+/// First guess of the neighbours' distance, relative to the last group's.
+const NEAREST_GUESS: f32 = 1.1;
+
+/// Scratch memory of a search, reused. Only a first guess of the radius carries over between tiles.
+#[derive(Debug, Default)]
+pub struct CandidateSearch {
+    tile: Tile,
+    lists: Lists,
+    pending: Vec<Range<usize>>,
+    /// Distance of the last group's neighbours.
+    nearest: f32,
+}
+
+/// Points of a tile, reordered by group; tags are indices in the tile.
+#[derive(Debug, Default)]
+struct Tile {
+    points: Columns,
+    swap: Vec<([f32; 3], u32)>,
+}
+
+/// Visitor of at most [`CHUNK`] points with their candidate lists.
+pub(in crate::train) trait VisitChunk {
+    /// Processes the points `chunk` of `points`, whose nearest entries are in `lists`. Tags are indices in
+    /// the tile. Must be `#[inline(always)]`.
+    fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>);
+}
+
+impl CandidateSearch {
+    /// Visits each point of a tile once, in chunks, with lists that hold its `rank` nearest entries.
+    /// `rank` is between 1 and the number of means.
+    #[inline(always)]
+    pub(in crate::train) fn visit_tile<V: Vector>(
+        &mut self,
+        grid: &MeanGrid,
+        tile: [&[f32]; 3],
+        rank: usize,
+        visitor: &mut impl VisitChunk,
+    ) {
+        if tile[0].is_empty() {
+            return;
+        }
+        self.tile.points.load(tile);
+        self.pending.push(0..tile[0].len());
+        while let Some(group) = self.pending.pop() {
+            let extent = Extent::of_points::<V>(&self.tile.points, group.clone());
+            let middle = if group.len() > CHUNK && extent.length() > MAX_GROUP_CELLS * grid.cell() {
+                self.tile.split(group.clone(), &extent)
+            } else {
+                group.start
+            };
+            if group.start < middle && middle < group.end {
+                // The first half is next: consecutive groups are then close in space, where the last distance
+                // is a good guess.
+                self.pending.push(middle..group.end);
+                self.pending.push(group.start..middle);
+            } else {
+                self.gather::<V>(grid, &extent, rank);
+                let Self { tile, lists, .. } = self;
+                for start in group.clone().step_by(CHUNK) {
+                    let chunk = start..(start + CHUNK).min(group.end);
+                    visitor.visit::<V>(lists, &tile.points, chunk);
+                }
+            }
+        }
+    }
+
+    /// Fills the raw list with a superset of the `rank` nearest entries of each point of a group.
+    #[inline(always)]
+    fn gather<V: Vector>(&mut self, grid: &MeanGrid, extent: &Extent, rank: usize) {
+        let Self { lists, nearest, .. } = self;
+        if !extent.is_finite() {
+            return grid.gather_all(lists.raw_mut());
+        }
+        // Any initial radius is correct: every list is a superset and gives the same neighbours.
+        let mut radius = extent.neighbour_radius(NEAREST_GUESS * *nearest);
+        // For the first group, or after distances that overflowed.
+        if !(radius > 0.0 && radius < MAX_RADIUS) {
+            radius = grid.cell();
+        }
+        loop {
+            grid.gather(extent.lo, extent.hi, radius, lists.raw_mut());
+            if lists.raw().len >= rank {
+                break;
+            }
+            // Doubling alone would be slow for a group far from all means.
+            radius = (2.0 * radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
+        }
+        *nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();
+        let needed = extent.neighbour_radius(*nearest);
+        if needed > radius {
+            grid.gather(extent.lo, extent.hi, needed, lists.raw_mut());
+        }
+    }
+}
+
+impl Tile {
+    /// Moves the points below the middle of the longest axis to the front, in order. Returns the index of
+    /// the others.
+    fn split(&mut self, group: Range<usize>, extent: &Extent) -> usize {
+        let Self { points, swap } = self;
+        let length = |axis: usize| extent.hi[axis] - extent.lo[axis];
+        let axis =
+            (0..3).fold(0, |best, axis| if length(axis) > length(best) { axis } else { best });
+        swap.clear();
+        let mut next = group.start;
+        for i in group {
+            let (position, tag) = (points.position(i), points.tag[i]);
+            if position[axis] < extent.centre[axis] {
+                points.set(next, position, tag);
+                next += 1;
+            } else {
+                swap.push((position, tag));
+            }
+        }
+        for (i, &(position, tag)) in (next..).zip(swap.iter()) {
+            points.set(i, position, tag);
+        }
+        next
+    }
+}
+
+/// An index queried point by point, with distances in f64.
+pub struct KdTree(ImmutableKdTree<f64, 3>);
+
+impl KdTree {
+    /// Builds a tree over finite means.
+    pub fn new(means: &[[f64; 3]]) -> Result<Self, IndexError> {
+        let refuse = |reason| Err(IndexError { components: means.len(), reason });
+        if !means.iter().flatten().all(|v| v.is_finite()) {
+            return refuse("an initial mean is not finite".to_owned());
+        }
+        ImmutableKdTree::new_from_slice(means).map(Self).or_else(|e| refuse(e.to_string()))
+    }
+
+    /// Appends the ids of the `n` nearest means (or all, if fewer) in order of (squared distance, id).
+    pub fn nearest(&self, query: [f64; 3], n: NonZero<usize>, ids: &mut Vec<u32>) {
+        // One more than requested shows whether the last one has a tie.
+        let query = self.0.query(&query);
+        let found = query.nearest_n::<SquaredEuclidean<f64>>(n.saturating_add(1)).execute();
+        let mut found: Vec<(f64, u32)> = found.iter().map(|f| (f.distance, f.item)).collect();
+        if let Some(&(beyond, _)) = found.get(n.get())
+            && found[n.get() - 1].0 == beyond
+        {
+            // The tree returns ties in any order; a second query for all at that distance lets ids decide.
+            let equals = query.within::<SquaredEuclidean<f64>>(beyond).execute();
+            found = equals.iter().map(|f| (f.distance, f.item)).collect();
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        ids.extend(found.iter().take(n.get()).map(|&(_, id)| id));
     }
 }

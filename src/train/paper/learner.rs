@@ -1,24 +1,29 @@
 //! Implements the learner interface for the `paper` preset.
 
-use super::scalar::PaperScalar;
+use super::config::{
+    Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
+};
+use super::index::PaperScalar;
+use super::init::InitialDraw;
 use super::trainer::PaperTrainer;
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
+use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
-use crate::model::device_error::DeviceError;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::inspection::DeviceError;
 use crate::model::paper::mixture_device::MixtureDevice;
 use crate::model::paper::state::ModelState;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
-use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::DevicePolicy;
+use crate::train::device_trial::{DevicePolicy, PassUse};
 use crate::train::learner::{Changed, Learner, Learns};
-use crate::train::outcome::FrameOutcome;
-use crate::train::pass_use::PassUse;
-use crate::train::stages::{PAPER_STAGES, TrainStage};
-use crate::train::warnings::TrainingWarning;
+use crate::train::outcome::{
+    FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES, TrainingWarning,
+};
+use crate::train::timing::{PAPER_STAGES, TrainStage};
 use rayon::prelude::*;
 
 /// Minimum number of components per parallel task: smaller tasks cost more than they save.
@@ -145,4 +150,115 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
             state: self.trainer.state(),
         }
     }
+}
+
+/// Bytes of a point: six f32 coordinates.
+const POINT_BYTES: usize = 24;
+/// Bytes of a stored candidate with its responsibility.
+const PAIR_BYTES: usize = 12;
+/// Maximum number of points in a tile.
+const TILE_POINTS: usize = 64;
+/// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
+/// all records, and buffers grow to three times the size needed.
+const RECORD_BYTES: usize = 3 * 60;
+/// Grid entry, its copy of colour and weight, and cells.
+const INDEX_BYTES: usize = 16 + 16 + 8;
+const SLOT_BYTES: usize = 8;
+/// KD-tree entry and the f64 means it is built from.
+const TREE_BYTES: usize = 32 + 24;
+
+impl PaperConfig {
+    /// Estimates the maximum memory of a run with frames of `pixels` pixels, `frames_at_once` of them in
+    /// memory, on `threads` threads.
+    pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
+        let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
+        let total = match self.operations.update {
+            UpdateWidth::F32 => size_of::<[f32; 16]>(),
+            UpdateWidth::Fixed64 => size_of::<[i64; 16]>(),
+            UpdateWidth::Fixed128 => size_of::<[i128; 16]>(),
+        };
+        let tree = if self.index == IndexKind::KdTree { TREE_BYTES } else { 0 };
+        let drawn = size_of::<[f64; 7]>();
+        let splat = size_of::<Splat>();
+        // Initial means are drawn in f64; checkpoints copy the model; the scene is exported as splats.
+        let copies = drawn.max(splat + N_SUMS * size_of::<i64>() + 7 * scalar);
+        let per_component = total
+            + 7 * scalar
+            + size_of::<f64>()
+            + INDEX_BYTES
+            + SLOT_BYTES * threads
+            + tree
+            + copies;
+        let per_point = match self.candidates {
+            Candidates::Dense => self.components,
+            Candidates::Nearest(n) => n.min(self.components),
+        };
+        let pairs = match (self.statistics, self.batch) {
+            (StatisticsForm::Fused, _) => TILE_POINTS * threads,
+            (StatisticsForm::Unfused, Batch::Frame) => pixels,
+            (StatisticsForm::Unfused, Batch::Points(n)) => n.min(pixels) + TILE_POINTS,
+        };
+        let of_points = pixels * (frames_at_once * POINT_BYTES + size_of::<f64>() + PIXEL_BYTES);
+        let records = pixels.min(2 * self.components) * RECORD_BYTES * threads;
+        let pairs = (pairs as u64).saturating_mul((per_point * PAIR_BYTES) as u64);
+        MemoryEstimate {
+            model: (self.components as u64).saturating_mul(per_component as u64),
+            frames: (PROGRAM_BYTES + (of_points + records) as u64).saturating_add(pairs),
+        }
+    }
+}
+
+/// Creates an untrained mixture in the precision of `config`. Points are normalised by
+/// `normalization`.
+///
+/// # Errors
+/// [`IndexError`] if the initial means cannot be indexed.
+///
+/// ```
+/// use vbgs_studio::math::measured_pixel::Normalization;
+/// use vbgs_studio::observation::points::Points;
+/// use vbgs_studio::train::paper::{config::{PaperOverrides, PaperConfig}, engine, init::InitialDraw};
+///
+/// let config = PaperConfig::paper().with(&PaperOverrides { components: Some(50), ..Default::default() })?;
+/// let mut mixture = engine::begin(&config, &InitialDraw::random(50, 0), Normalization::IDENTITY)?;
+/// let outcome = mixture.learn(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
+/// assert_eq!(outcome.points, 2);
+/// assert!(mixture.used() >= 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn begin(
+    config: &PaperConfig,
+    draw: &InitialDraw,
+    normalization: Normalization,
+) -> Result<Box<dyn PaperLearner>, IndexError> {
+    Ok(match config.precision {
+        Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
+        // Mixed and f32 runs use the same points and means; only their totals differ.
+        _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
+    })
+}
+
+/// Restores a mixture of the same configuration after `frames` frames.
+///
+/// # Errors
+/// [`IndexError`] if the initial means cannot be indexed.
+pub fn restore(
+    config: &PaperConfig,
+    state: ModelState,
+    frames: u64,
+    normalization: Normalization,
+) -> Result<Box<dyn PaperLearner>, IndexError> {
+    Ok(match config.precision {
+        Precision::F64 => {
+            in_world(PaperTrainer::<f64>::restore(config, state, frames)?, normalization)
+        }
+        _ => in_world(PaperTrainer::<f32>::restore(config, state, frames)?, normalization),
+    })
+}
+
+fn in_world<R: PaperScalar>(
+    trainer: PaperTrainer<R>,
+    normalization: Normalization,
+) -> Box<dyn PaperLearner> {
+    Box::new(NormalizedTrainer { trainer, normalization, widened: Points::new() })
 }

@@ -3,17 +3,12 @@
 //! records does, and it cannot fail, so a frame is applied completely or not at all.
 
 pub mod config;
-pub mod engine;
 mod fused;
 pub mod index;
 pub mod init;
 pub mod learner;
-pub mod memory;
 pub mod pass;
 pub mod passes;
 mod plain;
 pub mod reassign;
-pub mod scalar;
-mod slots;
-mod smallest;
 pub mod trainer;

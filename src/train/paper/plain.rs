@@ -6,13 +6,12 @@
 //! operation at a time. Not optimised: its results define those of the faster implementations.
 
 use super::config::{Candidates, Operations, Width};
-use super::index::Index;
-use super::scalar::PaperScalar;
-use super::slots::Slots;
+use super::fused::Slots;
+use super::index::{Index, PaperScalar};
 use crate::math::real::Real;
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
-use crate::model::paper::mixture::InitialModel;
+use crate::model::paper::state::InitialModel;
 use crate::observation::points::Points;
 use crate::train::candidates::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 use crate::train::component_elbo::owner_of_shares;

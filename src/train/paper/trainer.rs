@@ -5,30 +5,26 @@
 //! so a frame is applied completely or not at all.
 
 use super::config::{Candidates, PaperConfig, ReassignPolicy};
-use super::index::Index;
+use super::index::{Index, PaperScalar};
 use super::init::InitialDraw;
 use super::pass::{Output, Pass, PassInputs};
 use super::passes::Passes;
 use super::reassign::{DestinationChooser, Quota};
-use super::scalar::PaperScalar;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::conjugate::statistics::Moments;
-use crate::model::device_error::DeviceError;
-use crate::model::paper::mixture::InitialModel;
+use crate::model::inspection::DeviceError;
 use crate::model::paper::mixture_device::MixtureDevice;
-use crate::model::paper::state::ModelState;
+use crate::model::paper::state::{InitialModel, ModelState};
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::DevicePolicy;
+use crate::train::device_trial::{DevicePolicy, PassUse};
 use crate::train::estep::Scoring;
 use crate::train::outcome::FrameOutcome;
-use crate::train::pass_use::PassUse;
-use crate::train::stages::{PAPER_STAGES, PaperStage};
-use crate::train::timing::{StageMs, Stopwatch};
+use crate::train::timing::{PAPER_STAGES, PaperStage, StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -5,8 +5,7 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid};
-use super::ray_search::SearchRays;
-use super::seed_groups::SeedGroups;
+use super::seed_groups::{SearchRays, SeedGroups};
 use super::spacing::Spacing;
 use crate::math::simd::Isa;
 use crate::model::scene::points_device::LEFT_TO_PROCESSOR;

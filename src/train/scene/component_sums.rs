@@ -5,13 +5,12 @@
 //! of them; 2 % of the components of the Kinect room need one. Sums in f32 and f64 exist to show that no
 //! precision is lost: all three give the same picture within 0.005 dB.
 
-use super::sum_scalar::SumScalar;
-use super::wide_sums::WideSums;
-use crate::math::pieces::split_by_sizes;
+use crate::math::image::split_by_sizes;
+use crate::math::real::Real;
 use crate::math::sym3::Sym3;
-use crate::model::scene::bounds::{clamp_moments, repair_scatter};
-use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WideRow};
-use crate::model::scene::sums::{N_SUMS, SceneSums};
+use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
+use crate::model::scene::sums;
+use crate::model::scene::sums::{N_SUMS, SceneSums, Slack, clamp_moments, repair_scatter};
 use crate::model::splat::observed_cone::ObservedCone;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -351,6 +350,208 @@ fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
     row.sums[0].value() >= W::FULL
 }
 
+/// Number type of a component's sums.
+pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
+    /// Number type of the terms of one point.
+    type Term: Real;
+    /// Number of points from which a row spills into a wide one. A row holds twice as many.
+    const FULL: f64;
+    /// Tolerance for rounding of sums.
+    const SLACK: Slack;
+    /// Rounds a term to this type.
+    fn of(term: Self::Term) -> Self;
+    /// Rounds a sum to this type.
+    fn of_sum(sum: f64) -> Self;
+    /// Converts a sum of whole quanta.
+    fn of_quanta(quanta: i32) -> Self;
+    /// Returns the difference from an earlier value, in whole quanta.
+    fn since(self, before: Self) -> i32;
+    /// Adds two sums; integers wrap.
+    fn plus(self, other: Self) -> Self;
+    /// Returns the value of a sum.
+    fn value(self) -> f64;
+    /// Converts rows to checkpoint form.
+    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums;
+    /// Converts rows from checkpoint form; `None` if they have another type.
+    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
+}
+
+/// Integer sums are independent of the order of terms. Terms are within ±7.84, which takes 19 bits.
+impl SumScalar for i32 {
+    type Term = f32;
+    // Twice as many terms of 7.84, the maximum, are 2.105·10⁹ quanta: just below 2³¹.
+    const FULL: f64 = WIDE_POINTS as f64;
+    const SLACK: Slack = sums::MIXED;
+
+    #[inline(always)]
+    fn of(term: f32) -> Self {
+        /// Added to a number below 2²², it leaves the nearest integer, ties to even, in the low bits.
+        const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
+        (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
+    }
+
+    fn of_sum(sum: f64) -> Self {
+        (sum / QUANTUM).round_ties_even() as i32
+    }
+
+    #[inline(always)]
+    fn of_quanta(quanta: i32) -> Self {
+        quanta
+    }
+
+    #[inline(always)]
+    fn since(self, before: Self) -> i32 {
+        self.wrapping_sub(before)
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.wrapping_add(other)
+    }
+
+    #[inline(always)]
+    fn value(self) -> f64 {
+        f64::from(self) * QUANTUM
+    }
+
+    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums {
+        StoredSums::Mixed { rows, wide }
+    }
+
+    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
+        match sums {
+            StoredSums::Mixed { rows, wide } => Some((rows, wide)),
+            StoredSums::F32(_) | StoredSums::F64(_) => None,
+        }
+    }
+}
+
+macro_rules! plain_sum_scalar {
+    ($t:ty, $stored:ident, $slack:ident) => {
+        impl SumScalar for $t {
+            type Term = $t;
+            // Floats do not overflow; f32 sums stagnate from 2²⁴ points on instead.
+            const FULL: f64 = f64::INFINITY;
+            const SLACK: Slack = sums::$slack;
+
+            #[inline(always)]
+            fn of(term: $t) -> Self {
+                term
+            }
+
+            fn of_sum(sum: f64) -> Self {
+                sum as $t
+            }
+
+            fn of_quanta(quanta: i32) -> Self {
+                (f64::from(quanta) * QUANTUM) as $t
+            }
+
+            fn since(self, before: Self) -> i32 {
+                (f64::from(self - before) / QUANTUM).round_ties_even() as i32
+            }
+
+            #[inline(always)]
+            fn plus(self, other: Self) -> Self {
+                self + other
+            }
+
+            #[inline(always)]
+            fn value(self) -> f64 {
+                self.into()
+            }
+
+            fn stored(rows: Vec<[Self; N_SUMS]>, _: Vec<WideRow>) -> StoredSums {
+                StoredSums::$stored(rows)
+            }
+
+            fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
+                match sums {
+                    StoredSums::$stored(rows) => Some((rows, Vec::new())),
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+plain_sum_scalar!(f32, F32, F32);
+plain_sum_scalar!(f64, F64, F64);
+
+/// Quanta per unit of the integer sums.
+const QUANTA: f32 = (1.0 / QUANTUM) as f32;
+
+// Marks a component without wide sums.
+const NONE: u32 = u32::MAX;
+
+/// Wide sums of some components. They are looked up for every point of a frame, so the index is a direct
+/// table by component.
+#[derive(Default)]
+pub struct WideSums {
+    /// Index into `rows` by component, up to the last with wide sums.
+    places: Vec<u32>,
+    rows: Vec<(u32, [f64; N_SUMS])>,
+}
+
+impl WideSums {
+    /// Number of components with wide sums.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Iterates over these components.
+    pub fn ids(&self) -> impl Iterator<Item = u32> {
+        self.rows.iter().map(|(id, _)| *id)
+    }
+
+    /// Returns the wide sums of a component, if any.
+    #[inline(always)]
+    pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
+        let place = *self.places.get(id as usize)?;
+        self.rows.get(place as usize).map(|(_, sums)| sums)
+    }
+
+    /// Returns the wide sums of a component, if any.
+    pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {
+        let place = *self.places.get(id as usize)?;
+        self.rows.get_mut(place as usize).map(|(_, sums)| sums)
+    }
+
+    /// Adds to the wide sums of a component.
+    pub fn add(&mut self, id: u32, sums: &[f64; N_SUMS]) {
+        match self.get_mut(id) {
+            // Integer quanta below 2⁵³ are exact in f64, hence independent of the order.
+            Some(wide) => wide.iter_mut().zip(sums).for_each(|(wide, sum)| *wide += sum),
+            None => {
+                let n = self.places.len().max(id as usize + 1);
+                self.places.resize(n, NONE);
+                self.places[id as usize] = self.rows.len() as u32;
+                self.rows.push((id, *sums));
+            }
+        }
+    }
+
+    /// Removes the wide sums of a component.
+    pub fn remove(&mut self, id: u32) {
+        let Some(place) = self.places.get_mut(id as usize) else { return };
+        let place = std::mem::replace(place, NONE) as usize;
+        if place < self.rows.len() {
+            self.rows.swap_remove(place);
+            if let Some((moved, _)) = self.rows.get(place) {
+                self.places[*moved as usize] = place as u32;
+            }
+        }
+    }
+}
+
+impl FromIterator<(u32, [f64; N_SUMS])> for WideSums {
+    fn from_iter<I: IntoIterator<Item = (u32, [f64; N_SUMS])>>(rows: I) -> Self {
+        let mut wide = Self::default();
+        rows.into_iter().for_each(|(id, sums)| wide.add(id, &sums));
+        wide
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -369,5 +570,40 @@ mod tests {
         }
         assert_eq!(component_sums.sums(0)[0], 20_000.0);
         assert_eq!(component_sums.sums(0)[5], -65_000.0);
+    }
+}
+
+#[cfg(test)]
+mod sum_scalar_tests {
+    use super::*;
+
+    #[test]
+    fn quanta_round_to_nearest() {
+        for x in [0.1f32, -0.7, 3.999, -4.0, 1e-6] {
+            assert!((i32::of(x).value() - f64::from(x)).abs() <= 0.5 / 32768.0 + 1e-7, "{x}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod wide_sums_tests {
+    use super::*;
+
+    #[test]
+    fn sums_stay_with_their_component() {
+        let sums = |value: f64| [value; N_SUMS];
+        let mut wide: WideSums =
+            [(7, sums(1.0)), (2, sums(2.0)), (9, sums(3.0))].into_iter().collect();
+        wide.add(2, &sums(0.5));
+        wide.remove(7);
+        wide.remove(7);
+        wide.remove(100);
+        let found = [2, 7, 9, 100].map(|id| wide.get(id).map(|sums| sums[N_SUMS - 1]));
+        assert_eq!((found, wide.len()), ([Some(2.5), None, Some(3.0), None], 2));
+        wide.add(7, &sums(4.0));
+        *wide.get_mut(9).unwrap() = sums(5.0);
+        let found = [2, 7, 9].map(|id| wide.get(id).map(|sums| sums[0]));
+        assert_eq!(found, [Some(2.5), Some(4.0), Some(5.0)]);
+        assert!(wide.get_mut(8).is_none());
     }
 }

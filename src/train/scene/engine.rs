@@ -1,13 +1,14 @@
 //! Construction of scenes with the configured form of sums.
 
-use super::coarsening::coarsened;
-use super::config::SceneConfig;
+use super::component_sums::SumScalar;
+use super::config::{SceneConfig, SumForm};
 use super::fusion;
-use super::learner::SceneLearner;
-use super::sum_form::SumForm;
-use super::sum_scalar::SumScalar;
+use super::merge::coarsened;
 use super::trainer::SceneTrainer;
+use crate::model::scene::splat_rule::SplatRule;
 use crate::model::scene::state::SceneState;
+use crate::observation::surface::Observation;
+use crate::train::learner::Learns;
 use glam::DVec3;
 use std::borrow::Cow;
 
@@ -106,4 +107,10 @@ fn restored<W: SumScalar + 'static>(
 ) -> Option<Box<dyn SceneLearner>> {
     let trainer = SceneTrainer::<W>::restore(config, state, frames)?;
     Some(Box::new(trainer))
+}
+
+/// Scene trainer whose form of sums was chosen at run time.
+pub trait SceneLearner: Learns<Observation> {
+    /// Sets the splat rule from now on.
+    fn set_splat_rule(&mut self, rule: SplatRule);
 }

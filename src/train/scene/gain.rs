@@ -1,8 +1,7 @@
 //! Gain of a frame relative to the scene's exposure (`scene.md`, Gain).
 
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
-use super::sum_scalar::SumScalar;
 use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
 use rayon::prelude::*;

@@ -5,9 +5,8 @@
 //! As recorded poses are unbiased on average, the whole scene is moved to where the corrections of its frames
 //! are smallest.
 
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, SumScalar};
 use super::rigid_equations::{Motion, RigidEquations};
-use super::sum_scalar::SumScalar;
 use crate::math::pose::Pose;
 use crate::model::scene::state::SceneState;
 use crate::model::splat::pose_log::FramePose;

@@ -1,16 +1,15 @@
 //! Tests of the moments of merged components, whose sums were moved between seeds.
 
-use super::component_sums::ComponentSums;
-use super::sum_scalar::SumScalar;
+use super::component_sums::{ComponentSums, SumScalar};
 use crate::math::rng::{Purpose, Rng};
 use crate::math::sym3::Sym3;
-use crate::model::scene::bounds::clamp_moments;
 use crate::model::scene::state::QUANTUM;
-use crate::model::scene::sums::{N_SUMS, SceneSums};
+use crate::model::scene::sums::{N_SUMS, SceneSums, clamp_moments};
 use glam::DVec3;
+use proptest::array;
 use proptest::collection::vec;
 use proptest::prelude::*;
-use proptest::{array, sample::Index};
+use proptest::sample::Index;
 
 fn add<W: SumScalar>(sums: &mut ComponentSums<W>, id: usize, terms: &[W::Term; N_SUMS])
 where

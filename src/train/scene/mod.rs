@@ -7,11 +7,7 @@
 
 pub mod config;
 pub mod engine;
-pub mod learner;
-pub mod memory;
-pub mod partition;
 pub mod photometric;
-pub mod sum_form;
 pub mod track;
 pub mod trainer;
 pub mod units;
@@ -22,7 +18,6 @@ mod align;
 mod align_tests;
 mod assign;
 mod births;
-mod coarsening;
 mod component_sums;
 mod components;
 mod explain;
@@ -30,25 +25,15 @@ mod fusion;
 mod gain;
 mod gauge;
 mod grid;
-mod known_planes;
-mod lattice;
-mod merge;
+pub mod merge;
 #[cfg(test)]
 mod merged_moments_tests;
-mod near_seeds;
 mod observe;
 mod point_fits;
-mod point_parts;
-mod point_slots;
-mod ray_search;
-mod refine;
 mod rigid_equations;
 #[cfg(test)]
 mod second_look_tests;
 mod seed_groups;
-mod seed_positions;
 pub mod spacing;
-mod sum_scalar;
 #[cfg(test)]
 mod wall_tests;
-mod wide_sums;

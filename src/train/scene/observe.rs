@@ -1,8 +1,7 @@
 //! Visibility of components in a frame: evidence for and against them (`scene.md`, Visibility counts).
 
-use super::component_sums::{ComponentSums, Visibility};
-use super::seed_positions::SeedPositions;
-use super::sum_scalar::SumScalar;
+use super::component_sums::{ComponentSums, SumScalar, Visibility};
+use super::components::SeedPositions;
 use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};

@@ -3,8 +3,12 @@
 //!
 //! This gives straight SIMD loops, while a lookup per point would follow chains of buckets.
 
+use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
+use super::spacing::Spacing;
 use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector, load_rows};
+use crate::observation::surface::SurfacePoint;
+use rayon::prelude::*;
 
 /// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
 const MAX_CELLS: f64 = 512.0;
@@ -146,4 +150,209 @@ fn oldest_nearest(place: [f32; 3], seeds: &[(u32, [f32; 3])], limit: f32) -> u32
     let near = seeds.iter().map(|&(id, seed)| (squared_distance(place, seed), id));
     let near = near.filter(|(squared, _)| *squared <= limit);
     near.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).map_or(NONE, |(_, id)| id)
+}
+
+const CHUNK: usize = 64;
+/// Number of points that share candidates: consecutive points are neighbours in the image.
+pub const GROUP: usize = 8;
+/// Movement after which candidates are gathered again, relative to the reach.
+const MARGIN: f32 = 0.25;
+
+/// Candidate seeds within reach of points that move; refreshed after large movements.
+pub struct NearSeeds<'a> {
+    grid: &'a SeedGrid,
+    reach: f32,
+    /// Chunks of [`CHUNK`] points.
+    chunks: Vec<Chunk>,
+}
+
+#[derive(Default)]
+struct Chunk {
+    /// Current positions.
+    places: Vec<[f32; 3]>,
+    /// Positions at the last gathering.
+    gathered: Vec<[f32; 3]>,
+    groups: SeedGroups,
+}
+
+impl<'a> NearSeeds<'a> {
+    /// Prepares for `n_points` points; `reach` is at most one cell width.
+    pub fn new(grid: &'a SeedGrid, reach: f32, n_points: usize) -> Self {
+        let mut chunks = Vec::new();
+        chunks.resize_with(n_points.div_ceil(CHUNK), Chunk::default);
+        Self { grid, reach, chunks }
+    }
+
+    /// Replaces `owners` by the component of each point moved by `place`, that of the nearest seed; [`NONE`]
+    /// if no seed is near enough. The points must be the same in every call. Returns the results of `look`
+    /// for each [`CHUNK`] of points and owners, in order.
+    pub fn assign<T: Send>(
+        &mut self,
+        components: &Components,
+        points: &[SurfacePoint],
+        place: impl Fn(&SurfacePoint) -> [f32; 3] + Sync,
+        owners: &mut Vec<u32>,
+        look: impl Fn(&[SurfacePoint], &[u32]) -> T + Sync,
+    ) -> Vec<T> {
+        owners.clear();
+        owners.resize(points.len(), NONE);
+        let (grid, reach) = (self.grid, self.reach);
+        let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK));
+        let parts = parts.zip(&mut self.chunks).map(|((owners, points), chunk)| {
+            chunk.move_to(points.iter().map(&place));
+            if chunk.has_moved_beyond(MARGIN * reach) {
+                chunk.gather(grid, reach);
+            }
+            chunk.groups.nearest(grid, reach, &chunk.places, owners);
+            for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
+                *owner = components.of_seed(*owner);
+            }
+            look(points, owners)
+        });
+        parts.collect()
+    }
+}
+
+impl Chunk {
+    fn move_to(&mut self, places: impl Iterator<Item = [f32; 3]>) {
+        self.places.clear();
+        self.places.extend(places);
+    }
+
+    /// True if a point moved more than `margin` since the last gathering, or none has taken place.
+    fn has_moved_beyond(&self, margin: f32) -> bool {
+        let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
+            squared_distance(*place, *gathered) <= margin * margin
+        };
+        let Self { places, gathered, .. } = self;
+        gathered.len() != places.len() || !places.iter().zip(gathered).all(has_stayed)
+    }
+
+    fn gather(&mut self, grid: &SeedGrid, reach: f32) {
+        self.gathered.clone_from(&self.places);
+        self.groups.clear();
+        // Wider by the margin, so that points moved by less still find every seed within reach.
+        for places in self.places.chunks(GROUP) {
+            self.groups.gather(grid, (1.0 + MARGIN) * reach, places);
+        }
+    }
+}
+
+/// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
+const STEP: f32 = 0.7;
+
+/// Assigns points without a seed the nearest seed within reach of a place on their ray, nearest places first.
+/// Of two equally near places the farther from the camera is preferred, since a surface in front would have
+/// occluded the point.
+pub struct SearchRays<'a> {
+    pub grid: &'a SeedGrid,
+    pub spacing: Spacing,
+    pub points: &'a [SurfacePoint],
+    /// Seed of each point, or [`NONE`].
+    pub seeds: &'a mut [u32],
+}
+
+impl Kernel for SearchRays<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        for (point, seed) in self.points.iter().zip(self.seeds) {
+            if *seed == NONE {
+                *seed = seed_along_ray::<V>(self.grid, self.spacing, point);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn seed_along_ray<V: Vector>(grid: &SeedGrid, spacing: Spacing, point: &SurfacePoint) -> u32 {
+    let (reach, far) = (spacing.reach(point), spacing.reach_along_ray(point));
+    let ([x, y, z], [right, down, ahead]) = (point.position, point.direction);
+    let mut step = 1.0;
+    while STEP * reach * step <= far {
+        let t = STEP * reach * step;
+        for t in [t, -t] {
+            let place = [x + t * right, y + t * down, z + t * ahead];
+            let seed = grid.nearest_within::<V>(place, reach);
+            if seed != NONE {
+                return seed;
+            }
+        }
+        step += 1.0;
+    }
+    NONE
+}
+
+#[cfg(test)]
+mod near_seeds_tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+    use crate::model::scene::state::WHOLE;
+
+    #[test]
+    fn moved_points_find_what_searches_of_the_grid_find() {
+        let mut grid = SeedGrid::new(0.1);
+        let mut stream = Rng::new(5, Purpose::Init, 0);
+        let mut place = |spread: f64| [0; 3].map(|_| stream.range(-spread, spread) as f32);
+        let mut components = Components::default();
+        for _ in 0..3000 {
+            let seed = grid.insert(place(1.0));
+            components.add_seed(seed, WHOLE);
+        }
+        // At the boundary of the grid.
+        let rim = 0.1 * (1 << 20) as f32;
+        components.add_seed(grid.insert([rim - 0.05, 0.0, 0.0]), WHOLE);
+        let at = |position| SurfacePoint { position, ..SurfacePoint::default() };
+        let mut points: Vec<SurfacePoint> = (0..1000).map(|_| at(place(1.0))).collect();
+        // Points outside the grid, and points that enter or leave it.
+        points.push(at([1e30, 0.0, 0.0]));
+        points.extend((0..20).map(|i| at([rim + 0.01 * (i - 10) as f32, 0.0, 0.0])));
+        let mut near = NearSeeds::new(&grid, 0.1, points.len());
+        let mut owners = Vec::new();
+        // Movements below the margin, close to it and far beyond.
+        for spread in [0.0, 0.005, 0.02, 0.3] {
+            let moved = points.iter().map(|point| {
+                let way = place(spread);
+                at([0, 1, 2].map(|i| point.position[i] + way[i]))
+            });
+            let moved: Vec<SurfacePoint> = moved.collect();
+            near.assign(&components, &moved, |point| point.position, &mut owners, |_, _| ());
+            for (point, owner) in moved.iter().zip(&owners) {
+                assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
+            }
+            assert!(owners.contains(&NONE) && owners.iter().any(|&o| o != NONE));
+        }
+    }
+}
+
+#[cfg(test)]
+mod ray_search_tests {
+    use super::*;
+    use crate::math::simd::Isa;
+
+    #[test]
+    fn a_point_finds_the_surface_that_its_noise_allows() {
+        let mut grid = SeedGrid::new(0.03);
+        let wall = grid.insert([0.0, 0.0, 3.0]);
+        let spacing = Spacing::new(0.03, None).with_ray_search(4.0);
+        let found = |z: f32, x: f32, noise: f32| {
+            let direction = [0.0, 0.0, 1.0];
+            let point =
+                SurfacePoint { position: [x, 0.0, z], direction, noise, ..Default::default() };
+            let mut seeds = [NONE];
+            Isa::best().run(SearchRays {
+                grid: &grid,
+                spacing,
+                points: &[point],
+                seeds: &mut seeds,
+            });
+            (seeds[0] != NONE).then_some(seeds[0])
+        };
+        assert_eq!(found(3.05, 0.0, 0.015), Some(wall), "four half-widths are 60 mm");
+        assert_eq!(found(2.95, 0.01, 0.015), Some(wall), "from the front too");
+        assert_eq!(found(3.05, 0.0, 0.004), None, "noise is smaller than that");
+        assert_eq!(found(3.05, 0.035, 0.015), None, "beside the ray nothing is searched");
+        assert_eq!(found(3.09, 0.0, 1.0), None, "sums hold no farther points");
+    }
 }

@@ -7,9 +7,7 @@
 //! panel, preset files and the README's tables. Rows hold functions instead of values, so that settings
 //! retain their types; only messages are text.
 
-use super::preset::Preset;
-use super::range::ConfigError;
-use super::value::{Choice, ValueError};
+use super::value::{Choice, ConfigError, Preset, ValueError};
 use std::ffi::OsStr;
 
 /// Form of a setting on the command line.

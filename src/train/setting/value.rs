@@ -1,8 +1,9 @@
 //! Values of settings and their parsing from text.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::fmt::Debug;
+use strum::{Display, EnumString, VariantNames};
 
 /// One of the named values of a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -147,3 +148,31 @@ macro_rules! named_values {
     };
 }
 pub(crate) use named_values;
+
+/// A named set of defaults and the learner they are for.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Preset {
+    /// The published algorithm.
+    Paper,
+    /// Scene reconstruction: components are created as needed.
+    Scene,
+}
+
+/// A setting is out of its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{setting}: expected {expected}, found {found}")]
+pub struct ConfigError {
+    /// Name of the setting as in settings files.
+    pub setting: &'static str,
+    /// Permitted range.
+    pub expected: String,
+    /// Value found.
+    pub found: String,
+}
+
+/// Maximum number of components of a model: ids are stored as `i32`.
+pub const MAX_COMPONENTS: usize = 20_000_000;

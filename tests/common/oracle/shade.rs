@@ -5,7 +5,7 @@ use super::SplatF64;
 use glam::{DMat3, DVec3};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
-use vbgs_studio::render::{Paint, paint};
+use vbgs_studio::render::{Paint, finish};
 
 /// Colour of one splat in one view.
 #[derive(Clone, Copy, Debug)]
@@ -29,13 +29,13 @@ impl Shade {
                     gradient: appearance.gradient * camera.pose.rotation(),
                 }
             }
-            _ if splat.color == DVec3::from_array(paint::MARKER_COLOR.map(f64::from)) => {
+            _ if splat.color == DVec3::from_array(finish::MARKER_COLOR.map(f64::from)) => {
                 flat(splat.color)
             }
             (Paint::Depth(ends), _) => {
                 let [near, far] = ends.map(f64::from);
                 let share = (to_mean.length() - near) / (far - near);
-                flat(DVec3::from_array(paint::ramp(share as f32).map(f64::from)))
+                flat(DVec3::from_array(finish::ramp(share as f32).map(f64::from)))
             }
             (Paint::Normal, _) => flat(0.5 + 0.5 * normal(splat, to_mean)),
         }

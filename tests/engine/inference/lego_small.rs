@@ -2,7 +2,7 @@ use super::reference::*;
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::Candidates;
-use vbgs_studio::train::paper::scalar::PaperScalar;
+use vbgs_studio::train::paper::index::PaperScalar;
 use vbgs_studio::train::paper::trainer::PaperTrainer;
 
 const TRUNCATED: Candidates = Candidates::Nearest(4);

@@ -1,9 +1,9 @@
 use super::reference::{self, *};
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::math::special::log_sum_exp;
-use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::model::conjugate::prior;
 use vbgs_studio::train::paper::config::Candidates;
-use vbgs_studio::train::paper::scalar::PaperScalar;
+use vbgs_studio::train::paper::index::PaperScalar;
 
 const LOW_ELBO: usize = 100;
 const TRUNCATED: Candidates = Candidates::Nearest(4);
@@ -31,7 +31,7 @@ fn scores_and_assignments() {
     case.check("elbo0_ref", &elbo, Rel(1e-6, 1.0));
     case.check(
         "elogpi_init",
-        &dirichlet::expected_ln_weights(&case.f64("alpha_init")),
+        &prior::expected_ln_weights(&case.f64("alpha_init")),
         Rel(1e-12, 1e-3),
     );
     println!("golden arrays compared: {}", case.compared());

@@ -5,8 +5,8 @@ use crate::common::golden::{Case, Tolerance::*};
 use glam::DVec3;
 use vbgs_studio::math::special::log_sum_exp;
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::conjugate::dirichlet;
 use vbgs_studio::model::conjugate::niw::Niw;
+use vbgs_studio::model::conjugate::prior;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::Candidates;
 use vbgs_studio::train::paper::trainer::PaperTrainer;
@@ -40,7 +40,7 @@ fn dense_scores_and_responsibilities() {
     }
     case.check("score0", &scores, Rel(1e-13, 1.0));
     case.check("resp0", &r, Abs(1e-12));
-    let ln_weights = dirichlet::expected_ln_weights(&case.f64("alpha_init"));
+    let ln_weights = prior::expected_ln_weights(&case.f64("alpha_init"));
     case.check("elogpi_init", &ln_weights, Rel(1e-12, 1e-3));
     println!("golden arrays compared: {}", case.compared());
 }
@@ -73,7 +73,7 @@ fn block_likelihoods_and_divergences() {
         (0..64).map(|k| law(space(k), h.kappa_init_space, h.u0_space).kl(&prior_s)).collect();
     let kl_c: Vec<f64> =
         (0..64).map(|k| law(color(k), h.kappa_init_color, h.u0_color).kl(&prior_c)).collect();
-    let kl_d = dirichlet::kl(&case.f64("alpha_init"), &[h.alpha0; 64]);
+    let kl_d = prior::kl(&case.f64("alpha_init"), &[h.alpha0; 64]);
     case.check("kl_space", &kl_s, Rel(1e-13, 1.0));
     case.check("kl_color", &kl_c, Rel(1e-13, 1.0));
     case.check("kl_dirichlet", &[kl_d], Rel(1e-13, 1.0));

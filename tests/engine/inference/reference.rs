@@ -6,14 +6,14 @@ use crate::common::golden::{Case, Tolerance::*};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use vbgs_studio::math::special::mv_digamma3;
-use vbgs_studio::model::conjugate::dirichlet;
 use vbgs_studio::model::conjugate::posterior::ComponentPosterior;
+use vbgs_studio::model::conjugate::prior;
 use vbgs_studio::model::conjugate::prior::Hyper;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::{Candidates, Operations, PaperConfig, ReassignPolicy};
+use vbgs_studio::train::paper::index::PaperScalar;
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::reassign::DestinationChooser;
-use vbgs_studio::train::paper::scalar::PaperScalar;
 use vbgs_studio::train::paper::trainer::PaperTrainer;
 
 pub fn hyper(case: &Case) -> Hyper {
@@ -119,7 +119,7 @@ pub fn check_posterior(
         case.check_each(&name, &sigma, |i, _| tolerance(i));
         case.check(
             &format!("{prefix}_elogpi"),
-            &dirichlet::expected_ln_weights(&alpha),
+            &prior::expected_ln_weights(&alpha),
             Rel(1e-12, 1e-3),
         );
     }

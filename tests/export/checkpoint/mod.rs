@@ -9,7 +9,7 @@ mod scene;
 mod values;
 
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, Defect, StoredModel, parse};
-use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::conjugate::prior::Hyper;
 use vbgs_studio::model::paper::state::{Carry, InitialMeans, ModelState, Totals};

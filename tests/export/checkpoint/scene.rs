@@ -15,7 +15,7 @@ use vbgs_studio::model::scene::sums::{N_SUMS, terms};
 use vbgs_studio::model::scene::waiting::{
     BufferedDepths, BufferedPhotograph, DepthScale, PhotographView,
 };
-use vbgs_studio::model::splat::exposure::FrameExposure;
+use vbgs_studio::model::splat::pose_log::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
 use vbgs_studio::model::splat::viewpoint::Viewpoint;
 

@@ -1,25 +1,21 @@
 //! The cheapest precision of every operation that keeps the posterior within a bound of the f64
 //! oracle: all combinations are timed in turns on sampled frames.
 
-mod combination;
-mod plan;
 mod report;
-
-pub use combination::PrecisionCombination;
-pub use plan::SearchPlan;
-pub use report::{OperationRow, PrecisionSearch, Verdict};
 
 use super::runs;
 use super::runs::TimedConfiguration;
 use super::sample::TrainingSample;
 use crate::bench::findings::{BenchError, Progress};
 use crate::dataset::Dataset;
-use crate::math::normalization::Normalization;
+use crate::math::measured_pixel::Normalization;
 use crate::train::paper::config::{PaperOverrides, Precision, ReassignPolicy};
-use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
-use combination::{combinations, posteriors};
+use crate::train::paper::learner;
+use report::{combinations, posteriors};
 use std::sync::Arc;
+
+pub use report::{OperationRow, PrecisionCombination, PrecisionSearch, SearchPlan, Verdict};
 
 /// Searches all combinations.
 pub fn run(
@@ -74,7 +70,7 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
         ..PaperOverrides::default()
     };
     let config = plan.config(change)?;
-    let mut engine = engine::begin(
+    let mut engine = learner::begin(
         &config,
         &InitialDraw::random(plan.components, config.seed),
         Normalization::IDENTITY,

@@ -4,14 +4,20 @@
 //! A width is judged twice: alone, with all others f64, for its error, and in the fastest
 //! combination that has it for its time.
 
-use super::combination::{PrecisionCombination, choose};
-use super::plan::SearchPlan;
 use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions};
+use crate::bench::paper::oracle::{PosteriorErrors, posterior_errors};
+use crate::bench::paper::runs::Runs;
 use crate::bench::paper::sample::{TrainingSample, count};
-use crate::eval::machine;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use crate::eval::report::MachineReport;
-use crate::eval::table;
-use crate::train::paper::config::{Operations, Precision, UpdateWidth, Width};
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::train::paper::config::{
+    Operations, PaperConfig, PaperOverrides, Precision, ReassignPolicy, UpdateWidth, Width,
+};
+use crate::train::paper::learner::PaperLearner;
+use crate::train::setting::ConfigError;
+use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
 
 /// The result, ready to be printed and written.
@@ -169,7 +175,7 @@ pub fn report(
     })?;
     let rows = operation_rows(combinations, &chosen.operations);
     let notes = notes(plan, sample, combinations, &named[0], &chosen);
-    let machine = machine::describe(None);
+    let machine = report::describe(None);
     let place = format!("{dataset}, {} threads, {}", machine.threads, machine.cpu);
     let tables = [operations_table(&rows), summary_table(named, &chosen)];
     let text = [place].into_iter().chain(tables).chain(notes.iter().cloned());
@@ -201,13 +207,13 @@ fn operations_table(rows: &[OperationRow]) -> String {
         [
             row.operation.to_owned(),
             row.width.to_owned(),
-            table::error(row.error_alone),
+            report::error(row.error_alone),
             row.best_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}")),
             row.verdict.sentence().to_owned(),
         ]
     };
     let header = ["operation", "width", "error alone", "best ms/frame with it", "verdict"];
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 fn summary_table(named: &[PrecisionCombination], chosen: &PrecisionCombination) -> String {
@@ -216,10 +222,10 @@ fn summary_table(named: &[PrecisionCombination], chosen: &PrecisionCombination) 
         [
             name.to_owned(),
             c.spread().to_string(),
-            table::error(c.error.mean_p99),
-            table::error(c.error.mean_max),
-            table::error(c.error.covariance_p99),
-            table::error(c.error.covariance_max),
+            report::error(c.error.mean_p99),
+            report::error(c.error.mean_max),
+            report::error(c.error.covariance_p99),
+            report::error(c.error.covariance_max),
         ]
     };
     let rows = names.into_iter().zip(named.iter().chain([chosen])).map(cells);
@@ -231,7 +237,7 @@ fn summary_table(named: &[PrecisionCombination], chosen: &PrecisionCombination) 
         "covariance 99 %",
         "covariance max",
     ];
-    table::text(header, &rows.collect::<Vec<_>>())
+    report::text(header, &rows.collect::<Vec<_>>())
 }
 
 fn notes(
@@ -297,4 +303,168 @@ fn settings(
         chosen.ms,
         chosen.error.p99()
     ))
+}
+
+/// What is searched, and how thoroughly.
+#[derive(Clone, Debug)]
+pub struct SearchPlan {
+    /// Components of every combination, the paper's N.
+    pub components: usize,
+    /// Sampled frames at most.
+    pub frames: usize,
+    /// Runs of every combination.
+    pub repeats: usize,
+    /// Largest [`p99`](crate::bench::paper::oracle::PosteriorErrors::p99) that is accepted.
+    pub bound: f64,
+    /// What was asked for.
+    pub options: BenchOptions,
+}
+
+impl SearchPlan {
+    /// At the paper's N, or a fifth of it. The bound must be positive.
+    pub fn new(options: BenchOptions, bound: f64) -> Result<Self, ConfigError> {
+        if !(bound.is_finite() && bound > 0.0) {
+            return Err(ConfigError {
+                setting: "bound",
+                expected: "a positive relative error, such as 1e-4".to_owned(),
+                found: bound.to_string(),
+            });
+        }
+        let (components, frames, repeats) =
+            // More runs than elsewhere: verdicts compare quartiles, which few runs do not have.
+            if options.quick { (20_000, 6, 9) } else { (100_000, 12, 15) };
+        Ok(Self {
+            components,
+            frames: options.max_frames.unwrap_or(frames),
+            repeats: options.repeats.unwrap_or(repeats),
+            bound,
+            options,
+        })
+    }
+
+    /// The settings that every combination shares, with a change of its own; nothing is reassigned,
+    /// so that all of them learn about the same means.
+    pub fn config(&self, change: PaperOverrides) -> Result<PaperConfig, ConfigError> {
+        let base = PaperOverrides {
+            components: Some(self.components),
+            seed: Some(self.options.seed),
+            reassign: Some(ReassignPolicy::Off),
+            ..PaperOverrides::default()
+        };
+        PaperConfig::paper().with(&change.or(base))
+    }
+}
+
+/// One combination of widths.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct PrecisionCombination {
+    /// Name of the precision; `custom` for all but the named ones.
+    pub precision: Precision,
+    /// Width of every operation of the hot loop.
+    pub operations: Operations,
+    /// Median milliseconds per frame.
+    pub ms: f64,
+    /// First and third quartile over the runs.
+    pub ms_quartiles: [f64; 2],
+    /// Distance of the posteriors to those of the f64 oracle.
+    pub error: PosteriorErrors,
+    /// Whether the distance is within the bound.
+    pub within_bound: bool,
+}
+
+impl PrecisionCombination {
+    /// Times of the runs of a configuration, and its posteriors held against the oracle's.
+    pub fn new(
+        config: &PaperConfig,
+        runs: &Runs,
+        truth: &[ComponentPosterior],
+        bound: f64,
+    ) -> Self {
+        let ms = runs.spread(|ms| ms.train);
+        let error = posterior_errors(&posteriors(&*runs.engine), truth);
+        Self {
+            precision: config.precision,
+            operations: config.operations,
+            ms: ms.median,
+            ms_quartiles: ms.quartiles,
+            error,
+            within_bound: error.p99() <= bound,
+        }
+    }
+
+    /// Whether three quarters of the runs are faster than three quarters of another's.
+    pub fn is_faster_than(&self, other: &Self) -> bool {
+        self.ms_quartiles[1] < other.ms_quartiles[0]
+    }
+
+    /// Median and quartiles, milliseconds per frame.
+    pub fn spread(&self) -> Spread {
+        Spread { median: self.ms, quartiles: self.ms_quartiles }
+    }
+}
+
+const WIDTHS: [Width; 2] = [Width::F64, Width::F32];
+const UPDATES: [UpdateWidth; 3] = [UpdateWidth::Fixed128, UpdateWidth::Fixed64, UpdateWidth::F32];
+
+/// Every combination of widths, the widest first.
+pub fn combinations() -> Vec<Operations> {
+    let mut all = Vec::new();
+    for distance in WIDTHS {
+        for log_score in WIDTHS {
+            for normaliser in WIDTHS {
+                for moments in WIDTHS {
+                    let with =
+                        |update| Operations { distance, log_score, normaliser, moments, update };
+                    all.extend(UPDATES.map(with));
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Posteriors of all components, used or not.
+pub fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
+    (0..engine.components()).map(|k| engine.posterior(k)).collect()
+}
+
+/// The combination of least error among those within the bound that cannot be told from the fastest
+/// one, the spreads of their runs overlapping; the widest of equals. `None` if none keeps the
+/// bound.
+pub fn choose(combinations: &[PrecisionCombination]) -> Option<PrecisionCombination> {
+    let within = || combinations.iter().filter(|c| c.within_bound);
+    let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
+    let alike = within().filter(|c| !fastest.is_faster_than(c));
+    // Of equals `min_by` keeps the first, and the widest come first.
+    alike.min_by(|a, b| a.error.p99().total_cmp(&b.error.p99())).copied()
+}
+
+#[cfg(test)]
+mod combination_tests {
+    use super::*;
+
+    fn timed(update: UpdateWidth, ms: f64, error: f64) -> PrecisionCombination {
+        PrecisionCombination {
+            precision: Precision::Custom,
+            operations: Operations { update, ..Operations::F64 },
+            ms,
+            ms_quartiles: [ms - 1.0, ms + 1.0],
+            error: PosteriorErrors { covariance_p99: error, ..PosteriorErrors::default() },
+            within_bound: error <= 1e-4,
+        }
+    }
+
+    #[test]
+    fn what_is_no_faster_is_not_bought_with_error() {
+        use UpdateWidth::{F32, Fixed64, Fixed128};
+        let chosen = |all: &[PrecisionCombination]| choose(all).map(|c| c.operations.update);
+        let slow = timed(Fixed128, 20.0, 0.0);
+        assert_eq!(chosen(&[slow, timed(Fixed64, 10.0, 1e-6)]), Some(Fixed64));
+        let alike = [timed(Fixed64, 10.5, 1e-6), timed(F32, 10.0, 1e-5)];
+        assert_eq!(chosen(&alike), Some(Fixed64), "half a millisecond is within the spread");
+        let equal = [timed(Fixed128, 10.5, 1e-6), timed(F32, 10.0, 1e-6)];
+        assert_eq!(chosen(&equal), Some(Fixed128), "the widest of equals");
+        assert_eq!(chosen(&[slow, timed(F32, 10.0, 1e-3)]), Some(Fixed128), "the bound holds");
+        assert_eq!(chosen(&[timed(F32, 10.0, 1e-3)]), None);
+    }
 }

@@ -1,29 +1,27 @@
 //! Cost against points, components and threads, with the exponents that fit.
 
-mod plan;
 mod report;
-mod room;
-mod row;
-
-pub use plan::ScalingPlan;
-pub use row::{EnginePath, MeanPlacement, ScalingRow, Sweep};
 
 use super::runs::{median, with_threads};
 use super::sample::thin;
-use crate::bench::findings::{Bench, BenchError, Findings, Progress};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::plot::draw;
-use crate::eval::spread::Spread;
-use crate::math::normalization::Normalization;
+use crate::dataset::error::FrameError;
+use crate::dataset::synthetic::SyntheticParams;
+use crate::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+use crate::dataset::{Dataset, range, synthetic};
+use crate::eval::metrics::Spread;
+use crate::math::measured_pixel::Normalization;
+use crate::observation::points::Points;
+use crate::pipeline::error::SessionError;
 use crate::train::paper::config::{
     IndexKind, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
 };
-use crate::train::paper::engine;
-use crate::train::stages::PaperStage;
-use crate::train::timing::StageMs;
-use plan::ScalingPoint;
+use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner;
+use crate::train::timing::{PaperStage, StageMs};
 use report::{ScalingSummary, notes, panels, text};
-use room::RoomFrames;
-use row::LINES;
+use serde::Serialize;
 
 /// Times every combination on the synthetic room.
 pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> {
@@ -64,7 +62,7 @@ fn time_stop(
         for (means, path) in LINES {
             let config = config(path, stop.components, plan.options.seed)?;
             let draw = room.draw(means, stop.components, plan.options.seed);
-            let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY)?;
+            let mut engine = learner::begin(&config, &draw, Normalization::IDENTITY)?;
             engine.learn(&frame)?;
             engines.push(engine);
         }
@@ -122,4 +120,233 @@ fn config(path: EnginePath, components: usize, seed: u64) -> Result<PaperConfig,
         EnginePath::Fast => &fast,
         EnginePath::Plain => &plain,
     })?)
+}
+
+/// Which sizes are timed.
+#[derive(Clone, Debug)]
+pub struct ScalingPlan {
+    /// Points of a frame that are timed.
+    pub points: Vec<usize>,
+    /// Numbers of components that are timed.
+    pub components: Vec<usize>,
+    /// Threads; those above the machine's are left out.
+    pub threads: Vec<usize>,
+    /// Points where they are not swept.
+    pub base_points: usize,
+    /// Components where they are not swept.
+    pub base_components: usize,
+    /// Timed frames of every stop.
+    pub repeats: usize,
+    /// What was asked for.
+    pub options: BenchOptions,
+}
+
+impl ScalingPlan {
+    /// Up to 2·10⁵ points and 10⁶ components, or 3·10⁵ in the quick form.
+    pub fn new(options: BenchOptions) -> Self {
+        let mut components = vec![1000, 3000, 10_000, 30_000, 100_000, 300_000];
+        if !options.quick {
+            components.push(1_000_000);
+        }
+        let points: &[usize] = if options.quick {
+            &[10_000, 50_000, 200_000]
+        } else {
+            &[10_000, 20_000, 50_000, 100_000, 200_000]
+        };
+        Self {
+            points: points.to_vec(),
+            components,
+            threads: vec![1, 2, 4, 8, 16, 32, 64],
+            base_points: if options.quick { 50_000 } else { 100_000 },
+            base_components: 100_000,
+            repeats: options.repeats.unwrap_or(if options.quick { 5 } else { 15 }),
+            options,
+        }
+    }
+
+    /// Every size that is timed.
+    pub fn stops(&self) -> Vec<ScalingPoint> {
+        let all = rayon::current_num_threads();
+        let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
+        // More threads than the machine has would time its scheduler.
+        threads.push(all);
+        let at = |sweep, points, components, threads| ScalingPoint {
+            sweep,
+            points,
+            components,
+            threads,
+        };
+        let (p, n) = (self.base_points, self.base_components);
+        let by_points = self.points.iter().map(|&points| at(Sweep::Points, points, n, all));
+        let by_components = self.components.iter().map(|&n| at(Sweep::Components, p, n, all));
+        let by_threads = threads.into_iter().map(|t| at(Sweep::Threads, p, n, t));
+        by_points.chain(by_components).chain(by_threads).collect()
+    }
+}
+
+/// One size of a sweep.
+pub struct ScalingPoint {
+    /// Size that is swept.
+    pub sweep: Sweep,
+    /// Points of the frame.
+    pub points: usize,
+    /// Number of components N.
+    pub components: usize,
+    /// Threads of the pool.
+    pub threads: usize,
+}
+
+/// A frame to train on, and points of other frames for means on surfaces.
+pub struct RoomFrames {
+    /// Points that are trained on, model coordinates.
+    pub frame: Points<f32>,
+    others: Points<f32>,
+}
+
+/// Frames whose points means are drawn from.
+const OTHER_FRAMES: usize = 6;
+
+impl RoomFrames {
+    /// Renders views of at least `n_points` points each.
+    pub fn load(n_points: usize, seed: u64) -> Result<Self, BenchError> {
+        // Depth is dropped at edges: a few pixels more give the points asked for.
+        let height = (1.06 * n_points as f64 * 0.75).sqrt().ceil().max(8.0);
+        let params = SyntheticParams {
+            width: (height / 0.75).ceil() as u32,
+            height: height as u32,
+            n_train: OTHER_FRAMES + 1,
+            n_eval: 0,
+            seed,
+            depth_noise: 0.0,
+            ..SyntheticParams::demo()
+        };
+        let dataset = synthetic::dataset(&params)?;
+        let frame = unprojected(&dataset, 0)?;
+        let mut others = Points::new();
+        for index in 1..=OTHER_FRAMES {
+            let points = unprojected(&dataset, index)?;
+            for i in 0..points.len() {
+                let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
+                others.push([x, y, z, r, g, b]);
+            }
+            // Tiles do not matter here: means are drawn from single points.
+            others.close_tile();
+        }
+        Ok(Self { frame, others })
+    }
+
+    /// Means of one kind.
+    pub fn draw(&self, means: MeanPlacement, components: usize, seed: u64) -> InitialDraw {
+        match means {
+            MeanPlacement::Random => InitialDraw::random(components, seed),
+            MeanPlacement::Surface => InitialDraw::from_points(&self.others, components, seed),
+        }
+    }
+}
+
+fn unprojected(dataset: &Dataset, index: usize) -> Result<Points<f32>, BenchError> {
+    let range = range::estimate(dataset, 0).map_err(SessionError::from)?;
+    let settings = UnprojectSettings {
+        convention: CameraConvention::Exact,
+        filter: EdgeFilter::Off,
+        normalization: range.normalization(),
+    };
+    let mut points = Points::new();
+    let loaded = dataset.load(0, index);
+    let unproject = |frame| Unprojector::new().unproject(&frame, &settings, &mut points);
+    loaded.and_then(unproject).map_err(|e: FrameError| BenchError::NoFrame {
+        dataset: dataset.name.clone(),
+        first: e.to_string(),
+    })?;
+    Ok(points)
+}
+
+/// The size that is swept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sweep {
+    /// Points of a frame.
+    Points,
+    /// Number of components N.
+    Components,
+    /// Threads of the pool.
+    Threads,
+}
+
+/// Where the initial means lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MeanPlacement {
+    /// The paper's start: most are far from every point.
+    Random,
+    /// Points of other frames: the state after reassignment.
+    Surface,
+}
+
+/// How a frame is processed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EnginePath {
+    /// Grid, mixed precision, fused statistics.
+    Fast,
+    /// KD-tree, f64, unfused statistics.
+    Plain,
+}
+
+/// The lines of the plot; the plain ones follow the fast ones in the same order of means.
+pub const LINES: [(MeanPlacement, EnginePath); 4] = [
+    (MeanPlacement::Random, EnginePath::Fast),
+    (MeanPlacement::Surface, EnginePath::Fast),
+    (MeanPlacement::Random, EnginePath::Plain),
+    (MeanPlacement::Surface, EnginePath::Plain),
+];
+
+/// One timed combination.
+#[derive(Clone, Debug, Serialize)]
+pub struct ScalingRow {
+    /// What grows from row to row.
+    pub sweep: Sweep,
+    /// Points of the frame.
+    pub points: usize,
+    /// Number of components N.
+    pub components: usize,
+    /// Threads of the pool.
+    pub threads: usize,
+    /// Where the means lie.
+    pub means: MeanPlacement,
+    /// How the frame is processed.
+    pub path: EnginePath,
+    /// Median milliseconds per frame.
+    pub ms: f64,
+    /// First quartile over the frames, milliseconds.
+    pub ms_q1: f64,
+    /// Third quartile over the frames, milliseconds.
+    pub ms_q3: f64,
+    /// Median milliseconds of the candidate search.
+    pub candidates_ms: f64,
+    /// Median milliseconds of scores and responsibilities.
+    pub e_step_ms: f64,
+    /// Median milliseconds of sums per tile.
+    pub stats_ms: f64,
+    /// Median milliseconds of the addition to the totals.
+    pub update_ms: f64,
+    /// Median of the plain path, timed in turns with this one, over this one.
+    pub plain_over_this: f64,
+}
+
+impl ScalingRow {
+    /// Place on the axis of the sweep: the size that is swept.
+    pub fn position(&self) -> f64 {
+        let size = match self.sweep {
+            Sweep::Points => self.points,
+            Sweep::Components => self.components,
+            Sweep::Threads => self.threads,
+        };
+        size as f64
+    }
+
+    /// Median and quartiles, milliseconds per frame.
+    pub fn spread(&self) -> Spread {
+        Spread { median: self.ms, quartiles: [self.ms_q1, self.ms_q3] }
+    }
 }

@@ -3,12 +3,13 @@
 //! Exponents are slopes of straight lines through logarithms: over two decades a cost of `a + b·n`
 //! bends away from a power law, but the slope still tells linear from quadratic.
 
-use super::plan::ScalingPlan;
-use super::row::{EnginePath, LINES, MeanPlacement, ScalingRow, Sweep};
-use crate::bench::plot::axis::Axis;
+use crate::bench::paper::scaling::{
+    EnginePath, LINES, MeanPlacement, ScalingPlan, ScalingRow, Sweep,
+};
+use crate::bench::plot::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::eval::metrics::Spread;
+use crate::eval::report;
 use serde::Serialize;
 
 /// The power law through the medians of one line.
@@ -112,7 +113,7 @@ pub fn text(rows: &[ScalingRow]) -> String {
         ]
     };
     let header = ["means", "points", "N", "threads", "ms/frame [quartiles]", "plain / this"];
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 /// How the numbers came about, and what follows from them.

@@ -8,8 +8,8 @@
 //! 10⁵ components would take far too long.
 
 use crate::math::sym3::Sym3;
-use crate::model::conjugate::dirichlet;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::conjugate::prior;
 use crate::model::conjugate::prior::Hyper;
 use glam::DVec3;
 use num_rational::BigRational;
@@ -81,7 +81,7 @@ impl RationalMixture {
         Self {
             hyper,
             means: means.to_vec(),
-            penalties: dirichlet::expected_ln_weights(alpha)
+            penalties: prior::expected_ln_weights(alpha)
                 .into_iter()
                 .map(|w| w * to_penalty)
                 .collect(),

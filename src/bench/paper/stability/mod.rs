@@ -6,28 +6,26 @@
 //! remains is the error of the arithmetic, not of its input. Errors are largest ones, not means:
 //! one broken component is a hole that no average shows.
 
-mod cases;
 mod exact;
-
-pub use cases::{Case, all};
 
 use super::oracle::{PosteriorErrors, Shares, posterior_errors, total_variation};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::axis::Axis;
-use crate::bench::plot::draw;
 use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::eval::spread::Spread;
-use crate::eval::table;
+use crate::bench::plot::{Axis, draw};
+use crate::eval::metrics::Spread;
+use crate::eval::report;
+use crate::math::measured_pixel::Normalization;
+use crate::math::rng::{Purpose, Rng};
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
-use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner;
 use crate::train::paper::learner::PaperLearner;
 use exact::RationalMixture;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use serde::Serialize;
 
 /// Precisions that every case runs in.
@@ -145,7 +143,7 @@ impl<'a> Truth<'a> {
     pub fn measure(&self, precision: Precision) -> Result<StabilityRow, BenchError> {
         let overrides = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         let config = self.config.clone().with(&overrides)?;
-        let mut engine = engine::begin(&config, &self.draw, self.case.normalization)?;
+        let mut engine = learner::begin(&config, &self.draw, self.case.normalization)?;
         for _ in 0..self.case.frames {
             engine.learn(&self.frame)?;
         }
@@ -230,11 +228,11 @@ fn text(rows: &[StabilityRow]) -> String {
         [
             row.case.to_owned(),
             precision_name(row.precision).to_owned(),
-            table::error(row.responsibility_error),
-            table::error(row.count_error),
-            table::error(row.mean_error),
-            table::error(row.covariance_error),
-            table::error(row.splat_error),
+            report::error(row.responsibility_error),
+            report::error(row.count_error),
+            report::error(row.mean_error),
+            report::error(row.covariance_error),
+            report::error(row.splat_error),
             if row.positive_definite { "yes" } else { "NO" }.to_owned(),
             row.non_finite.to_string(),
         ]
@@ -250,7 +248,7 @@ fn text(rows: &[StabilityRow]) -> String {
         "definite",
         "not finite",
     ];
-    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 fn precision_name(precision: Precision) -> &'static str {
@@ -308,4 +306,213 @@ fn panels(rows: &[StabilityRow]) -> [Panel; 2] {
 /// The largest error; what is no number is the largest of all, where `f64::max` would pass it over.
 fn largest(errors: impl Iterator<Item = f64>) -> f64 {
     errors.map(|e| if e.is_nan() { f64::INFINITY } else { e }).fold(0.0, f64::max)
+}
+
+/// One hard case.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// What is hard about it.
+    pub name: &'static str,
+    /// Rows `[x, y, z, r, g, b]` of the frame, model coordinates; some may be no finite numbers.
+    pub points: Vec<[f64; 6]>,
+    /// Times the frame is learnt.
+    pub frames: u32,
+    /// Initial means and weights.
+    pub draw: InitialDraw,
+    /// Candidates per point.
+    pub candidates: usize,
+    /// Model coordinates to world.
+    pub normalization: Normalization,
+}
+
+/// Frames whose statistics are accumulated in the drift case.
+const DRIFT_FRAMES: u32 = 100_000;
+
+/// Every hard case; `seed` names its random numbers.
+pub fn all(seed: u64) -> Vec<Case> {
+    let mut cases = degenerate_data(seed);
+    cases.extend(scales_and_shifts(seed));
+    cases.extend(sizes(seed));
+    cases.extend(extremes(seed));
+    cases.push(drift(seed));
+    cases.extend(broken_numbers(seed));
+    cases
+}
+
+/// A case in the [−1, 1] cube.
+fn case(name: &'static str, points: Vec<[f64; 6]>, draw: InitialDraw) -> Case {
+    let normalization = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
+    Case { name, points, frames: 1, draw, candidates: 4, normalization }
+}
+
+/// Means drawn from the points, so that they compete closely.
+fn near(points: &[[f64; 6]], components: usize, seed: u64) -> InitialDraw {
+    let mut draw = InitialDraw::random(components, seed);
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
+    for mean in &mut draw.means {
+        *mean = points[rng.below(points.len())].map(|v| v + 0.01 * rng.normal());
+    }
+    draw
+}
+
+fn row(position: DVec3, rng: &mut Rng) -> [f64; 6] {
+    let [x, y, z] = position.to_array();
+    let mut color = || rng.range(-1.7, 1.7);
+    [x, y, z, color(), color(), color()]
+}
+
+fn rows(n: usize, seed: u64, mut place: impl FnMut(&mut Rng) -> DVec3) -> Vec<[f64; 6]> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+    (0..n)
+        .map(|_| {
+            let position = place(&mut rng);
+            row(position, &mut rng)
+        })
+        .collect()
+}
+
+/// A bumpy sheet in the unit cube.
+fn sheet(rng: &mut Rng) -> DVec3 {
+    let (u, v) = (rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
+    DVec3::new(u, v, 0.3 * (3.0 * u).sin() * (2.0 * v).cos())
+}
+
+fn degenerate_data(seed: u64) -> Vec<Case> {
+    let identical = vec![[0.31, -0.72, 0.55, 0.2, -0.4, 1.1]; 200];
+    let line = rows(200, seed, |rng| DVec3::new(0.3, -0.5, 0.8) * rng.range(-1.0, 1.0));
+    let plane = rows(200, seed, |rng| {
+        DVec3::new(0.8, 0.1, 0.2) * rng.range(-1.0, 1.0)
+            + DVec3::new(-0.2, 0.9, 0.4) * rng.range(-1.0, 1.0)
+    });
+    let one = vec![[0.4, 0.1, -0.9, 0.0, 0.5, -0.5]];
+    // All but one mean are far away, so that the prior is that of many components.
+    let flat = plane.clone();
+    let mut alone = InitialDraw::random(100_000, seed);
+    alone.means[1..].iter_mut().for_each(|mean| mean[0] += 50.0);
+    let flattest = Case { frames: 50, ..case("plane under one of 1e5 components", flat, alone) };
+    let mut cases: Vec<Case> = [
+        ("identical points", identical),
+        ("points on a line", line),
+        ("points on a plane", plane),
+        ("one point", one),
+    ]
+    .map(|(name, points)| {
+        let draw = near(&points, 8, seed);
+        case(name, points, draw)
+    })
+    .into();
+    cases.push(flattest);
+    cases
+}
+
+/// The sheet in other world units, normalised by its own range as a dataset is.
+fn scales_and_shifts(seed: u64) -> Vec<Case> {
+    let moved = |name, scale: f64, shift: f64| {
+        let normalization =
+            Normalization::from_range(DVec3::splat(shift - scale), DVec3::splat(shift + scale));
+        let points: Vec<[f64; 6]> = rows(200, seed, |rng| {
+            normalization.normalize(DVec3::splat(shift) + scale * sheet(rng))
+        });
+        let draw = near(&points, 16, seed);
+        Case { normalization, ..case(name, points, draw) }
+    };
+    // What a layout with a fixed range makes of a tiny scene off the centre.
+    let tiny = rows(200, seed, |rng| DVec3::splat(0.01) + 1e-6 * sheet(rng));
+    let draw = InitialDraw { means: tiny[..16].to_vec(), ..near(&tiny, 16, seed) };
+    vec![
+        moved("scene of size 1", 1.0, 0.0),
+        moved("scene scaled by 1e-6", 1e-6, 0.0),
+        moved("scene scaled by 1e6", 1e6, 0.0),
+        moved("scene shifted by 1e6", 1.0, 1e6),
+        case("scene of size 1e-6 in a range of 1", tiny, draw),
+    ]
+}
+
+fn sizes(seed: u64) -> Vec<Case> {
+    let points = rows(200, seed, sheet);
+    let sized = |name, components, candidates| {
+        let draw = near(&points, components, seed);
+        Case { candidates, ..case(name, points.clone(), draw) }
+    };
+    let corners = [[1.0; 6], [-1.0; 6], [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]];
+    let few = vec![
+        [1.01, 1.0, 1.0, 0.5, 0.5, 0.5],
+        [-1.0, -1.01, -1.0, -0.5, 0.5, 0.5],
+        [-1.0, -1.0, -0.99, 0.5, -0.5, 0.5],
+    ];
+    let draw = InitialDraw { means: corners.to_vec(), alpha: vec![1.0 / 3.0; 3] };
+    vec![
+        sized("N = 1", 1, 4),
+        sized("C > N", 3, 8),
+        sized("C = N", 12, 12),
+        Case {
+            // `case` wants a draw; this one takes its place.
+            draw: InitialDraw::random(100_000, seed),
+            ..case("N = 1e5, few points each", points.clone(), near(&points, 1, seed))
+        },
+        Case {
+            draw: near(&points, 100_000, seed),
+            ..case("N = 1e5, many means a point", points.clone(), near(&points, 1, seed))
+        },
+        case("components with 0, 1 and 2 points", few, draw),
+    ]
+}
+
+fn extremes(seed: u64) -> Vec<Case> {
+    let turn = DMat3::from_rotation_x(0.7) * DMat3::from_rotation_z(1.1);
+    let needle = rows(300, seed, |rng| {
+        let local = DVec3::new(rng.normal(), 1e-4 * rng.normal(), 1e-7 * rng.normal());
+        DVec3::splat(0.2) + turn * local
+    });
+    let pair = rows(100, seed, |rng| {
+        DVec3::splat(0.5) + DVec3::X * if rng.uniform() < 0.5 { 0.0 } else { 1e-7 }
+    });
+    let sheet_points = rows(200, seed, sheet);
+    let far = InitialDraw {
+        means: near(&sheet_points, 64, seed).means.iter().map(|m| m.map(|v| v + 50.0)).collect(),
+        ..near(&sheet_points, 64, seed)
+    };
+    let mut skewed = near(&sheet_points, 25, seed);
+    for (k, alpha) in skewed.alpha.iter_mut().enumerate() {
+        *alpha = 10f64.powi(k as i32 - 12);
+    }
+    let crowd = rows(200, seed, |rng| DVec3::splat(0.2) + 3e-4 * sheet(rng));
+    let crowd: Vec<[f64; 6]> = crowd.iter().map(|r| [r[0], r[1], r[2], 0.1, 0.1, 0.1]).collect();
+    let among = InitialDraw { means: crowd[..8].to_vec(), alpha: vec![0.125; 8] };
+    let one = |points: &[[f64; 6]]| InitialDraw { means: vec![points[0]], alpha: vec![1.0] };
+    vec![
+        case("axes of 1, 1e-4 and 1e-7", needle.clone(), one(&needle)),
+        case("near-singular: points 1e-7 apart", pair.clone(), one(&pair)),
+        Case { candidates: 8, ..case("responsibilities shared by all", crowd, among) },
+        case("responsibilities that underflow", sheet_points.clone(), far),
+        Case { candidates: 25, ..case("weights from 1e-12 to 1e12", sheet_points, skewed) },
+    ]
+}
+
+fn drift(seed: u64) -> Case {
+    // Few points: the frame is learnt 1e5 times in every precision.
+    let points = rows(64, seed, sheet);
+    let draw = near(&points, 8, seed);
+    Case { frames: DRIFT_FRAMES, ..case("statistics of 1e5 frames", points, draw) }
+}
+
+fn broken_numbers(seed: u64) -> Vec<Case> {
+    let sound = rows(100, seed, sheet);
+    let draw = near(&sound, 8, seed);
+    let broken = |name, value: f64| {
+        let mut points = sound.clone();
+        for (i, axis) in [(3, 0), (40, 1), (64, 2), (70, 3), (99, 5)] {
+            points[i][axis] = value;
+        }
+        case(name, points, draw.clone())
+    };
+    let denormal = rows(100, seed, |rng| 1e-40 * sheet(rng));
+    let denormal: Vec<[f64; 6]> =
+        denormal.iter().map(|r| [r[0], r[1], r[2], 1e-41, -1e-40, 1e-44]).collect();
+    let near_zero = near(&denormal, 8, seed);
+    vec![
+        broken("points with NaN", f64::NAN),
+        broken("points with infinities", f64::INFINITY),
+        case("denormals", denormal, near_zero),
+    ]
 }

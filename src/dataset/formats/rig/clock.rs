@@ -1,11 +1,13 @@
 //! Inputs of the rig estimate: image pairs, timestamps, trajectory and readout times.
 
-use super::mount::Mount;
+use super::mount_search::Mount;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::FrameProblem;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::ByteSource;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
+use glam::DVec3;
+use rayon::prelude::*;
 
 /// A depth image and its photograph, of one lens, with their timestamps.
 pub(in super::super) struct ImagePair {
@@ -56,5 +58,151 @@ where
         let Self { at, intrinsics, depth_reading, color_reading } = self;
         let [depth_reading, color_reading] = [times * depth_reading, times * color_reading];
         Clock { at, intrinsics: *intrinsics, depth_reading, color_reading }
+    }
+}
+
+/// Least number of image pairs.
+const FEWEST: usize = 6;
+/// Step between the delays that are tried, seconds, and number of steps to either side.
+const STEP: f64 = 0.005;
+const N_STEPS: usize = 8;
+/// Least relative decrease of the mean distance, largest difference between both halves of the pairs,
+/// seconds, and least delay that is reported, seconds.
+const FALL: f64 = 0.05;
+const AGREED: f64 = 0.008;
+const LEAST: f64 = 0.004;
+
+/// Delay with the least mean `distance` over all pairs; `None` if it is undetermined or negligible.
+pub(super) fn estimate_delay<P: Sync>(
+    pairs: &[P],
+    distance: impl Fn(&P, f64) -> f64 + Sync,
+) -> Option<f64> {
+    if pairs.len() < FEWEST {
+        return None;
+    }
+    let table: Vec<Distances> = pairs
+        .par_iter()
+        .map(|pair| std::array::from_fn(|i| distance(pair, delay_of(i as f64))))
+        .collect();
+    let half = |first: usize| sum(table.iter().skip(first).step_by(2));
+    let all = sum(table.iter());
+    let (delay, least) = lowest(&all)?;
+    let halves = [lowest(&half(0))?.0, lowest(&half(1))?.0];
+    let is_determined =
+        least < (1.0 - FALL) * all[N_STEPS] && (halves[0] - halves[1]).abs() < AGREED;
+    (is_determined && delay.abs() >= LEAST).then_some(delay)
+}
+
+/// Distances by index of the delay, see [`delay_of`].
+type Distances = [f64; 2 * N_STEPS + 1];
+
+/// Delay in seconds at an index of the distances.
+fn delay_of(place: f64) -> f64 {
+    (place - N_STEPS as f64) * STEP
+}
+
+fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
+    rows.fold([0.0; _], |mut sums, row| {
+        sums.iter_mut().zip(row).for_each(|(sum, distance)| *sum += distance);
+        sums
+    })
+}
+
+/// Delay of the least distance, and that distance; `None` at either end, where the minimum may lie outside.
+fn lowest(distances: &Distances) -> Option<(f64, f64)> {
+    let triples = distances.array_windows().enumerate();
+    let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
+    if left < here || right < here {
+        return None;
+    }
+    let bend = left - 2.0 * here + right;
+    let off = if bend > 0.0 { 0.5 * (left - right) / bend } else { 0.0 };
+    Some((delay_of(before as f64 + 1.0 + off), *here))
+}
+
+/// Largest number of image pairs.
+const PAIRS: usize = 16;
+/// Images after the first of a pair that are candidates for the second.
+const REACH: usize = 48;
+/// Largest rotation within a pair, radians: both images must show the same surfaces.
+const MOST_SHAKEN: f64 = 0.35;
+const MOST_TURNED: f64 = 0.6;
+/// Least difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
+const LEAST_CHANGE: f64 = 0.3;
+/// Least rotation within a pair, radians: a twentieth of a common pose error remains visible within it.
+const LEAST_TURN: f64 = 0.05;
+/// Half the time over which a rotation rate is measured, seconds.
+const RATE: f64 = 0.01;
+
+/// Evenly spaced images, each paired with the one whose rotation rate differs most.
+pub(super) fn pairs_by_rate_change<'a, At>(
+    shots: &'a [ImagePair],
+    clock: &Clock<At>,
+) -> Vec<[&'a ImagePair; 2]>
+where
+    At: Fn(f64) -> Option<Pose>,
+{
+    let change = |a: &RotatingImage<'_>, b: &RotatingImage<'_>| (a.rate - b.rate).length();
+    chosen(shots, clock, MOST_SHAKEN, change, LEAST_CHANGE)
+}
+
+/// Evenly spaced images, each paired with the one that is rotated most.
+pub(super) fn pairs_by_rotation<'a, At>(
+    shots: &'a [ImagePair],
+    clock: &Clock<At>,
+) -> Vec<[&'a ImagePair; 2]>
+where
+    At: Fn(f64) -> Option<Pose>,
+{
+    chosen(shots, clock, MOST_TURNED, RotatingImage::angle, LEAST_TURN)
+}
+
+/// Pairs with a rotation below `most_turn`, each with the highest score, which must reach `least`.
+fn chosen<'a, At>(
+    shots: &'a [ImagePair],
+    clock: &Clock<At>,
+    most_turn: f64,
+    score: impl Fn(&RotatingImage<'a>, &RotatingImage<'a>) -> f64,
+    least: f64,
+) -> Vec<[&'a ImagePair; 2]>
+where
+    At: Fn(f64) -> Option<Pose>,
+{
+    let turning: Vec<RotatingImage<'a>> =
+        shots.iter().filter_map(|shot| RotatingImage::new(shot, clock)).collect();
+    let n = turning.len();
+    let anchors = n.min(PAIRS);
+    let pair = |i: usize| {
+        let (first, behind) = turning.get(i * n / anchors..)?.split_first()?;
+        let partners = behind.iter().take(REACH).filter(|second| first.angle(second) < most_turn);
+        let scores = partners.map(|second| (second, score(first, second)));
+        let (second, most) = scores.max_by(|x, y| x.1.total_cmp(&y.1))?;
+        (most >= least).then_some([first.shot, second.shot])
+    };
+    (0..anchors).filter_map(pair).collect()
+}
+
+/// An image with its camera's pose and rotation rate.
+struct RotatingImage<'a> {
+    shot: &'a ImagePair,
+    pose: Pose,
+    /// Rotation rate in world axes, radians per second.
+    rate: DVec3,
+}
+
+impl<'a> RotatingImage<'a> {
+    fn new<At>(shot: &'a ImagePair, clock: &Clock<At>) -> Option<Self>
+    where
+        At: Fn(f64) -> Option<Pose>,
+    {
+        let at = |by: f64| (clock.at)(shot.depth.0 + by);
+        let (before, pose, after) = (at(-RATE)?, at(0.0)?, at(RATE)?);
+        let turn = before.offset_to(&after).1.to_scaled_axis();
+        Some(Self { shot, pose, rate: before.rotation() * turn / (2.0 * RATE) })
+    }
+
+    /// Rotation to another image, radians.
+    fn angle(&self, other: &Self) -> f64 {
+        self.pose.offset_to(&other.pose).1.to_scaled_axis().length()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::clock::{Clock, ImagePair};
 use super::depth;
-use super::strips::Strips;
+use super::mount_search::Strips;
 use crate::dataset::decode;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;

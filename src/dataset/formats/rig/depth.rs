@@ -1,7 +1,7 @@
 //! Distance of two depth images as a function of their delay.
 
 use super::clock::{Clock, ImagePair};
-use super::strips::{EVERY, Strips};
+use super::mount_search::{EVERY, Strips};
 use crate::dataset::decode;
 use crate::dataset::depth::{Depth, DepthKind};
 use crate::math::camera::Intrinsics;

@@ -8,21 +8,18 @@
 
 mod clock;
 mod color;
-mod delays;
 mod depth;
-mod mount;
 mod mount_search;
-mod pairs;
-mod strips;
 #[cfg(test)]
 mod tests;
 
 use crate::math::pose::Pose;
-pub(super) use clock::{Clock, ImagePair};
-use delays::estimate_delay;
+use clock::estimate_delay;
 use glam::DVec3;
-pub(super) use mount::Mount;
 use rayon::prelude::*;
+
+pub(super) use clock::{Clock, ImagePair};
+pub(super) use mount_search::Mount;
 
 /// Properties shared by all images of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,13 +52,13 @@ where
     let loaded = |chosen: Vec<[_; 2]>| -> Vec<depth::Pair<'_>> {
         chosen.into_par_iter().filter_map(|pair| depth::Pair::load(pair, clock)).collect()
     };
-    let shaken = loaded(pairs::pairs_by_rate_change(shots, clock));
+    let shaken = loaded(clock::pairs_by_rate_change(shots, clock));
     let delay = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     let [one_by_one, at_once] = [1.0, 0.0].map(|times| clock.slowed(times));
     let all: Vec<&depth::Pair<'_>> = shaken.iter().collect();
     let reads_rows = depth::total(&all, &one_by_one, delay) <= depth::total(&all, &at_once, delay);
     let clock = if reads_rows { one_by_one } else { at_once };
-    let mount = mount_search::find(&loaded(pairs::pairs_by_rotation(shots, &clock)), &clock, delay);
+    let mount = mount_search::find(&loaded(clock::pairs_by_rotation(shots, &clock)), &clock, delay);
     let clock = &clock.mounted(mount);
     let shaken: Vec<color::Pair> =
         shaken.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, delay)).collect();

@@ -4,7 +4,7 @@ use super::{Clock, ImagePair, Mount, Rig, find};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DepthSource;
-use crate::dataset::source::ByteSource;
+use crate::dataset::options::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;

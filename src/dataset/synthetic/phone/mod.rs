@@ -3,11 +3,6 @@
 
 pub(super) mod camera;
 pub(super) mod contents;
-pub(super) mod drift;
 pub(super) mod walk;
 
-mod door;
-mod exposure;
-mod fields;
 mod lidar;
-mod parts;

@@ -1,8 +1,8 @@
 //! Replay of a written recording: its files appear in another folder, one frame at a time.
 
 use super::files::{WriteError, create_folder, write_text};
-use super::layout::SyntheticLayout;
 use crate::dataset::growing::END_MARKER;
+use crate::dataset::synthetic::write::SyntheticLayout;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;

@@ -1,30 +1,21 @@
 //! Writes the synthetic scene as a dataset folder, in the layouts that the loaders read.
 
-mod arkit;
 mod blender;
 mod files;
-mod layout;
 mod live;
 mod nerfstudio;
-mod open3d;
 mod record3d;
-mod replica;
-mod rtabmap;
 mod scannet;
-mod sequence;
-mod seven_scenes;
-mod stray;
 mod tum;
-
-pub use blender::DepthBits;
-pub use files::WriteError;
-pub use layout::SyntheticLayout;
 
 use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::plan::ViewPlan;
 use files::create_empty_folder;
 use live::LiveLayout;
 use std::path::Path;
+
+pub use blender::DepthBits;
+pub use files::WriteError;
 
 /// Sub-folder, in layouts without splits, for the remaining splits: in the Blender layout with 16-bit
 /// depth, with true poses in the world frame of the recording.
@@ -54,17 +45,17 @@ pub fn write(
     };
     match layout {
         SyntheticLayout::Blender(bits) => blender::write(&plan, out, bits, &mut count),
-        SyntheticLayout::SevenScenes => seven_scenes::write(&plan, out, &mut count),
+        SyntheticLayout::SevenScenes => scannet::write_seven_scenes(&plan, out, &mut count),
         SyntheticLayout::Tum => tum::write(&plan, out, &mut count),
-        SyntheticLayout::Open3d => open3d::write(&plan, out, &mut count),
-        SyntheticLayout::Replica => replica::write(&plan, out, &mut count),
+        SyntheticLayout::Open3d => tum::write_open3d(&plan, out, &mut count),
+        SyntheticLayout::Replica => scannet::write_replica(&plan, out, &mut count),
         SyntheticLayout::Scannet => scannet::write(&plan, out, &mut count),
         SyntheticLayout::Nerfstudio => nerfstudio::write(&plan, out, &mut count),
         SyntheticLayout::Record3d => record3d::write_folder(&plan, out, &mut count),
         SyntheticLayout::Record3dArchive => record3d::write_archive(&plan, out, &mut count),
-        SyntheticLayout::StrayScanner => stray::write(&plan, out, &mut count),
-        SyntheticLayout::Arkit => arkit::write(&plan, out, &mut count),
-        SyntheticLayout::RtabMap => rtabmap::write(&plan, out, &mut count),
+        SyntheticLayout::StrayScanner => record3d::write_stray(&plan, out, &mut count),
+        SyntheticLayout::Arkit => record3d::write(&plan, out, &mut count),
+        SyntheticLayout::RtabMap => tum::write_rtabmap(&plan, out, &mut count),
     }?;
     if layout.has_splits() || plan.splits.iter().all(|split| split.is_recorded) {
         return Ok(());
@@ -105,4 +96,63 @@ pub fn write_live(
     let finished = tempfile::Builder::new().prefix(".live").tempdir_in(beside).map_err(io)?;
     write(params, finished.path(), layout, &mut |_, _| ())?;
     places.replay(finished.path(), out, due)
+}
+
+/// Folder layout to write. In layouts without splits, the evaluation frames of the room's camera follow the
+/// training frames. Free frames and the phone's evaluation frames go to the folder [`super::FREE_FOLDER`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SyntheticLayout {
+    /// NeRF-synthetic, with depth along the ray.
+    Blender(DepthBits),
+    /// 7-Scenes: depth along the optical axis, millimetres.
+    SevenScenes,
+    /// TUM RGB-D: lists sorted by time, depth in 1/5000 m.
+    Tum,
+    /// Open3D: `trajectory.log`, depth in millimetres.
+    Open3d,
+    /// Replica as rendered by NICE-SLAM: JPEG, depth in 1/6553.5 m.
+    Replica,
+    /// ScanNet export: JPEG, depth at half resolution in millimetres.
+    Scannet,
+    /// nerfstudio with depth in millimetres.
+    Nerfstudio,
+    /// Record3D's exported folder: JPEG, depth as half-float EXR at a quarter of the resolution, metres.
+    Record3d,
+    /// Record3D's archive: JPEG, compressed float depth at a quarter of the resolution, metres.
+    Record3dArchive,
+    /// Stray Scanner with extracted images: depth at a quarter of the resolution, millimetres.
+    StrayScanner,
+    /// ARKit package: raw float depth at a quarter of the resolution, metres.
+    Arkit,
+    /// RTAB-Map export, depth in millimetres.
+    RtabMap,
+}
+
+impl SyntheticLayout {
+    /// All layouts, Blender with both depth encodings.
+    pub const ALL: [Self; 13] = [
+        Self::Blender(DepthBits::Eight),
+        Self::Blender(DepthBits::Sixteen),
+        Self::SevenScenes,
+        Self::Tum,
+        Self::Open3d,
+        Self::Replica,
+        Self::Scannet,
+        Self::Nerfstudio,
+        Self::Record3d,
+        Self::Record3dArchive,
+        Self::StrayScanner,
+        Self::Arkit,
+        Self::RtabMap,
+    ];
+
+    /// True if the layout has a folder or list per split.
+    fn has_splits(self) -> bool {
+        matches!(self, Self::Blender(_) | Self::SevenScenes)
+    }
+
+    /// True for layouts of phone apps: photographs, depth of lower resolution and its confidence.
+    fn is_phone_layout(self) -> bool {
+        matches!(self, Self::Record3d | Self::Record3dArchive | Self::StrayScanner | Self::Arkit)
+    }
 }

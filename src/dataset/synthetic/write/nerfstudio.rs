@@ -1,7 +1,6 @@
 //! Writes the synthetic scene in the nerfstudio layout.
 
-use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
-use super::sequence::frames;
+use super::files::{WriteError, create_folder, frames, write_gray16, write_rgba, write_text};
 use crate::dataset::synthetic::plan::ViewPlan;
 use crate::dataset::synthetic::scene::quantise;
 use crate::dataset::synthetic::view::SyntheticView;

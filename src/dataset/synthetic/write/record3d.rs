@@ -2,14 +2,17 @@
 //! lower resolution.
 
 use super::files::{
-    WriteError, create_folder, jpeg, write_bytes, write_gray8, write_jpeg, write_text,
+    FRAMES_PER_SECOND, SequenceFrame, WriteError, column_major_matrix, create_folder, frames, jpeg,
+    write_bytes, write_gray8, write_gray16, write_jpeg, write_rgba, write_text,
 };
-use super::sequence::{FRAMES_PER_SECOND, SequenceFrame, column_major_matrix, frames};
 use crate::dataset::synthetic::phone::camera::Capture;
 use crate::dataset::synthetic::plan::ViewPlan;
+use crate::dataset::synthetic::scene::quantise;
 use crate::math::image::Image;
-use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer, LayerAttributes};
-use exr::prelude::{SmallVec, WritableImage, f16};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Layer, LayerAttributes, SmallVec,
+    WritableImage, f16,
+};
 use serde_json::{Value, json};
 use std::io::{Cursor, Write};
 use std::path::Path;
@@ -110,4 +113,66 @@ fn write_exr(path: &Path, depth_z: &Image<f64>) -> Result<(), WriteError> {
     let failed = |e| WriteError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
     written.map_err(failed)?;
     write_bytes(path, bytes.get_ref())
+}
+
+pub(super) fn write(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let folders = ["images", "depth", "confidence"];
+    folders.into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
+    let k = plan.scene.intrinsics();
+    let of_depth = plan.depth_camera();
+    let mut lines = String::new();
+    for frame in frames(plan) {
+        let Capture { color, depth_z, confidence: sure } = frame.capture();
+        let file = |folder: &str, end: &str| format!("{folder}/{:06}.{end}", frame.index);
+        let [image, depth, confidence] =
+            [file("images", "png"), file("depth", "bin"), file("confidence", "bin")];
+        write_rgba(&out.join(&image), &color)?;
+        let lengths: Vec<u8> =
+            depth_z.data.iter().flat_map(|z| (*z as f32).to_le_bytes()).collect();
+        write_bytes(&out.join(&depth), &lengths)?;
+        write_bytes(&out.join(&confidence), &sure.data)?;
+        let line = json!({
+            "timestamp": frame.time,
+            "camera_to_world": frame.pose.to_opengl().transpose().to_cols_array_2d(),
+            "intrinsics": [[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]],
+            "image": image, "width": k.width, "height": k.height,
+            "depth": depth, "depth_width": of_depth.width, "depth_height": of_depth.height,
+            "confidence": confidence,
+        });
+        lines += &format!("{line}\n");
+        on_frame();
+    }
+    write_text(&out.join("frames.jsonl"), &lines)
+}
+
+/// Metres per depth code.
+const DEPTH_UNIT: f64 = 0.001;
+
+pub(super) fn write_stray(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let folders = ["rgb", "depth", "confidence"];
+    folders.into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
+    let k = plan.scene.intrinsics();
+    let mut odometry = "timestamp, frame, x, y, z, qx, qy, qz, qw\n".to_owned();
+    for frame in frames(plan) {
+        let Capture { color, depth_z, confidence } = frame.capture();
+        let file = |folder: &str| out.join(format!("{folder}/{:06}.png", frame.index));
+        write_rgba(&file("rgb"), &color)?;
+        write_gray16(&file("depth"), &quantise(&depth_z, DEPTH_UNIT))?;
+        write_gray8(&file("confidence"), &confidence)?;
+        let (p, q) = (frame.pose.centre(), frame.rotation_quaternion(false));
+        let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(", ");
+        odometry += &format!("{:.6}, {:06}, {numbers}\n", frame.time, frame.index);
+        on_frame();
+    }
+    let matrix = format!("{:e},0,{:e}\n0,{:e},{:e}\n0,0,1\n", k.fx, k.cx, k.fy, k.cy);
+    write_text(&out.join("camera_matrix.csv"), &matrix)?;
+    write_text(&out.join("odometry.csv"), &odometry)
 }

@@ -1,13 +1,12 @@
 //! Validation of retained frames (`KEPT` sections).
 
 use super::super::error::Defect;
-use super::super::tag;
+use super::super::sections;
 use super::scene::check_sums;
 use super::{check_ascending, check_below, value_defect};
-use crate::model::scene::bounds::MIXED;
-use crate::model::scene::kept::StoredFrame;
-use crate::model::scene::kept_motion::quanta_to_values;
+use crate::model::scene::kept::{StoredFrame, quanta_to_values};
 use crate::model::scene::state::SceneState;
+use crate::model::scene::sums::MIXED;
 
 /// Names of a frame's numbers, for messages.
 const NAMES: [&str; 5] = ["frame", "pose", "deviation", "components shown", "components updated"];
@@ -27,7 +26,7 @@ pub(in super::super) fn check_retained_numbers(frames: &[[f64; 5]]) -> Result<()
                 }
             };
             if !is_one {
-                return Err(value_defect(tag::RETAINED, at, name, expected, number));
+                return Err(value_defect(sections::RETAINED, at, name, expected, number));
             }
         }
     }
@@ -42,16 +41,16 @@ pub(in super::super) fn check_retained_frames(state: &SceneState) -> Result<(), 
     {
         if *logged >= n_poses {
             let expected = format!("an index below the {n_poses} corrected poses");
-            return Err(value_defect(tag::RETAINED, at, NAMES[1], &expected, *logged as f64));
+            return Err(value_defect(sections::RETAINED, at, NAMES[1], &expected, *logged as f64));
         }
-        check_below(tag::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
-        check_ascending(tag::KEPT_IDS, taught.ids.iter().copied(), n)?;
+        check_below(sections::KEPT_SHOWN_IDS, shown.iter().map(|shown| shown.component), n)?;
+        check_ascending(sections::KEPT_IDS, taught.ids.iter().copied(), n)?;
         for shown in shown {
             let numbers = shown.position.to_array().into_iter().chain(shown.color.to_array());
             let mut numbers = numbers.chain([shown.noise]);
             if let Some(found) = numbers.find(|x| !x.is_finite()) {
                 return Err(value_defect(
-                    tag::RETAINED_MEANS,
+                    sections::RETAINED_MEANS,
                     at,
                     "mean",
                     "a finite number",
@@ -60,7 +59,7 @@ pub(in super::super) fn check_retained_frames(state: &SceneState) -> Result<(), 
             }
         }
         for (id, row) in taught.iter() {
-            check_sums(tag::KEPT_SUMS, id as usize, &quanta_to_values(row), MIXED)?;
+            check_sums(sections::KEPT_SUMS, id as usize, &quanta_to_values(row), MIXED)?;
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! Validation of mixtures.
 
 use super::super::error::Defect;
-use super::super::tag;
+use super::super::sections;
 use super::{AXES, check_ascending, value_defect};
 use crate::math::real::Real;
 use crate::model::conjugate::statistics::N_SUMS;
@@ -11,19 +11,19 @@ const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 /// Section and axis name of every sum, for messages.
 const SUMS: [([u8; 4], &str); N_SUMS] = [
-    (tag::COUNTS, "N"),
-    (tag::FIRST, "x"),
-    (tag::FIRST, "y"),
-    (tag::FIRST, "z"),
-    (tag::SECOND, "xx"),
-    (tag::SECOND, "xy"),
-    (tag::SECOND, "xz"),
-    (tag::SECOND, "yy"),
-    (tag::SECOND, "yz"),
-    (tag::SECOND, "zz"),
-    (tag::FIRST, "red"),
-    (tag::FIRST, "green"),
-    (tag::FIRST, "blue"),
+    (sections::COUNTS, "N"),
+    (sections::FIRST, "x"),
+    (sections::FIRST, "y"),
+    (sections::FIRST, "z"),
+    (sections::SECOND, "xx"),
+    (sections::SECOND, "xy"),
+    (sections::SECOND, "xz"),
+    (sections::SECOND, "yy"),
+    (sections::SECOND, "yz"),
+    (sections::SECOND, "zz"),
+    (sections::FIRST, "red"),
+    (sections::FIRST, "green"),
+    (sections::FIRST, "blue"),
 ];
 
 /// Indices of `xx yy zz` among the sums.
@@ -41,7 +41,7 @@ const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> {
     let is_wild = |(_, a): &(usize, &f64)| !(a.is_finite() && **a > 0.0);
     if let Some((k, &alpha)) = model.alpha_init.iter().enumerate().find(is_wild) {
-        return Err(value_defect(tag::ALPHA, k, "alpha", "a positive number", alpha));
+        return Err(value_defect(sections::ALPHA, k, "alpha", "a positive number", alpha));
     }
     match &model.means {
         InitialMeans::F32 { space, color } => means(space, color)?,
@@ -49,7 +49,7 @@ pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> 
     }
     match &model.totals {
         Totals::Fixed64 { rows, carries } => {
-            check_ascending(tag::CARRY_IDS, carries.iter().map(|carry| carry.id), rows.len())?;
+            check_ascending(sections::CARRY_IDS, carries.iter().map(|carry| carry.id), rows.len())?;
             let mut carries = carries.iter().peekable();
             rows.iter().enumerate().try_for_each(|(k, row)| {
                 let limbs = carries.next_if(|carry| carry.id as usize == k).map(|c| c.limbs);
@@ -76,7 +76,7 @@ fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
         let numbers = rows.as_flattened().iter().map(|v| v.to_f64()).enumerate();
         let mut wild = numbers.zip(axes.into_iter().cycle()).filter(|((_, v), _)| !v.is_finite());
         if let Some(((at, found), axis)) = wild.next() {
-            return Err(value_defect(tag::MEANS, at / 3, axis, "a finite number", found));
+            return Err(value_defect(sections::MEANS, at / 3, axis, "a finite number", found));
         }
     }
     Ok(())

@@ -4,13 +4,13 @@ mod kept;
 mod mixture;
 mod scene;
 
+use super::error::{Defect, tag_text};
+use super::sections;
+use crate::math::measured_pixel::Normalization;
+
 pub(super) use kept::{check_retained_frames, check_retained_numbers};
 pub(super) use mixture::check_mixture;
 pub(super) use scene::{check_buffered_views, check_depth_scales, check_scene};
-
-use super::error::{Defect, tag_text};
-use super::tag;
-use crate::math::normalization::Normalization;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -24,7 +24,7 @@ pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), D
     }
     let expected = "a finite offset and a positive scale";
     let found = format!("{offset:?} and {scale:?}");
-    Err(Defect::malformed(tag_text(tag::NORMALIZATION), expected, found))
+    Err(Defect::malformed(tag_text(sections::NORMALIZATION), expected, found))
 }
 
 /// Checks that all hyperparameters are positive.
@@ -32,7 +32,7 @@ pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         None => Ok(()),
         Some(found) => {
-            Err(Defect::malformed(tag_text(tag::PRIOR), "positive numbers", found.to_string()))
+            Err(Defect::malformed(tag_text(sections::PRIOR), "positive numbers", found.to_string()))
         }
     }
 }
@@ -40,7 +40,7 @@ pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
 /// Checks that at least as many frames were visited as trained on, and converts their numbers.
 pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
     let refuse = |expected: &str, found: String| {
-        Err(Defect::malformed(tag_text(tag::CURSOR), expected, found))
+        Err(Defect::malformed(tag_text(sections::CURSOR), expected, found))
     };
     if learnt > frames.len() as u64 {
         return refuse(&format!("at most {} trained frames", frames.len()), learnt.to_string());

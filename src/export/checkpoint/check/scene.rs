@@ -1,12 +1,13 @@
 //! Validation of scenes.
 
 use super::super::error::{Defect, tag_text};
-use super::super::tag;
+use super::super::sections;
 use super::{AXES, check_ascending, value_defect};
-use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_violated_moment};
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
-use crate::model::scene::sums::{MAX_TERM, N_SUMS};
+use crate::model::scene::sums::{
+    F32, F64, MAX_TERM, MIXED, N_SUMS, SQUARES, Slack, first_violated_moment,
+};
 use crate::model::scene::waiting::{BufferedPhotograph, DepthScale, NumberDefect, PhotographView};
 use crate::model::splat::viewpoint::Viewpoint;
 
@@ -26,32 +27,38 @@ const NAMES: [&str; N_SUMS] = [
 pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     if !state.origin.iter().all(|x| x.is_finite()) {
         let found = format!("{:?}", state.origin);
-        return Err(Defect::malformed(tag_text(tag::ORIGIN), "finite numbers", found));
+        return Err(Defect::malformed(tag_text(sections::ORIGIN), "finite numbers", found));
     }
     let numbers = state.seeds.as_flattened().iter().enumerate().zip(AXES.into_iter().cycle());
     if let Some(((at, &found), axis)) = numbers.into_iter().find(|((_, x), _)| !x.is_finite()) {
-        return Err(value_defect(tag::SEEDS, at / 3, axis, "a finite number", found.into()));
+        return Err(value_defect(sections::SEEDS, at / 3, axis, "a finite number", found.into()));
     }
     for (at, frame) in state.exposures.iter().enumerate() {
-        viewpoint(tag::EXPOSURES, at, &frame.viewpoint)?;
+        viewpoint(sections::EXPOSURES, at, &frame.viewpoint)?;
         if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
-            return Err(value_defect(tag::EXPOSURES, at, "gain", "a positive number", found));
+            return Err(value_defect(sections::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
     for (at, frame) in state.poses.iter().enumerate() {
-        viewpoint(tag::POSES, at, &frame.recorded)?;
+        viewpoint(sections::POSES, at, &frame.recorded)?;
         if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
-            return Err(value_defect(tag::POSES, at, "correction", "a finite number", found));
+            return Err(value_defect(sections::POSES, at, "correction", "a finite number", found));
         }
         if frame.rotation != [0.0; 4] && frame.poses().is_none() {
             let [x, ..] = frame.rotation;
-            return Err(value_defect(tag::POSE_ROTATIONS, at, "rotation", "a unit quaternion", x));
+            return Err(value_defect(
+                sections::POSE_ROTATIONS,
+                at,
+                "rotation",
+                "a unit quaternion",
+                x,
+            ));
         }
     }
     let mut tracked = state.trajectory.iter().enumerate();
     if let Some((at, unplaced)) = tracked.find(|(_, tracked)| tracked.pose().is_none()) {
         let found = unplaced.rotation[3];
-        return Err(value_defect(tag::TRAJECTORY, at, "rotation", "a unit quaternion", found));
+        return Err(value_defect(sections::TRAJECTORY, at, "rotation", "a unit quaternion", found));
     }
     if let Some(photometric) = &state.photometric {
         self::photometric(photometric)?;
@@ -60,7 +67,7 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
         let expected = format!("a component below {n}");
-        return Err(value_defect(tag::COMPONENTS, at, "seed", &expected, found.into()));
+        return Err(value_defect(sections::COMPONENTS, at, "seed", &expected, found.into()));
     }
     match &state.sums {
         StoredSums::Mixed { rows, wide } => {
@@ -70,9 +77,9 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
             })
         }
         StoredSums::F32(rows) => {
-            check_each(rows, |k, row| check_sums(tag::SUMS, k, &row.map(f64::from), F32))
+            check_each(rows, |k, row| check_sums(sections::SUMS, k, &row.map(f64::from), F32))
         }
-        StoredSums::F64(rows) => check_each(rows, |k, row| check_sums(tag::SUMS, k, row, F64)),
+        StoredSums::F64(rows) => check_each(rows, |k, row| check_sums(sections::SUMS, k, row, F64)),
     }
 }
 
@@ -91,13 +98,13 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
 pub(in super::super) fn check_buffered_views<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
-    no_defects(tag::PHOTO_BUFFER, views.map(PhotographView::first_invalid_number))
+    no_defects(sections::PHOTO_BUFFER, views.map(PhotographView::first_invalid_number))
 }
 
 pub(in super::super) fn check_depth_scales<'a>(
     scales: impl Iterator<Item = &'a DepthScale>,
 ) -> Result<(), Defect> {
-    no_defects(tag::PHOTO_SCALES, scales.map(DepthScale::defect))
+    no_defects(sections::PHOTO_SCALES, scales.map(DepthScale::defect))
 }
 
 fn no_defects(
@@ -118,7 +125,7 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     if let Some((at, odd)) = all.find(|(_, w)| w.pixels.len() != w.view.n_pixels()) {
         let expected = format!("{} pixels", odd.view.n_pixels());
         return Err(value_defect(
-            tag::PHOTO_BUFFER,
+            sections::PHOTO_BUFFER,
             at,
             "size",
             &expected,
@@ -131,7 +138,7 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     let mut all = state.buffered.iter().filter_map(|w| Some((w, steps(w)?))).enumerate();
     if let Some((at, (odd, n))) = all.find(|(_, (w, n))| *n != w.view.n_pixels()) {
         let expected = format!("{} depths", odd.view.n_pixels());
-        return Err(value_defect(tag::PHOTO_DEPTHS, at, "size", &expected, n as f64));
+        return Err(value_defect(sections::PHOTO_DEPTHS, at, "size", &expected, n as f64));
     }
     let looks = state.splats.iter().zip(&state.appearance);
     let precisions = state.form.iter().zip(&state.color);
@@ -142,7 +149,7 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
         if !(splat.is_drawable() && appearance.is_valid()) {
             let found = f64::from(splat.opacity);
             return Err(value_defect(
-                tag::PHOTO_SPLATS,
+                sections::PHOTO_SPLATS,
                 at,
                 "splat",
                 "a splat that can be drawn",
@@ -155,7 +162,7 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
         if let Some(found) = form.chain(color).copied().find(|x| !(*x > 0.0 && x.is_finite())) {
             let expected = "a positive number";
             return Err(value_defect(
-                tag::PHOTO_SHAPE_PRECISION,
+                sections::PHOTO_SHAPE_PRECISION,
                 at,
                 "precision",
                 expected,
@@ -164,9 +171,9 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
         }
     }
     let usual = [
-        (tag::PHOTO_NOISE, state.noise),
-        (tag::PHOTO_POINTS, state.points),
-        (tag::PHOTO_SEEN_THROUGH, state.seen_through),
+        (sections::PHOTO_NOISE, state.noise),
+        (sections::PHOTO_POINTS, state.points),
+        (sections::PHOTO_SEEN_THROUGH, state.seen_through),
     ];
     usual.into_iter().try_for_each(|(tag, numbers)| {
         match numbers.into_iter().find(|x| !(x.is_finite() && *x >= 0.0)) {
@@ -187,20 +194,20 @@ fn check_narrow_row(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     if row[0] >= f64::from(WIDE_POINTS) {
         let expected =
             format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
-        return Err(value_defect(tag::SUMS, k, NAMES[0], &expected, row[0]));
+        return Err(value_defect(sections::SUMS, k, NAMES[0], &expected, row[0]));
     }
-    check_sums(tag::SUMS, k, row, MIXED)
+    check_sums(sections::SUMS, k, row, MIXED)
 }
 
 /// Checks wide rows: ids ascend, sums are whole quanta of at least `WIDE_POINTS` points, and the narrow rows
 /// that they replace are zero.
 #[expect(clippy::indexing_slicing, reason = "ids index rows, positions index sums")]
 fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
-    check_ascending(tag::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
+    check_ascending(sections::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
     for row in wide {
         let k = row.id as usize;
         let refuse = |i: usize, expected: &str| {
-            Err(value_defect(tag::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
+            Err(value_defect(sections::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
         };
         let is_odd = |v: &f64| !(v.abs() <= MAX_SUM && (v / QUANTUM).fract() == 0.0);
         if let Some(i) = row.sums.iter().position(is_odd) {
@@ -209,11 +216,11 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
         if row.sums[0] < f64::from(WIDE_POINTS) {
             return refuse(0, &format!("{WIDE_POINTS} points or more"));
         }
-        check_sums(tag::WIDE_SUMS, k, &row.sums, MIXED)?;
+        check_sums(sections::WIDE_SUMS, k, &row.sums, MIXED)?;
         if let Some(i) = rows[k].iter().position(|quanta| *quanta != 0) {
-            let expected = format!("0 beside sums in `{}`", tag_text(tag::WIDE_SUMS));
+            let expected = format!("0 beside sums in `{}`", tag_text(sections::WIDE_SUMS));
             let found = f64::from(rows[k][i]) * QUANTUM;
-            return Err(value_defect(tag::SUMS, k, NAMES[i], &expected, found));
+            return Err(value_defect(sections::SUMS, k, NAMES[i], &expected, found));
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::super::error::RunError;
 use super::super::saved::SavedRun;
-use crate::model::stored::StoredModel;
+use crate::model::attributes::StoredModel;
 
 /// Refuses scenes that depend on the order of frames. For mixtures, [`super::start::same_start`] and
 /// [`crate::model::paper::merging::add`] detect the dependence.

@@ -1,10 +1,41 @@
 //! Settings of the scene preset: the user's values, and their result on a dataset.
 
-pub mod error;
-pub mod run;
-mod start;
+pub mod start;
 pub mod table;
 
-pub use error::SceneError;
-pub use run::SceneRun;
+use crate::dataset::surface::SurfaceSettings;
+use crate::math::measured_pixel::Normalization;
+use crate::train::scene::config::SceneConfig;
+use crate::train::scene::units::{Budget, StructuralScale};
+use serde::{Deserialize, Serialize};
+
+pub use start::SceneError;
 pub use table::SceneOverrides;
+
+/// Every setting of a scene on one dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneRun {
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Requested structural scale.
+    pub scale: StructuralScale,
+    /// Requested maximum number of components.
+    pub budget: Option<Budget>,
+    /// Settings of the engine, including the structural scale in world units.
+    #[serde(flatten)]
+    pub engine: SceneConfig,
+    /// Preparation of frames.
+    pub surface: SurfaceSettings,
+}
+
+impl SceneRun {
+    /// Preparation for the engine's settings: includes photographs if they are trained on.
+    pub fn prepared_surface(&self) -> SurfaceSettings {
+        SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
+    }
+
+    /// World to model coordinates: a translation only.
+    pub fn normalization(&self) -> Normalization {
+        Normalization { offset: self.surface.origin.to_array(), scale: [1.0; 3] }
+    }
+}

@@ -4,15 +4,15 @@
 //! values that lattice components require for order invariance, and the user's settings. Then the structural
 //! scale is converted to world units, from sampled frames prepared as in training.
 
-use super::error::SceneError;
-use super::run::SceneRun;
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
-use crate::dataset::surface::sample::FrameSample;
+use crate::dataset::calibrated_size::AspectRatioMismatch;
+use crate::dataset::surface::sample::{FrameSample, NoUsableDepth};
 use crate::dataset::surface::{PixelSampling, Sensor, SurfaceSettings};
 use crate::dataset::wild_poses::outlier_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
+use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
@@ -158,4 +158,32 @@ fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, Sce
             Err(SceneError::BelowNoise { least, found, near, far })
         }
     }
+}
+
+/// Reason why a scene cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// A setting is out of range.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// No pixel of the sampled frames gives a point.
+    #[error(transparent)]
+    NoPoints(#[from] NoUsableDepth),
+    /// The calibration is for photographs of another shape.
+    #[error("{0}")]
+    Photographs(#[from] AspectRatioMismatch),
+    /// The structural scale is below the depth noise.
+    #[error(
+        "structural scale: expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
+    )]
+    BelowNoise {
+        /// Minimum scale, in world units.
+        least: f64,
+        /// Requested scale, in world units.
+        found: f64,
+        /// 5 % quantile of depth.
+        near: f64,
+        /// 95 % quantile of depth.
+        far: f64,
+    },
 }

@@ -1,13 +1,12 @@
 //! Table of the scene preset's settings.
 
-use super::run::SceneRun;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{PixelSampling, Sensor};
 use crate::model::scene::splat_rule::SplatKind;
-use crate::train::scene::config::{BirthRule, RAY_SEARCH, VisibilityRule};
+use crate::pipeline::settings::scene::SceneRun;
+use crate::train::scene::config::{BirthRule, RAY_SEARCH, SumForm, VisibilityRule};
 use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
 use crate::train::scene::spacing::NearSpacing;
-use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
 use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};

@@ -12,7 +12,7 @@ use super::super::tile::{
 };
 use super::target::{TargetTile, set_bits};
 use crate::math::simd::{LANES, Vector};
-use crate::render::constants::TILE;
+use crate::render::options::TILE;
 
 /// Alphas of a splat in one group of eight pixels.
 pub(super) struct Hit {

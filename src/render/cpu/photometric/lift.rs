@@ -12,7 +12,7 @@ use crate::math::simd::{LANES, SET_LANE, Vector, dot, load_rows, scaled, turned}
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
-use crate::render::constants::LOW_PASS_PX2;
+use crate::render::options::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 

@@ -7,42 +7,36 @@
 //! evaluation and other programs use it.
 
 mod blocks;
-mod compared;
-mod comparer;
 mod drawn;
 mod lift;
 mod moments;
 #[cfg(feature = "gui")]
 mod packed;
-mod row;
-mod sums;
 mod target;
-mod view;
 mod walk;
 
-pub use blocks::ParameterSums;
-pub use compared::{PhotometricSums, VisibleSplat};
-pub use comparer::{ComparerError, PhotometricComparer};
+use super::raster::{BATCH, Batch};
+use super::record::Records;
+use super::rows::{ViewLists, longest_first};
+use crate::math::image::{Image, split_by_sizes};
+use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::simd::{Isa, Kernel, Vector};
+use crate::render::options::TILE;
+use blocks::SumOrder;
+use drawn::DrawnTile;
 #[cfg(feature = "gui")]
 pub(in crate::render) use packed::{PackedSplat, PackedSumLocation, PackedView};
-pub use row::RowSubset;
-pub use sums::{ImageSums, N_IMAGE_SUMS};
-pub use view::{PreparedView, ViewBuffers};
-pub use walk::PixelRule;
+use rayon::prelude::*;
+use std::ops::Range;
+use target::TargetTile;
+use walk::SecondWalk;
 #[cfg(feature = "gui")]
 pub(in crate::render) use walk::{MIN_COUNTED_COVERAGE, MIN_WEIGHT};
 
-use super::lists::ViewLists;
-use super::longest_first::longest_first;
-use crate::math::image::Image;
-use crate::math::measured_pixel::MeasuredPixel;
-use crate::math::pieces::split_by_sizes;
-use crate::math::simd::Isa;
-use crate::render::constants::TILE;
-use compared::SumOrder;
-use rayon::prelude::*;
-use row::{WalkCanvas, WalkRow};
-use std::ops::Range;
+pub use blocks::{ParameterSums, PhotometricSums, VisibleSplat};
+pub use moments::{ImageSums, N_IMAGE_SUMS};
+pub use target::{PreparedView, ViewBuffers};
+pub use walk::PixelRule;
 
 /// Minimum number of visible records per parallel task of [`PhotometricWalk::add_rows`].
 const MIN_TASK: usize = 512;
@@ -141,5 +135,143 @@ impl PhotometricWalk {
                 }
             }
         });
+    }
+}
+
+/// Compares photographs with rendered splats, on the CPU or another device.
+pub trait PhotometricComparer: Send + Sync {
+    /// Device name for reports.
+    fn name(&self) -> String;
+
+    /// Compares the chosen rows of a photograph with the rendering of the view's splats. If a pixel's target
+    /// coverage is unknown, a mostly covered pixel counts as fully covered.
+    ///
+    /// # Errors
+    /// [`ComparerError`] if the device is lost, runs out of memory or does not respond. No result is
+    /// available then.
+    fn compare<'a>(
+        &'a mut self,
+        view: &PreparedView<'a>,
+        photograph: &Image<MeasuredPixel>,
+        rule: PixelRule,
+        rows: RowSubset,
+    ) -> Result<PhotometricSums<'a>, ComparerError>;
+}
+
+/// A photograph could not be compared on a device.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{device}: comparing a photograph failed: {reason}")]
+pub struct ComparerError {
+    /// Device that should have compared it.
+    pub device: String,
+    /// Reason reported by the device or driver.
+    pub reason: String,
+}
+
+/// Pixel rows to compare: every `every`-th row (1, 2, 4, 8 or 16), starting at `first`. Rows rather than
+/// tiles, because a splat that is compared in only some of its tiles would be fitted to those alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RowSubset {
+    every: u32,
+    first: u32,
+}
+
+impl RowSubset {
+    /// Maximum of `every`: one row per tile remains.
+    pub const MAX_STRIDE: u32 = TILE as u32;
+    /// Every row.
+    pub const ALL: Self = Self { every: 1, first: 0 };
+
+    /// Chooses every `every`-th row, rounded down to a power of two of at most 16. `turn` cycles through
+    /// the possible first rows.
+    pub fn new(every: u32, turn: u64) -> Self {
+        let every = 1 << every.clamp(1, Self::MAX_STRIDE).ilog2();
+        Self { every, first: (turn % u64::from(every)) as u32 }
+    }
+
+    /// Distance between compared rows.
+    pub fn stride(self) -> u32 {
+        self.every
+    }
+
+    /// Index of the first compared row.
+    pub fn first(self) -> u32 {
+        self.first
+    }
+
+    /// One bit per compared row of a tile.
+    fn mask(self) -> u32 {
+        (self.first..Self::MAX_STRIDE)
+            .step_by(self.every as usize)
+            .fold(0, |mask, row| mask | 1 << row)
+    }
+}
+
+/// Results and buffers of one row of tiles.
+#[derive(Default)]
+struct WalkCanvas {
+    /// Sums of the row's records, in list order.
+    pub sums: Vec<ImageSums>,
+    /// Sum of squared differences over the channels of covered pixels.
+    pub squared_error: f64,
+    /// Number of covered pixels.
+    pub pixels: f64,
+    batches: Vec<Batch>,
+    target: TargetTile,
+    drawn: DrawnTile,
+    walk: SecondWalk,
+}
+
+/// Compares one row of tiles with the photograph.
+struct WalkRow<'a> {
+    pub records: &'a Records,
+    /// Visible records of the row, nearest first.
+    pub list: &'a [u32],
+    pub row: usize,
+    pub photograph: &'a Image<MeasuredPixel>,
+    pub rule: PixelRule,
+    pub rows: RowSubset,
+    pub canvas: &'a mut WalkCanvas,
+}
+
+impl Kernel for WalkRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { records, list, row, photograph, rule, rows, canvas } = self;
+        canvas.reset(list.len());
+        let (width, height, top) = (photograph.width, photograph.height, row * TILE);
+        let mask = rows.mask() & ((1 << TILE.min(height - top)) - 1);
+        canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
+        for (batch, list) in canvas.batches.iter_mut().zip(list.chunks(BATCH)) {
+            batch.fill(records, list, width.div_ceil(TILE));
+        }
+        for (index, left) in (0..width).step_by(TILE).enumerate() {
+            // If the image shows an object against an empty background, most tiles are empty.
+            if canvas.batches.iter().all(|batch| batch.by_tile.get(index).is_empty()) {
+                continue;
+            }
+            let WalkCanvas { sums, batches, target, drawn, walk, .. } = &mut *canvas;
+            target.fill(photograph, [left, top], mask, rule.depth > 0.0);
+            drawn.reset([left, top], width - left, mask);
+            for (batch, first) in batches.iter().zip((0..).step_by(BATCH)) {
+                drawn.draw::<V>(batch.by_tile.get(index), &batch.records, first, target);
+            }
+            walk.start_tile::<V>(drawn, target, rule, mask);
+            let (error, pixels) = walk.error();
+            walk.walk::<V>(drawn, batches, target, sums);
+            canvas.squared_error += error;
+            canvas.pixels += pixels;
+        }
+    }
+}
+
+impl WalkCanvas {
+    /// Resets the results.
+    fn reset(&mut self, n_records: usize) {
+        self.sums.clear();
+        self.sums.resize(n_records, [0.0; N_IMAGE_SUMS]);
+        (self.squared_error, self.pixels) = (0.0, 0.0);
     }
 }

@@ -5,10 +5,6 @@
 //! all of them per group. Groups and then lanes are added in a fixed order, so the results are
 //! bit-identical on every instruction set.
 
-use super::sums::{
-    COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, N_QUARTIC,
-    WEIGHT,
-};
 use crate::math::simd::{LANES, Vector};
 
 const N_ABOVE: usize = N_QUARTIC - N_QUADRATIC;
@@ -119,4 +115,42 @@ fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
     rows[..lanes.len()].copy_from_slice(lanes);
     let added = V::lane_sums(rows).to_array();
     rest.iter_mut().zip(added).for_each(|(sum, added)| *sum += added);
+}
+
+/// Number of moments up to second order: `1, p, q, p², pq, q²`.
+pub const N_QUADRATIC: usize = 6;
+/// Number of moments up to fourth order, sorted by order and then by decreasing powers of `p`.
+pub const N_QUARTIC: usize = 15;
+
+/// Offsets of the groups of sums.
+pub(super) const GRADIENT: usize = 0;
+pub(super) const CURVATURE: usize = GRADIENT + N_QUADRATIC;
+pub(super) const COLOR: usize = CURVATURE + N_QUARTIC;
+pub(super) const COLOR_CURVATURE: usize = COLOR + 9;
+pub(super) const WEIGHT: usize = COLOR_CURVATURE + N_QUADRATIC;
+/// Number of sums per splat.
+pub const N_IMAGE_SUMS: usize = WEIGHT + 1;
+
+/// Sums of one splat in one view: gradient and curvature moments of `ln α`, gradient and curvature moments
+/// of the colours, and total weight.
+pub type ImageSums = [f32; N_IMAGE_SUMS];
+
+/// Index of the moment `pⁱqʲ` among [`N_QUARTIC`].
+pub(super) const fn moment(i: usize, j: usize) -> usize {
+    let order = i + j;
+    order * (order + 1) / 2 + j
+}
+
+#[cfg(test)]
+mod sums_tests {
+    use super::*;
+
+    #[test]
+    fn moments_have_places_of_their_own() {
+        let mut places: Vec<usize> =
+            (0..5).flat_map(|order| (0..=order).map(move |j| moment(order - j, j))).collect();
+        assert_eq!(places[..6], [0, 1, 2, 3, 4, 5]);
+        places.sort_unstable();
+        assert_eq!(places, (0..N_QUARTIC).collect::<Vec<_>>());
+    }
 }

@@ -3,8 +3,8 @@
 use super::super::buckets::Buckets;
 use super::super::prepare::CHUNK;
 use super::super::record::{ConicRecord, Gradient};
-use super::view::PreparedView;
-use crate::math::pieces::split_by_sizes;
+use super::target::PreparedView;
+use crate::math::image::split_by_sizes;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;

@@ -1,11 +1,15 @@
 //! Measured pixels of a tile, eight at a time, and the depth error of splats relative to them.
 
-use super::super::record::ConicRecord;
-use super::super::tile::{GROUPS, Plane};
+use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::{LANES, Vector};
-use crate::render::constants::TILE;
+use crate::model::splat::appearance::SplatView;
+use crate::render::cpu::record::ConicRecord;
+use crate::render::cpu::rows::ViewLists;
+use crate::render::cpu::tile::{GROUPS, Plane};
+use crate::render::cpu::view::CpuView;
+use crate::render::options::{EVALUATION_NEAR, RenderMethod, RenderOptions, TILE};
 
 /// Tile of a photograph. One instance is reused for all tiles of a row, so rows that are not chosen hold
 /// stale values.
@@ -84,4 +88,50 @@ pub(super) fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
         mask &= mask - 1;
         Some(row)
     })
+}
+
+/// Reusable buffers for prepared views.
+pub struct ViewBuffers {
+    lists: ViewLists,
+    /// Near plane, world units.
+    pub near: f64,
+}
+
+impl Default for ViewBuffers {
+    fn default() -> Self {
+        Self { lists: ViewLists::default(), near: EVALUATION_NEAR }
+    }
+}
+
+/// Splats of a view: projected, listed by row of tiles and sorted by depth.
+#[derive(Clone)]
+pub struct PreparedView<'a> {
+    pub(super) view: CpuView,
+    pub(super) lists: &'a ViewLists,
+}
+
+impl ViewBuffers {
+    /// Prepares the splats visible in a photograph of `height` pixels, with the projected renderer that
+    /// evaluation and other programs use.
+    pub fn prepare(
+        &mut self,
+        splats: SplatView<'_>,
+        camera: &Camera,
+        height: usize,
+    ) -> PreparedView<'_> {
+        let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        let view = CpuView::new(camera, &RenderOptions { near: self.near, ..plain });
+        let lists = &mut self.lists;
+        lists.prepare(splats, &view);
+        lists.bin(height);
+        lists.sort();
+        PreparedView { view, lists }
+    }
+}
+
+impl PreparedView<'_> {
+    /// Number of splats that may be visible in some pixel.
+    pub fn n_drawn(&self) -> usize {
+        self.lists.n_visible()
+    }
 }

@@ -14,11 +14,10 @@ use super::super::raster::{BATCH, Batch};
 use super::super::record::{ConicRecord, Gradient};
 use super::super::tile::{GROUPS, LANE_COLUMNS, Plane, cap_alpha};
 use super::drawn::{DrawnTile, Hit, color_at, whiten_offset};
-use super::moments::{HitTerms, sum_hits};
-use super::sums::ImageSums;
+use super::moments::{HitTerms, ImageSums, sum_hits};
 use super::target::{TargetTile, set_bits};
 use crate::math::simd::{LANES, SET_LANE, Vector};
-use crate::render::constants::{ALPHA_CAP, TILE};
+use crate::render::options::{ALPHA_CAP, TILE};
 
 /// Lower bound of the weight that a pixel's curvature share is divided by.
 pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;

@@ -5,27 +5,22 @@
 //! One readback returns the scores, the sums of tiles, and the tiles left to the CPU. The capacity for sums
 //! is estimated from the last pass; if it is too small, the pass is repeated.
 
-mod index;
-mod layout;
-mod memory;
-pub mod shader;
+pub mod layout;
 
-use super::answer::{release_result, wait_for_result};
-use super::constants::module;
-use super::context::GpuCaps;
-use super::error::{GpuError, pass_failed};
-use super::faults::GpuFaults;
+use super::adapters::GpuCaps;
+use super::constants::{STRIP_CELLS, module};
+use super::error::{GpuError, GpuFaults, pass_failed};
+use super::growing::copy_pieces;
 use super::kernel::{BoundKernel, ComputeKernel, Grid};
-use super::parallel_copy::copy_pieces;
+use super::readback::{release_result, wait_for_result};
 use crate::model::conjugate::statistics::RECORD_WORDS;
-use crate::model::device_error::DeviceError;
+use crate::model::inspection::DeviceError;
 use crate::model::paper::mixture_device::{
     DevicePass, GridShape, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule, PointColumns,
 };
-use index::{BoundIndex, IndexKernels};
-use layout::{Frame, Mean};
-use memory::{
-    HEAD_WORDS, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, PassSizes, READ, RECORD_BYTES,
+use layout::{
+    Frame, HEAD_WORDS, Index, Mean, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, PassSizes, READ,
+    RECORD_BYTES,
 };
 use rayon::prelude::*;
 
@@ -76,7 +71,7 @@ impl GpuMixture {
         faults: GpuFaults,
         caps: &GpuCaps,
     ) -> Self {
-        let shader = module(&device, "pass over a frame", shader::PASS);
+        let shader = module(&device, "pass over a frame", layout::PASS);
         Self {
             kernel: ComputeKernel::new(&device, &shader, "run"),
             index: IndexKernels::new(&device),
@@ -292,5 +287,72 @@ impl MixtureDevice for GpuMixture {
             open: &outcome[HEAD_WORDS as usize..][..n_open],
             records: records.as_chunks::<RECORD_WORDS>().0,
         })
+    }
+}
+
+/// Kernels of a counting sort in execution order, with their bindings.
+struct IndexKernels([(ComputeKernel, &'static [(u32, Part)]); 5]);
+
+/// The kernels of [`IndexKernels`] with bound buffers.
+struct BoundIndex([BoundKernel; 5]);
+
+const RENEW: [(u32, Part); 3] = [(0, Part::Index), (1, Part::Moved), (2, Part::Components)];
+const COUNT: [(u32, Part); 4] =
+    [(0, Part::Index), (2, Part::Components), (3, Part::Starts), (4, Part::Places)];
+const ADD: [(u32, Part); 3] = [(0, Part::Index), (3, Part::Starts), (5, Part::Strips)];
+const PLACE: [(u32, Part); 6] = [
+    (0, Part::Index),
+    (2, Part::Components),
+    (3, Part::Starts),
+    (4, Part::Places),
+    (6, Part::Means),
+    (7, Part::Appearance),
+];
+
+impl IndexKernels {
+    fn new(device: &wgpu::Device) -> Self {
+        let shader = module(device, "index over means", layout::INDEX);
+        let kernel = |entry| ComputeKernel::new(device, &shader, entry);
+        Self([
+            (kernel("renew"), &RENEW),
+            (kernel("count"), &COUNT),
+            (kernel("add"), &ADD),
+            (kernel("scan"), &ADD),
+            (kernel("place"), &PLACE),
+        ])
+    }
+
+    /// Binds the buffers of every kernel.
+    fn bind(&self, device: &wgpu::Device, memory: &Memory) -> BoundIndex {
+        BoundIndex(self.0.each_ref().map(|(kernel, parts)| {
+            let resource = |&(at, part)| (at, memory.buffer(part).as_entire_binding());
+            kernel.bind(device, &parts.iter().map(resource).collect::<Vec<_>>())
+        }))
+    }
+}
+
+impl BoundIndex {
+    /// Records the commands that apply the moved means and sort all means.
+    fn record(
+        &self,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        memory: &Memory,
+        load: &PassSizes,
+        shape: &GridShape,
+    ) {
+        let settings = Index::new(shape, [load.means, load.moved]);
+        queue.write_buffer(memory.buffer(Part::Index), 0, bytemuck::bytes_of(&settings));
+        encoder.clear_buffer(memory.buffer(Part::Starts), 0, Some(load.bytes(Part::Starts)));
+        let strips = (load.cells + 1).div_ceil(STRIP_CELLS.into()) as u32;
+        let [moved, means] = [load.moved, load.means].map(|n| Grid::lanes(n as usize));
+        let strips = Grid::row(strips);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some("index over means"),
+            timestamp_writes: None,
+        });
+        for (bound, grid) in self.0.iter().zip([moved, means, strips, strips, means]) {
+            bound.dispatch(&mut pass, grid);
+        }
     }
 }

@@ -4,22 +4,18 @@
 //! Seeds remain on the GPU, and new ones are appended to a hash grid. The grid is rebuilt when the number of
 //! buckets grows. Sums are not retained: each frame returns them for the components it touched.
 
-mod layout;
-mod memory;
-pub mod shader;
+pub mod layout;
 
-use super::answer::{release_result, wait_for_result};
+use super::adapters::GpuCaps;
 use super::constants::{SUM_GROUP, module};
-use super::context::GpuCaps;
-use super::error::{GpuError, pass_failed};
-use super::faults::GpuFaults;
+use super::error::{GpuError, GpuFaults, pass_failed};
+use super::growing::copy_pieces;
 use super::kernel::{BoundKernel, ComputeKernel, Grid};
-use super::parallel_copy::copy_pieces;
-use crate::model::device_error::DeviceError;
+use super::readback::{release_result, wait_for_result};
+use crate::model::inspection::DeviceError;
 use crate::model::scene::points_device::{POINT_WORDS, PointsDevice, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
-use layout::Settings;
-use memory::{Memory, Part, PointSizes, SEED_BYTES};
+use layout::{Memory, Part, PointSizes, SEED_BYTES, Settings};
 
 /// Minimum number of hash buckets.
 const MIN_BUCKETS: u64 = 1 << 12;
@@ -54,9 +50,9 @@ impl GpuPoints {
             ComputeKernel::new(&device, &module(&device, "fit of points", shader), entry)
         };
         Self {
-            file: kernel("file", shader::FILE),
-            find: kernel("find", shader::FIND),
-            sum: kernel("sum", shader::SUM),
+            file: kernel("file", layout::FILE),
+            find: kernel("find", layout::FIND),
+            sum: kernel("sum", layout::SUM),
             memory: Memory::new(&device),
             device,
             queue,

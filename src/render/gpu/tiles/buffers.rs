@@ -1,10 +1,9 @@
 //! Buffers of the tile path, used between its stages.
 
-use super::constants::TILE_PIXELS;
-use crate::render::gpu::allocation::Allocation;
+use crate::render::gpu::adapters::max_buffer_bytes;
 use crate::render::gpu::constants::{GROUP, slot};
-use crate::render::gpu::context::max_buffer_bytes;
 use crate::render::gpu::error::GpuError;
+use crate::render::gpu::growing::Allocation;
 use crate::render::gpu::kernel::storage;
 use crate::render::gpu::layout::GpuAppearance;
 
@@ -142,3 +141,39 @@ pub(super) fn create_tile_ranges(
         mapped_at_creation: false,
     })
 }
+
+/// Side length of a tile in pixels.
+pub(super) const TILE_PIXELS: u32 = crate::render::TILE as u32;
+
+/// `tiles/sort.wgsl`: stable radix sort, used by depth and by tile.
+pub const SORT: &str = concat!(
+    include_str!("../../../../shaders/tiles/stages.wgsl"),
+    include_str!("../../../../shaders/tiles/sort.wgsl")
+);
+/// `tiles/preprocess.wgsl`: converts splats to records, depth keys and tile footprints.
+pub const PREPROCESS: &str = concat!(
+    include_str!("../../../../shaders/common.wgsl"),
+    include_str!("../../../../shaders/paint.wgsl"),
+    include_str!("../../../../shaders/record.wgsl"),
+    include_str!("../../../../shaders/tiles/stages.wgsl"),
+    include_str!("../../../../shaders/tiles/packed.wgsl"),
+    include_str!("../../../../shaders/tiles/footprint.wgsl"),
+    include_str!("../../../../shaders/tiles/preprocess.wgsl")
+);
+/// `tiles/bin.wgsl`: writes an entry for each tile that a splat reaches, and later finds each tile's
+/// range of entries.
+pub const BIN: &str = concat!(
+    include_str!("../../../../shaders/common.wgsl"),
+    include_str!("../../../../shaders/tiles/stages.wgsl"),
+    include_str!("../../../../shaders/tiles/footprint.wgsl"),
+    include_str!("../../../../shaders/tiles/bin.wgsl")
+);
+/// `tiles/raster.wgsl`: blends the entries of a tile, one workgroup per tile.
+pub const RASTER: &str = concat!(
+    include_str!("../../../../shaders/common.wgsl"),
+    include_str!("../../../../shaders/paint.wgsl"),
+    include_str!("../../../../shaders/record.wgsl"),
+    include_str!("../../../../shaders/tiles/stages.wgsl"),
+    include_str!("../../../../shaders/tiles/packed.wgsl"),
+    include_str!("../../../../shaders/tiles/raster.wgsl")
+);

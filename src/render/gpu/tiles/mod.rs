@@ -9,12 +9,134 @@
 //! No stage waits for the GPU, and no counter is read back within a frame: kernels run on grids
 //! large enough for any count and exit early.
 
-mod buffers;
-mod capacity;
-mod constants;
+pub mod buffers;
 mod plan;
-mod renderer;
-pub mod shader;
 pub mod sort;
 
-pub(super) use renderer::{TileFrame, TilePath};
+use super::constants::slot;
+use super::error::GpuError;
+use super::renderer::SplatTarget;
+use super::scene::GpuScene;
+use super::timer::{GpuStage, StageTimer};
+use buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, tile_grid};
+use plan::{EntryDemand, Inputs, Kernels, TileMemory, TilePlan};
+
+/// Inputs and output of one image.
+#[derive(Clone, Copy)]
+pub(super) struct TileFrame<'a> {
+    /// Camera and options; the extent cap must be infinite.
+    pub(in crate::render::gpu) view: &'a wgpu::Buffer,
+    pub(in crate::render::gpu) scene: &'a GpuScene,
+    /// Output image, at least one pixel per side.
+    pub(in crate::render::gpu) image: &'a SplatTarget,
+    /// Timer and its slot.
+    pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
+}
+
+/// Pipelines and buffers of the tile path.
+#[derive(Debug)]
+pub(super) struct TilePath {
+    kernels: Kernels,
+    counts: wgpu::Buffer,
+    demand: EntryDemand,
+    splats: SplatBuffers,
+    entries: EntryBuffers,
+    plan: Option<TilePlan>,
+}
+
+impl TilePath {
+    pub(in crate::render::gpu) fn new(device: &wgpu::Device) -> Result<Self, GpuError> {
+        Ok(Self {
+            kernels: Kernels::new(device),
+            counts: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("counts"),
+                size: COUNTS_BYTES,
+                usage: wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_SRC
+                    | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            demand: EntryDemand::new(device),
+            splats: SplatBuffers::new(device, 0, false)?,
+            entries: EntryBuffers::new(device, 1, 0)?,
+            plan: None,
+        })
+    }
+
+    /// Records an image. Needs no draw order.
+    pub(in crate::render::gpu) fn record(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: TileFrame<'_>,
+    ) -> Result<(), GpuError> {
+        let TileFrame { view, scene, image, timer } = frame;
+        self.ensure_capacity(device, scene)?;
+        let inputs = Inputs::new(view, scene, image);
+        // After a resize or growth the bound resources no longer exist.
+        if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
+            // A plan binds specific buffers: any replacement makes it stale.
+            self.plan = None;
+        }
+        let Self { kernels, counts, splats, entries, .. } = self;
+        let plan = self.plan.get_or_insert_with(|| {
+            let memory = TileMemory { counts, splats, entries };
+            TilePlan::new(device, queue, kernels, inputs, memory)
+        });
+
+        let mut first = [0; slot::N_SLOTS];
+        first[slot::N_SPLATS as usize] = scene.n_splats() as u32;
+        first[slot::NEAREST as usize] = u32::MAX;
+        // Written by the CPU, because kernels modify these counters and only the number of splats is known
+        // in advance.
+        queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&first));
+        plan.clear(encoder);
+        for stage in [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw] {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("splats by tiles"),
+                timestamp_writes: timer.map(|(timer, slot)| timer.of_compute(slot, stage)),
+            });
+            plan.record(&mut pass, stage, scene.n_splats(), tile_grid(image.size()));
+        }
+        self.demand.send(encoder, &self.counts);
+        Ok(())
+    }
+
+    /// Shortage that leaves out the farthest splats, if it is permanent.
+    pub(in crate::render::gpu) fn shortage(&self) -> Option<&GpuError> {
+        self.demand.shortage()
+    }
+
+    fn ensure_capacity(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
+        self.splats.check()?;
+        let has_appearance = scene.appearance_buffer().is_some();
+        if scene.capacity() > self.splats.capacity || has_appearance != self.splats.has_appearance {
+            self.splats = SplatBuffers::new(device, scene.capacity(), has_appearance)?;
+            self.plan = None;
+        }
+        let n_splats = scene.n_splats();
+        let most = max_entries(&device.limits());
+        let capacity = self.demand.capacity(self.entries.capacity, n_splats, most);
+        let room = match self.entries.check() {
+            Err(late) => Err(late),
+            Ok(()) if capacity == self.entries.capacity => return Ok(()),
+            Ok(()) => EntryBuffers::new(device, capacity, n_splats),
+        };
+        match room {
+            Ok(entries) => {
+                self.entries = entries;
+                self.plan = None;
+                Ok(())
+            }
+            // The previous capacity still draws most of the image, so only the very first failure is
+            // fatal.
+            Err(error) if self.entries.capacity > 1 => {
+                tracing::warn!("{error}");
+                self.demand.record_failure(capacity, error);
+                Ok(())
+            }
+            Err(error) => Err(error),
+        }
+    }
+}

@@ -4,14 +4,15 @@
 //! passes. The buffers of a sort alternate. Which of the two holds the result depends only on the number
 //! of passes, so it is bound here.
 
-use super::buffers::{EntryBuffers, SplatBuffers, create_tile_ranges, tile_grid};
-use super::shader;
+use super::buffers;
+use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, create_tile_ranges, tile_grid};
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
+use crate::render::gpu::error::GpuError;
 use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid};
+use crate::render::gpu::renderer::SplatTarget;
 use crate::render::gpu::scene::GpuScene;
-use crate::render::gpu::target::SplatTarget;
-use crate::render::gpu::timer::GpuStage;
+use crate::render::gpu::timer::{GpuStage, ReadbackRing};
 
 /// Workgroups of the pass over all entries that finds the range of each tile.
 const RANGE_GROUPS: u32 = 1024;
@@ -41,15 +42,15 @@ impl Kernels {
                 ComputeKernel::specialized(device, &module, entry, &[("has_appearance", value)])
             })
         };
-        let bin = module(device, "bin", shader::BIN);
+        let bin = module(device, "bin", buffers::BIN);
         Self {
-            preprocess: variants(shader::PREPROCESS, "preprocess"),
+            preprocess: variants(buffers::PREPROCESS, "preprocess"),
             sort: RadixSort::new(device),
             count: ComputeKernel::new(device, &bin, "count"),
             offsets: ComputeKernel::new(device, &bin, "offsets"),
             emit: ComputeKernel::new(device, &bin, "emit"),
             ranges: ComputeKernel::new(device, &bin, "ranges"),
-            raster: variants(shader::RASTER, "raster"),
+            raster: variants(buffers::RASTER, "raster"),
         }
     }
 }
@@ -287,6 +288,73 @@ fn bits_of(n: u32) -> u32 {
     u32::BITS - n.saturating_sub(1).leading_zeros()
 }
 
+/// Initial estimate of entries per splat.
+const PER_SPLAT: u64 = 4;
+const MIN_ENTRIES: u64 = 1 << 16;
+
+/// Tracks the entries that images need.
+#[derive(Debug)]
+pub(super) struct EntryDemand {
+    ring: ReadbackRing,
+    /// Maximum number of entries needed since the last [`Self::capacity`].
+    needed: u64,
+    /// Smallest capacity for which allocation failed.
+    refused: u64,
+    shortage: Option<GpuError>,
+}
+
+impl EntryDemand {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let ring = ReadbackRing::new(device, "needed entries", COUNTS_BYTES);
+        Self { ring, needed: 0, refused: u64::MAX, shortage: None }
+    }
+
+    /// Capacity for the next image. `now` is the current one and `most` the adapter's limit.
+    pub(super) fn capacity(&mut self, now: u64, n_splats: usize, most: u64) -> u64 {
+        let needed = std::mem::take(&mut self.needed);
+        let wanted = capacity_for(needed, now, n_splats, most);
+        if needed > 0 {
+            // Any capacity below the one that failed may still be available.
+            let is_short = needed > most.min(self.refused - 1);
+            self.shortage =
+                is_short.then_some(GpuError::TooManyEntries { needed, capacity: wanted.max(now) });
+        }
+        if wanted < self.refused { wanted } else { now }
+    }
+
+    /// Records that a capacity could not be allocated, so that it is not requested again.
+    pub(super) fn record_failure(&mut self, capacity: u64, error: GpuError) {
+        self.refused = capacity;
+        self.shortage = Some(error);
+    }
+
+    /// Shortage that leaves out the farthest splats, if it is permanent.
+    pub(super) fn shortage(&self) -> Option<&GpuError> {
+        self.shortage.as_ref()
+    }
+
+    /// Sends the counters of the image to the CPU. Must follow the image in the same encoder.
+    pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
+        let needed = &mut self.needed;
+        let free = self.ring.collect_and_reserve(|_, bytes| {
+            let counts: [u32; slot::N_SLOTS] = bytemuck::pod_read_unaligned(bytes);
+            *needed = (*needed).max(u64::from(counts[slot::N_NEEDED as usize]));
+        });
+        if let Some(slot) = free {
+            self.ring.send(encoder, slot, counts, COUNTS_BYTES);
+        }
+    }
+}
+
+/// Capacity of 1.5 times what was needed, never below the current one.
+fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
+    let guess = MIN_ENTRIES.max(PER_SPLAT * n_splats as u64);
+    // Extra capacity, because approaching the scene raises the demand frame by frame, and each growth
+    // rebuilds the plan.
+    let grown = if needed > now { needed + needed / 2 } else { 0 };
+    guess.max(grown).max(now).min(most)
+}
+
 #[cfg(test)]
 mod tests {
     use super::bits_of;
@@ -295,6 +363,26 @@ mod tests {
     fn bits_hold_every_tile() {
         for (n, bits) in [(0, 0), (1, 0), (2, 1), (3, 2), (256, 8), (257, 9), (3600, 12)] {
             assert_eq!(bits_of(n), bits, "{n} tiles");
+        }
+    }
+}
+
+#[cfg(test)]
+mod capacity_tests {
+    use super::*;
+
+    #[test]
+    fn capacity_follows_what_is_needed_up_to_the_limit() {
+        for (needed, now, n_splats, expected) in [
+            (0, 0, 0, MIN_ENTRIES),
+            (0, 0, 100_000, 400_000),
+            (400_000, 400_000, 100_000, 400_000),
+            (400_002, 400_000, 100_000, 600_003),
+            (10, 600_003, 100_000, 600_003),
+            (900_000, 600_003, 100_000, 1_000_000),
+            (u64::from(u32::MAX), 1_000_000, 100_000, 1_000_000),
+        ] {
+            assert_eq!(capacity_for(needed, now, n_splats, 1_000_000), expected);
         }
     }
 }

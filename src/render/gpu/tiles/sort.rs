@@ -5,7 +5,7 @@
 //! optional in wgpu and not used; sorting is a small part of a frame. The published crate took 70 to 87 ms
 //! on llvmpipe (`rendering.md`, Tried and dropped).
 
-use super::shader;
+use super::buffers;
 use crate::render::gpu::constants::{N_STRIPS, module};
 use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid, storage};
 
@@ -77,7 +77,7 @@ struct Digit {
 impl RadixSort {
     /// Creates the pipelines.
     pub fn new(device: &wgpu::Device) -> Self {
-        let module = module(device, "radix sort", shader::SORT);
+        let module = module(device, "radix sort", buffers::SORT);
         let word = size_of::<u32>() as u64;
         Self {
             histogram: ComputeKernel::new(device, &module, "histogram"),

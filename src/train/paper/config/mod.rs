@@ -1,13 +1,6 @@
 //! Settings of the `paper` preset, validated before training.
 
-mod precision;
 mod settings;
-mod stored;
-
-pub use precision::{Operations, Precision, UpdateWidth, Width};
-pub use settings::{
-    Batch, Candidates, IndexKind, Init, MAX_CANDIDATES, ReassignPolicy, StatisticsForm,
-};
 
 use crate::model::conjugate::posterior::Conversion;
 use crate::model::conjugate::prior::Hyper;
@@ -15,6 +8,11 @@ use crate::model::splat::splats::CovarianceForm;
 use crate::train::setting::table::{SettingLayer, settings};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS, Preset};
 use serde::{Deserialize, Serialize};
+
+pub use settings::{
+    Batch, Candidates, IndexKind, Init, MAX_CANDIDATES, Operations, Precision, ReassignPolicy,
+    StatisticsForm, UpdateWidth, Width,
+};
 
 /// A validated configuration of the `paper` preset. Created by [`PaperConfig::paper`] and
 /// [`PaperConfig::with`] or read from a file; missing settings of older files get the paper's values.

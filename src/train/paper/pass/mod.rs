@@ -7,28 +7,26 @@
 //!
 //! Buffers belong to threads, not to tasks, so a warm pass allocates nothing.
 
-mod again;
-mod answer;
 mod reached;
 mod tasks;
 
 use super::config::{Candidates, Operations, PaperConfig, StatisticsForm, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
-use super::index::Index;
+use super::index::{Index, PaperScalar};
 use super::plain::{PlainInputs, PlainMemory};
-use super::scalar::PaperScalar;
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::TileRecord;
-use crate::model::paper::mixture::InitialModel;
+use crate::model::paper::state::InitialModel;
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
 use crate::train::component_elbo::NO_OWNER;
 use crate::train::estep::Scoring;
 use crate::train::timing::{Lap, StageClock};
+use rayon::prelude::*;
 use reached::{ReachMemory, RerunTiles};
 use std::ops::Range;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use tasks::{Columns, batch_end, for_each_task, for_each_tile};
+use tasks::{Columns, batch_end, for_each_part, for_each_task, for_each_tile};
 
 /// Requested results of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +57,7 @@ pub struct PassInputs<'a, R: PaperScalar> {
 #[derive(Default)]
 pub struct Pass {
     /// Scratch memory by thread; results never depend on earlier tasks.
-    workers: Vec<RwLock<Worker>>,
+    pub(super) workers: Vec<RwLock<Worker>>,
     /// Tiles that were run again.
     again: RerunTiles,
     /// Candidates and responsibilities of a batch, if materialised.
@@ -69,18 +67,18 @@ pub struct Pass {
 
 /// Scratch memory of one thread.
 #[derive(Default)]
-struct Worker {
+pub(super) struct Worker {
     fused: FusedMemory,
     plain: PlainMemory,
     ids: Vec<u32>,
     scores: Vec<f64>,
     /// Records by shard of the totals, in f32 or f64.
-    narrow: Vec<Vec<TileRecord<f32>>>,
+    pub(super) narrow: Vec<Vec<TileRecord<f32>>>,
     wide: Vec<Vec<TileRecord<f64>>>,
     /// Number of records in `narrow` by shard before tiles were run again; empty if none were.
     first_run: Vec<usize>,
     reach: ReachMemory,
-    clock: StageClock,
+    pub(super) clock: StageClock,
 }
 
 impl Worker {
@@ -325,14 +323,14 @@ impl Pass {
         }
     }
 
-    fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
+    pub(super) fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
         // Each thread uses the memory of its own index, so the lock is never contended; it only proves
         // exclusive access in safe code.
         let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
         self.workers[thread].write().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn read_workers(&self) -> impl Iterator<Item = RwLockReadGuard<'_, Worker>> {
+    pub(super) fn read_workers(&self) -> impl Iterator<Item = RwLockReadGuard<'_, Worker>> {
         self.workers.iter().map(|w| w.read().unwrap_or_else(PoisonError::into_inner))
     }
 
@@ -408,5 +406,75 @@ fn sum<R: PaperScalar>(
     match inputs.operations.moments {
         Width::F32 => inputs.sum_narrow(memory, tile, pairs, narrow),
         Width::F64 => inputs.sum_wide(memory, tile, pairs, wide),
+    }
+}
+
+/// Number of tiles tested per parallel task.
+const PART: usize = 64;
+
+impl Pass {
+    /// Runs those tiles of the last pass again that are within reach of `places`, which means have left or
+    /// moved to since. Returns their number. The result equals a full pass.
+    pub(in crate::train::paper) fn run_reached(
+        &mut self,
+        inputs: &FusedInputs<'_>,
+        places: &[[f32; 3]],
+        q: &mut [f64],
+        owners: Option<&mut Vec<u32>>,
+    ) -> usize {
+        let mut again = std::mem::take(&mut self.again);
+        self.find_reached(inputs, places, q, &mut again);
+        for worker in &mut self.workers {
+            let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+            worker.first_run.clear();
+            worker.first_run.extend(worker.narrow.iter().map(Vec::len));
+        }
+        let owners = owners.map_or(&mut [][..], |owners| owners);
+        self.run_some(inputs, &again.tiles, Output::ElboAndSums, q, owners);
+        self.again = again;
+        self.again.tiles.len()
+    }
+
+    fn find_reached(
+        &self,
+        inputs: &FusedInputs<'_>,
+        places: &[[f32; 3]],
+        q: &[f64],
+        again: &mut RerunTiles,
+    ) {
+        let RerunTiles { is_again, tiles, places: grid } = again;
+        is_again.clear();
+        // If no grid can hold the places, all tiles count as reached.
+        is_again.resize(inputs.points.n_tiles(), grid.rebuild(places).is_err());
+        let parts = is_again.par_chunks_mut(PART).enumerate();
+        parts.for_each(|(part, is_again)| {
+            let mut worker = self.worker();
+            for (tile, is_again) in (part * PART..).zip(is_again) {
+                *is_again = *is_again || worker.reach.reaches(inputs, tile, q, grid);
+            }
+        });
+        tiles.clear();
+        tiles.reserve(is_again.len());
+        tiles
+            .extend((0..).zip(&*is_again).filter(|(_, is_again)| **is_again).map(|(tile, _)| tile));
+    }
+
+    /// Runs the given tiles, ascending and unique. `q` and, if requested, `owners` cover all points.
+    pub(in crate::train::paper) fn run_some(
+        &self,
+        inputs: &FusedInputs<'_>,
+        tiles: &[u32],
+        output: Output,
+        q: &mut [f64],
+        owners: &mut [u32],
+    ) {
+        let columns = Columns { ids: &mut [], scores: &mut [], q, owners };
+        for_each_part(inputs.points, tiles, 0, columns, &|tile, columns| {
+            let mut worker = self.worker();
+            let Worker { fused: memory, narrow, clock, .. } = &mut *worker;
+            let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
+            let (inputs, tiles, Columns { q, owners, .. }) = (*inputs, tile..tile + 1, columns);
+            Isa::best().run(FusedTiles { inputs, memory, tiles, q, owners, records, clock });
+        });
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::observation::points::Points;
 use crate::train::paper::config::Batch;
-use crate::train::paper::scalar::PaperScalar;
+use crate::train::paper::index::PaperScalar;
 use std::ops::Range;
 
 /// Number of tiles per task: about a thousand points.

@@ -3,11 +3,10 @@
 
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::component_sums::ComponentSums;
+use crate::train::scene::component_sums::{ComponentSums, SumScalar};
+use crate::train::scene::components::SeedPositions;
 use crate::train::scene::grid::NONE;
 use crate::train::scene::observe::FrameView;
-use crate::train::scene::seed_positions::SeedPositions;
-use crate::train::scene::sum_scalar::SumScalar;
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -10,8 +10,9 @@ use crate::render::cpu::photometric::{
     ComparerError, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
     ViewBuffers,
 };
-use crate::train::comparer_use::{ComparerMs, ComparerUse};
-use crate::train::device_trial::{DeviceChoice, DevicePolicy, DeviceTrial};
+use crate::train::device_trial::{
+    ComparerMs, ComparerUse, DeviceChoice, DevicePolicy, DeviceTrial,
+};
 use crate::train::timing::Stopwatch;
 
 /// View of a photograph and parameters of its comparison.

@@ -4,7 +4,6 @@
 
 pub mod agreement;
 mod comparers;
-mod noise;
 pub mod rule;
 mod step;
 pub mod waiting;
@@ -22,19 +21,18 @@ use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{
     PhotometricComparer, PhotometricSums, PixelRule, VisibleSplat,
 };
-use crate::train::comparer_use::ComparerUse;
-use crate::train::device_trial::DevicePolicy;
+use crate::train::device_trial::{ComparerUse, DevicePolicy};
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::timing::Stopwatch;
 use agreement::FrameAgreement;
 use comparers::Comparers;
-pub use comparers::TrainingView;
-pub use noise::CONTRADICTION;
 use rayon::prelude::*;
 use rule::PhotometricRule;
-pub use step::PointExtents;
-pub use step::{LEAST_OPACITY, is_trained, prior_precision};
 use step::{LearnRun, SplatRun};
+
+pub use comparers::TrainingView;
+pub use step::{LEAST_OPACITY, PointExtents, is_trained, prior_precision};
+pub use waiting::CONTRADICTION;
 
 /// Minimum weight of a splat, px, for a photometric step.
 const MIN_SEEN: f32 = 0.5;
@@ -151,7 +149,7 @@ impl PhotometricLearner {
     /// Checks a frame by its points before training on it; returns an outcome only if the frame is an
     /// outlier.
     pub fn check_points(&mut self, agreement: &FrameAgreement) -> Option<PhotographOutcome> {
-        noise::update_point_residuals(&mut self.state, agreement)
+        waiting::update_point_residuals(&mut self.state, agreement)
     }
 
     /// Adds a photograph to the shuffle buffer.
@@ -220,19 +218,19 @@ impl PhotometricLearner {
     fn estimate_usual_residual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
         let Self { state, comparers, image, .. } = self;
         let n = state.buffered.len();
-        if noise::is_known(&state.noise) || n < noise::SETTLED as usize {
+        if waiting::is_known(&state.noise) || n < waiting::SETTLED as usize {
             return;
         }
         let Some(splats) = SplatView::new(&state.splats, &state.appearance) else { return };
         let mut differences = Vec::new();
-        for few in 0..noise::SETTLED as usize {
-            let waiting = &state.buffered[few * n / noise::SETTLED as usize];
+        for few in 0..waiting::SETTLED as usize {
+            let waiting = &state.buffered[few * n / waiting::SETTLED as usize];
             let Some(view) = waiting::unpacked(waiting, image) else { continue };
             let pixels = pixel_rule(full_coverage, rule);
             let compared = comparers.compare(splats, &view, image, pixels);
-            differences.extend(noise::difference(compared.squared_error, compared.pixels));
+            differences.extend(waiting::difference(compared.squared_error, compared.pixels));
         }
-        noise::init_running_mean(&mut state.noise, differences);
+        waiting::init_running_mean(&mut state.noise, differences);
     }
 
     /// Takes the step of a photograph unless it is an outlier. Returns the changed splats and the comparison.
@@ -253,8 +251,8 @@ impl PhotometricLearner {
         let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome =
-            noise::judge(noise, compared.squared_error, compared.pixels, view.outlier_factor);
-        let deviation = rule.noise * noise::usual(noise);
+            waiting::judge(noise, compared.squared_error, compared.pixels, view.outlier_factor);
+        let deviation = rule.noise * waiting::usual(noise);
         let mut seen = compared.visible_splats(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();

@@ -1,7 +1,7 @@
 //! Parameters of the photometric step (`photometric.md`, Constants).
 
 use crate::model::scene::splat_rule::SplatRule;
-use crate::model::splat::plain::OPAQUE;
+use crate::model::splat::appearance::OPAQUE;
 use crate::render::cpu::photometric::RowSubset;
 use crate::train::setting::value::{Choice, SettingValue, ValueError};
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,7 @@
 //! time, one per SIMD lane.
 
 use super::rule::{PhotometricRule, PriorDeviations};
-use crate::math::lane_cholesky::{at, factor, substitute};
+use crate::math::cholesky::{at, factor, substitute};
 use crate::math::simd::{Kernel, LANES, Vector, gather_rows, scatter_rows};
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use crate::model::scene::splat_rule::PointExtent;

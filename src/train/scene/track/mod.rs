@@ -23,7 +23,7 @@ mod search;
 
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
-use crate::model::scene::trajectory::TrackedPose;
+use crate::model::scene::state::TrackedPose;
 use crate::model::splat::appearance::SplatView;
 use crate::observation::surface::Observation;
 use crate::render::cpu::CpuRenderer;

@@ -3,12 +3,10 @@
 use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::{FrameBirths, Limits, create_components};
-use crate::train::scene::coarsening::{coarsened, factor};
-use crate::train::scene::component_sums::ComponentSums;
+use crate::train::scene::component_sums::{ComponentSums, SumScalar};
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::merge::merge_down;
-use crate::train::scene::sum_scalar::SumScalar;
-use crate::train::stages::SceneStage;
+use crate::train::scene::merge::{coarsened, factor, merge_down};
+use crate::train::timing::SceneStage;
 
 impl<W: SumScalar> SceneTrainer<W> {
     /// Creates components for points without one. If the budget is exhausted, others are merged first; if

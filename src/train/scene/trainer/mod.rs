@@ -4,44 +4,40 @@
 //! before points are assigned, births precede the sums, and visibility uses the means after the frame.
 
 mod budget;
-mod fitting;
 mod photograph;
 mod posing;
 mod seam;
 mod second_look;
-mod tracking;
 
-use super::coarsening;
-use super::component_sums::ComponentSums;
-use super::components::Components;
-use super::config::{SceneConfig, VisibilityRule};
+use super::accumulate::AssignedPoints;
+use super::births::assign_to_lattice;
+use super::component_sums::{ComponentSums, SumScalar};
+use super::components::{Components, SeedPositions};
+use super::config::{BirthRule, SceneConfig, SumForm, VisibilityRule};
 use super::explain::Explainer;
 use super::gain::{MIN_MATCHES, fewest_matches, gain};
 use super::grid::SeedGrid;
+use super::merge;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::point_fits::PointFits;
-use super::seed_positions::SeedPositions;
-use super::sum_scalar::SumScalar;
+use super::spacing::Spacing;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::kept::{ComponentObservation, StoredFrame};
+use crate::model::scene::kept::{ComponentObservation, FrameContribution, StoredFrame};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{PointExtent, SplatContext};
-use crate::model::scene::state::{SceneState, WHOLE, seed_order};
+use crate::model::scene::state::{SceneState, TrackedPose, WHOLE, seed_order};
 use crate::model::scene::sums::SceneSums;
-use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
-use crate::model::splat::exposure::{ExposureLog, FrameExposure};
-use crate::model::splat::pose_log::{FramePose, PoseLog};
+use crate::model::splat::pose_log::{ExposureLog, FrameExposure, FramePose, PoseLog};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
 use crate::train::learner::Learner;
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
-use crate::train::stages::{SCENE_STAGES, SceneStage};
-use crate::train::timing::{StageMs, Stopwatch};
+use crate::train::timing::{SCENE_STAGES, SceneStage, StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -147,7 +143,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Resumes a scene with the same configuration after `frames` frames; `None` if its sums have another
     /// form, or seeds are too far from the origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
-        let h = config.h * coarsening::factor(state.coarsening_steps);
+        let h = config.h * merge::factor(state.coarsening_steps);
         let mut trainer =
             Self::new(&SceneConfig { h, ..config.clone() }, DVec3::from_array(state.origin));
         (trainer.scale, trainer.coarsened) = (config.h, state.coarsening_steps);
@@ -407,5 +403,56 @@ impl<W: SumScalar> SceneTrainer<W> {
         let poses = (!self.poses.is_empty()).then(|| Arc::new(PoseLog::new(self.poses.clone(), h)));
         let full_coverage = self.config.splat_rule.full_coverage as f32;
         SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures, poses })
+    }
+}
+
+impl<W: SumScalar> SceneTrainer<W> {
+    /// True if a device can search seeds and sum points with the processor's bits: it supports whole quanta
+    /// about seeds born at points, and visibility by projection, only.
+    fn can_fit_on_device(&self) -> bool {
+        let SceneConfig { sums, births, visibility, .. } = &self.config;
+        *sums == SumForm::Mixed
+            && *births == BirthRule::Seeds
+            && *visibility == VisibilityRule::Projected
+    }
+
+    /// Assigns the points of a new frame, for which the device is chosen first.
+    fn begin_and_assign(&mut self, points: &[SurfacePoint]) {
+        self.fits.begin_frame(points.len(), self.config.h);
+        self.assign(points);
+    }
+
+    /// Assigns the points of the current frame, possibly again.
+    fn assign(&mut self, points: &[SurfacePoint]) {
+        let (rule, spacing) = (self.config.births, self.spacing());
+        let Self { fits, grid, components, owners, .. } = self;
+        match rule {
+            BirthRule::Seeds => fits.assign(grid, components, spacing, points, owners),
+            BirthRule::Lattice | BirthRule::BodyCentred => {
+                assign_to_lattice(rule, spacing.h(), grid, components, points, owners);
+            }
+        }
+    }
+
+    fn spacing(&self) -> Spacing {
+        Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
+    }
+
+    /// Adds the points to the sums; returns the contributions if frames are stored for a second alignment.
+    fn sum_up(
+        &mut self,
+        points: &[SurfacePoint],
+        weight: u32,
+        gain: [f32; 3],
+    ) -> Option<FrameContribution> {
+        self.component_sums.grow(self.components.n_rows());
+        let (owners, shifts) = (&self.owners, &self.shifts);
+        let is_noted = self.config.aligns_twice();
+        let matched =
+            AssignedPoints { points, owners, shifts, gain, weight, returns_contribution: is_noted };
+        let (h, looks) = (self.config.h, self.config.visibility);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        let (sums, touched) = (&mut self.component_sums, &mut self.touched);
+        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched)
     }
 }

@@ -9,13 +9,12 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use crate::render::cpu::photometric::RowSubset;
 use crate::render::near_plane_for;
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, PhotographOutcome};
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::components::SeedPositions;
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::waiting::packed;
 use crate::train::scene::photometric::{CONTRADICTION, PhotometricLearner, TrainingView};
-use crate::train::scene::seed_positions::SeedPositions;
-use crate::train::scene::sum_scalar::SumScalar;
-use crate::train::stages::{SCENE_STAGES, SceneStage};
-use crate::train::timing::{StageMs, Stopwatch};
+use crate::train::timing::{SCENE_STAGES, SceneStage, StageMs, Stopwatch};
 
 // Stride over the points to estimate the distance of a frame's nearest surfaces.
 const NEAREST_OF: usize = 16;

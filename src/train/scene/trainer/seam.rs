@@ -1,26 +1,23 @@
 //! Implementation of the trainer traits for the scene preset.
 
 use super::SceneTrainer;
+use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::scene::points_device::PointsDevice;
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
-use crate::model::stored::StoredModel;
 use crate::observation::surface::Observation;
 use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::candidates::IndexError;
-use crate::train::comparer_use::ComparerUse;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::DevicePolicy;
+use crate::train::device_trial::{ComparerUse, DevicePolicy, PassUse};
 use crate::train::learner::{Changed, Learner, Learns};
-use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
-use crate::train::pass_use::PassUse;
-use crate::train::scene::learner::SceneLearner;
-use crate::train::scene::sum_scalar::SumScalar;
-use crate::train::stages::{SCENE_STAGES, TrainStage};
-use crate::train::warnings::TrainingWarning;
+use crate::train::outcome::{ComparedPhotograph, FrameOutcome, TrainingWarning};
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::engine::SceneLearner;
+use crate::train::timing::{SCENE_STAGES, TrainStage};
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -4,17 +4,15 @@
 use super::SceneTrainer;
 use crate::math::camera::Camera;
 use crate::math::pose::Pose;
-use crate::model::scene::kept::{FrameContribution, StoredFrame};
-use crate::model::scene::kept_motion::quanta_to_values;
+use crate::model::scene::kept::{FrameContribution, StoredFrame, quanta_to_values};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::pose_log::FramePose;
 use crate::observation::surface::Observation;
-use crate::train::scene::align::{FrameMatches, Match, RecordedPose, TURN_DEVIATION};
-use crate::train::scene::known_planes::ColoredPlane;
-use crate::train::scene::memory::{MOST_KEPT_BYTES, MOST_KEPT_FRAMES};
-use crate::train::scene::point_parts::PARTS;
+use crate::train::scene::accumulate::PARTS;
+use crate::train::scene::align::{ColoredPlane, FrameMatches, Match, RecordedPose, TURN_DEVIATION};
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::config::{MOST_KEPT_BYTES, MOST_KEPT_FRAMES};
 use crate::train::scene::rigid_equations::Motion;
-use crate::train::scene::sum_scalar::SumScalar;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
