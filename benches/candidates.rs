@@ -1,6 +1,6 @@
 //! Time of the candidate search and of building its index, against `kiddo`.
 //!
-//! `cargo bench --bench candidates` prints the times of the search (`train.md`, Candidate search)
+//! `cargo bench --bench candidates` prints the times of the search (`training.md`, Candidate search)
 //! and what its switches are set by; `-- quick` leaves out `kiddo`, `-- K C` runs other sizes. Lego
 //! is read from `../shared/data/lego400`, if that is there, and doubled to 800 pixels.
 

@@ -1,6 +1,6 @@
 //! Time of one frame of training, by stage.
 //!
-//! `cargo bench --bench frame` prints the stages of a frame (`train.md`, Speed) at N = 100,000 and
+//! `cargo bench --bench frame` prints the stages of a frame (`training.md`, Speed) at N = 100,000 and
 //! C = 4 on about 190,000 points: frames of Lego (from `../shared/data/lego400`, if that is there,
 //! doubled to 800 pixels) and of a smooth surface. `VBGS_SIMD=portable` leaves AVX2 out.
 

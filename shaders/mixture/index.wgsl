@@ -1,4 +1,4 @@
-// Sorts means into grid cells (`train.md`, On a device) by a counting sort of five kernels: replace moved
+// Sorts means into grid cells (`training.md`, On a device) by a counting sort of five kernels: replace moved
 // means, count cells, prefix sum in two steps, store means in order. Atomics leave the order within a
 // cell undefined. No result depends on it, because candidates are ordered by distance and component.
 

@@ -1,4 +1,4 @@
-// One pass over a frame (`train.md`, On a device): a workgroup per tile, a lane per point. All results are
+// One pass over a frame (`training.md`, On a device): a workgroup per tile, a lane per point. All results are
 // bit-identical to those of the CPU.
 
 struct Frame {

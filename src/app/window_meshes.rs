@@ -1,5 +1,5 @@
 //! Conversion of the window's meshes to lists of triangles that update the stored image of the window
-//! (`rendering.md`, The window on the cores).
+//! (`rendering.md`, Window on a software adapter).
 
 use super::window_damage::{TextureChange, WindowDamage};
 use crate::render::gpu::meshes::{

@@ -1,5 +1,5 @@
 //! Drawing of the window in place of egui, if the adapter computes on the CPU cores (`rendering.md`,
-//! The window on the cores).
+//! Window on a software adapter).
 //!
 //! egui passes its shapes and textures after every pass, and receives one callback that draws them all.
 //! Textures stay with egui's painter, so that everything this painter does not support can be left to

@@ -17,7 +17,7 @@
 //! | how is a recording in progress followed? | [`growing`] |
 //!
 //! No threads are started here: the prefetcher in `pipeline` calls [`Dataset::load`].
-#![doc = include_str!("dataset.md")]
+#![doc = include_str!("../../docs/design/dataset.md")]
 // Files are untrusted: a number read from one must not index unchecked. Pixel code runs on images whose
 // size was checked when they were decoded.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]

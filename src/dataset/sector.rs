@@ -1,5 +1,5 @@
-//! Hold-out by sector (`eval.md`, From the side): trains on a sector of a recording or around an object and
-//! measures views outside it.
+//! Hold-out by sector (`evaluation.md`, Views from the side): trains on a sector of a recording or around an
+//! object and measures views outside it.
 
 use super::error::DatasetError;
 use super::opened::Dataset;

@@ -28,7 +28,7 @@ pub enum HoldOut {
     #[serde(rename = "every-8th")]
     #[strum(serialize = "every-8th")]
     Every8th,
-    /// A sector of the camera path (`eval.md`, From the side).
+    /// A sector of the camera path (`evaluation.md`, Views from the side).
     #[serde(rename = "sector")]
     #[strum(serialize = "sector")]
     Sector,

@@ -31,8 +31,8 @@ pub enum PartialCoverage {
     /// The background shows through, as renderers draw it.
     Composited,
     /// The splats' colour divided by its coverage, where that is at least
-    /// [`COVERED`](super::comparison::COVERED): the result of filling all cracks (`eval.md`, Partial
-    /// coverage).
+    /// [`COVERED`](super::comparison::COVERED): the result of filling all cracks (`evaluation.md`,
+    /// Partial coverage).
     Divided,
 }
 

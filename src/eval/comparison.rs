@@ -1,5 +1,5 @@
 //! Comparison of a render with its photograph: over the whole frame, over covered pixels, and with colours
-//! aligned (`eval.md`, Covered and aligned).
+//! aligned (`evaluation.md`, Covered and aligned).
 //!
 //! The three figures measure the whole frame, the part that the model represents, and the error without
 //! exposure differences. The alignment is fitted per view by least squares, because cameras with automatic

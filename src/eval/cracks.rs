@@ -1,5 +1,5 @@
-//! Cracks: background visible between splats inside a measured surface (`eval.md`, Cracks), at the training
-//! distance and at half of it.
+//! Cracks: background visible between splats inside a measured surface (`evaluation.md`, Cracks), at the
+//! training distance and at half of it.
 //!
 //! At half the distance, the camera is moved along its optical axis by half the median depth z of the
 //! view's interior pixels. The view's depth is projected into the moved camera ([`Surfaces::seen_by`]);

@@ -1,4 +1,4 @@
-//! PSNR and depth error (`eval.md`, PSNR), in f64.
+//! PSNR and depth error (`evaluation.md`, PSNR), in f64.
 //!
 //! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or the same
 //! in f64 for tests that need more digits than a renderer has.

@@ -1,5 +1,5 @@
 //! Quality of a model, and reports of runs.
-#![doc = include_str!("eval.md")]
+#![doc = include_str!("../../docs/design/evaluation.md")]
 
 pub mod choices;
 pub mod comparison;

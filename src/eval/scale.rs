@@ -1,4 +1,4 @@
-//! Comparison at a fraction of the photograph's size (`eval.md`, Scale).
+//! Comparison at a fraction of the photograph's size (`evaluation.md`, Scale).
 //!
 //! Phones take photographs of 1920×1440 pixels with depth of 256×192. Full size requires detail that
 //! measured points cannot provide, and takes sixteen times as long as a quarter. The photograph is

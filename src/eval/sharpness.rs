@@ -1,4 +1,4 @@
-//! Sharpness: fine detail of a photograph that a render reproduces (`eval.md`, Sharpness).
+//! Sharpness: fine detail of a photograph that a render reproduces (`evaluation.md`, Sharpness).
 //!
 //! PSNR is hardly sensitive to sharpness: the finest bands contain little energy, and a blurred edge has a
 //! smaller error than a displaced sharp one. Bands are therefore compared separately, by energy and

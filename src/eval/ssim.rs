@@ -1,4 +1,4 @@
-//! Structural similarity (`eval.md`, SSIM) in f64.
+//! Structural similarity (`evaluation.md`, SSIM) in f64.
 //!
 //! The window is separable: columns are summed first, then rows of those sums, with 22 products per
 //! position instead of 121. Sums are in f64, because variances are differences of nearly equal numbers.

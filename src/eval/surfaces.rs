@@ -11,7 +11,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use rayon::prelude::*;
 
-/// Interior pixels have no edge within this many pixels along rows and columns (`eval.md`, Cracks).
+/// Interior pixels have no edge within this many pixels along rows and columns (`evaluation.md`, Cracks).
 pub const EDGE_MARGIN: usize = 5;
 
 /// Surfaces in one camera's image.

@@ -1,4 +1,4 @@
-//! Alignment of a view's camera pose to its photograph, given splats (`eval.md`, Poses aligned).
+//! Alignment of a view's camera pose to its photograph, given splats (`evaluation.md`, Poses aligned).
 //!
 //! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models lack,
 //! and depth that a photograph may lack. This one makes the same estimate from the render and its depth,

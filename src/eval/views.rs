@@ -1,4 +1,4 @@
-//! Rendering and scoring of dataset views against their photographs (`eval.md`, Protocols).
+//! Rendering and scoring of dataset views against their photographs (`evaluation.md`, Protocols).
 //!
 //! Each view is discarded after scoring, so a split of any length fits in memory. If a separate colour
 //! camera took the photograph, that camera is rendered and depth is projected into its image. Unusable

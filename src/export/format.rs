@@ -23,15 +23,15 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelFormat {
-    /// Splats as PLY in the 3DGS layout (`export.md`, PLY of splats), which splat viewers open.
+    /// Splats as PLY in the 3DGS layout (`files.md`, PLY of splats), which splat viewers open.
     Ply,
-    /// Splat centres as coloured points in PLY (`export.md`, Point cloud), for MeshLab, CloudCompare and
+    /// Splat centres as coloured points in PLY (`files.md`, Point cloud), for MeshLab, CloudCompare and
     /// Open3D.
     #[serde(rename = "point-cloud")]
     PointCloudPly,
-    /// Splats as GLB with `KHR_gaussian_splatting` (`export.md`, GLB).
+    /// Splats as GLB with `KHR_gaussian_splatting` (`files.md`, GLB).
     Glb,
-    /// Splats as SPZ version 4 (`export.md`, SPZ), quantised to a fifth of the size of PLY.
+    /// Splats as SPZ version 4 (`files.md`, SPZ), quantised to a fifth of the size of PLY.
     Spz,
 }
 

@@ -9,11 +9,11 @@ use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-/// Smallest scale written, so that its logarithm is finite (`export.md`, From splat to file).
+/// Smallest scale written, so that its logarithm is finite (`files.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
 /// Smallest scale written relative to the splat's largest, for worlds whose unit makes splats tiny.
 const FLATTEST: f64 = 1e-4;
-/// Margin between opacities and 0 or 1 where a logit is written (`export.md`, From splat to file).
+/// Margin between opacities and 0 or 1 where a logit is written (`files.md`, From splat to file).
 // Limits logits to ±13.8.
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Shorter quaternions count as zero.

@@ -1,4 +1,4 @@
-//! Local origin of a file's positions (`export.md`, Local origin).
+//! Local origin of a file's positions (`files.md`, Local origin).
 //!
 //! All formats store 32-bit positions, so those far from zero are written relative to a nearby origin. A glTF
 //! stores it as a node transform, in decimal numbers; a PLY only as a comment, which no other program reads.

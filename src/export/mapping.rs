@@ -1,4 +1,4 @@
-//! Conversion of native splats to plain ones (`export.md`, Native splats as plain ones). Plain files allow
+//! Conversion of native splats to plain ones (`files.md`, Native splats as plain ones). Plain files allow
 //! opacities up to 1 and no colour gradient. A flat top becomes a wider splat, and a gradient several splats.
 //!
 //! ```

@@ -26,7 +26,7 @@
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
-#![doc = include_str!("export.md")]
+#![doc = include_str!("../../docs/design/files.md")]
 // Files are untrusted: a number from a file must never cause an out-of-range index.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]
 

@@ -4,7 +4,7 @@
 //! ([`conjugate::prior::Hyper`]). The *initial model* serves every E-step and changes by reassignment only
 //! ([`paper::state::InitialModel`]). The *posterior* is the prior plus all statistics so far; it is
 //! rendered and never feeds back ([`conjugate::posterior`]).
-#![doc = include_str!("model.md")]
+#![doc = include_str!("../../docs/design/model.md")]
 
 pub mod attributes;
 pub mod conjugate;

@@ -1,6 +1,6 @@
 //! Training loop, shared by the window and the command line through [`session::Session`]: frames are decoded
 //! and unprojected ahead on other threads, trained on one by one, and reported.
-#![doc = include_str!("pipeline.md")]
+#![doc = include_str!("../../docs/design/pipeline.md")]
 
 pub mod any_preset;
 pub mod autosave;

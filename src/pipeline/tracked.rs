@@ -38,7 +38,7 @@ pub struct PlacedViews {
     pub frames: Vec<usize>,
     /// Views that could not be placed, with reasons.
     pub lost: Vec<SkippedFrame>,
-    /// True if recorded poses straightened the images of the views (`eval.md`, Views of tracked runs).
+    /// True if recorded poses straightened the images of the views (`evaluation.md`, Views of tracked runs).
     pub is_straightened: bool,
 }
 

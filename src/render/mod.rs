@@ -3,7 +3,7 @@
 //! Colours are sRGB-encoded and blended in that encoding. Alpha is premultiplied: an image is
 //! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes follow OpenCV;
 //! the centre of pixel `(i, j)` is at `(i + ½, j + ½)`.
-#![doc = include_str!("rendering.md")]
+#![doc = include_str!("../../docs/design/rendering.md")]
 
 pub mod attributes;
 pub mod compare;

@@ -1,4 +1,4 @@
-//! Scores and responsibilities of one point (`train.md`, E-step), as distances: differences first, then
+//! Scores and responsibilities of one point (`training.md`, E-step), as distances: differences first, then
 //! `q = |Δs|² + λ|Δc|² − w`. The precision multiplies only differences to the minimum, which avoids
 //! cancellation in f32.
 

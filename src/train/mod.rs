@@ -1,6 +1,6 @@
 //! Training engine: updates statistics from one frame at a time. Shared parts are here; each preset
 //! has its own folder.
-#![doc = include_str!("train.md")]
+#![doc = include_str!("../../docs/design/training.md")]
 
 pub mod candidates;
 pub mod component_elbo;

@@ -129,7 +129,7 @@ fn the_loader_gives_the_golden_points_in_tile_order() {
     }
 }
 
-/// `model.md`, Precision, was measured on 982 910 points of 20 Lego frames.
+/// `model.md`, Sufficient statistics and precision, was measured on 982 910 points of 20 Lego frames.
 #[test]
 fn twenty_frames_make_the_published_number_of_points() {
     let Some(lego) = shared("data/lego400") else { return };

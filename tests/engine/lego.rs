@@ -1,5 +1,5 @@
-//! The `paper` preset on the real Lego recording against the figures of `model.md`, What the
-//! reference reaches, and the mixed path against f64.
+//! The `paper` preset on the real Lego recording against the figures of `model.md`,
+//! Comparison with the reference, and the mixed path against f64.
 //!
 //! `cargo test --release --test engine lego -- --ignored --nocapture` prints the tables.
 
@@ -267,7 +267,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     }
 }
 
-/// A row of the 3DGS layout by its definition (`export.md`, PLY of splats).
+/// A row of the 3DGS layout by its definition (`files.md`, PLY of splats).
 fn splat_of(row: &DefaultElement) -> Splat {
     let value = |name: &str| match row.get(name) {
         Some(Property::Float(value)) => *value,

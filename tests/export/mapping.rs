@@ -1,4 +1,4 @@
-//! Native splats as plain ones: areas, moments and colours as `export.md`, Native splats as plain
+//! Native splats as plain ones: areas, moments and colours as `files.md`, Native splats as plain
 //! ones, has them.
 
 use super::{distance, read_bytes, set, written};
@@ -286,7 +286,7 @@ fn textured_plane() -> SplatSet {
     discs
 }
 
-/// The figures of `export.md`, Native splats as plain ones, in small: splits bring gradients back,
+/// The figures of `files.md`, Native splats as plain ones, in small: splits bring gradients back,
 /// and no mapping opens holes.
 #[test]
 fn mapped_scenes_look_like_native_ones() {

@@ -1,4 +1,4 @@
-//! What is written comes back (`export.md`, From splat to file: mean exact, the rest to 1e-6).
+//! What is written comes back (`files.md`, From splat to file: mean exact, the rest to 1e-6).
 
 use super::{distance, random_splats, read_bytes, written};
 use vbgs_studio::export::{Axes, ModelFormat, ModelKind, Note, WriteOptions, read_up_to, write};

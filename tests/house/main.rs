@@ -177,7 +177,9 @@ fn files_are_small() {
 #[test]
 fn references_point_to_headings() {
     let mut known: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for (name, text) in files("src", &["md"]).into_iter().chain(files("docs", &["md"])) {
+    for (name, text) in
+        files("docs", &["md"]).into_iter().filter(|(name, _)| !name.starts_with("docs/lab/"))
+    {
         let headings = text.lines().filter(|line| line.starts_with("##"));
         let headings = headings.map(|line| line.trim_start_matches('#').trim().to_owned());
         known.entry(name.rsplit('/').next().unwrap().to_owned()).or_default().extend(headings);

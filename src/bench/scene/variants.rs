@@ -3,7 +3,7 @@
 //!
 //! A part is a change that does without it, applied to the preset; a row whose change alters
 //! nothing on a dataset is left out. Constants of the changes are those of the recipe's own
-//! ablation (`scene.md`, What each part brings), so that rows can be held against it.
+//! ablation (`scene.md`, Effect of each part), so that rows can be held against it.
 
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
@@ -47,7 +47,7 @@ pub struct SceneVariant {
 /// A part of the preset and how to do without it.
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
-/// In the order of the table (`scene.md`, What each part brings).
+/// In the order of the table (`scene.md`, Effect of each part).
 const PARTS: [PresetChange; 13] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
@@ -123,7 +123,7 @@ fn opacity_of_count(run: &mut SceneRun) {
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
 }
 
-/// Looser thresholds (`dataset.md`, Tried and dropped), where the sensor's are tighter.
+/// Looser thresholds (`dataset.md`, Plane fit), where the sensor's are tighter.
 fn loose_inliers(run: &mut SceneRun) {
     if run.surface.sensor == Sensor::Inverse8Ray {
         run.surface.thresholds =

@@ -8,7 +8,7 @@
 //! never branch on their position. A neighbour outside the gate gets a residual beyond every limit, so
 //! later rounds need not test the gate again.
 //!
-//! Tried on Lego and dropped (`dataset.md`, Tried and dropped): points weighted by their cosine or its
+//! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its
 //! square, without gain over a threshold; windows of other sizes (see `recipe`).
 
 use super::planes::{NOTHING, Planes, load};

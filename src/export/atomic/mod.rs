@@ -1,4 +1,4 @@
-//! Atomic file replacement (`export.md`, Atomic writing).
+//! Atomic file replacement (`files.md`, Atomic writing).
 //!
 //! The content is written to a temporary file in the same folder, synced, then renamed over the target: the
 //! name always refers to a complete file, old or new. A backup is a hard link to the older file (a copy where

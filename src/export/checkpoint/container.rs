@@ -1,6 +1,6 @@
 //! Container of a checkpoint: header, section table and checksums.
 //!
-//! Checks run from the outside inwards and allocate only for what the file is known to hold (`export.md`,
+//! Checks run from the outside inwards and allocate only for what the file is known to hold (`files.md`,
 //! Checkpoint container). A length in a damaged file therefore cannot cause a large allocation. Sections
 //! start at multiples of 64 bytes (a cache line), in table order, with only zeros between: the encoding is
 //! unique.
@@ -138,7 +138,7 @@ pub(super) struct Container<'a> {
 }
 
 impl<'a> Container<'a> {
-    /// Checks everything except the meaning of the sections, in the order of `export.md`, Checkpoint
+    /// Checks everything except the meaning of the sections, in the order of `files.md`, Checkpoint
     /// container. Allocates only the section table, once the file is known to hold it.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
         let found = bytes.len() as u64;

@@ -4,7 +4,7 @@ use crate::model::attributes::StoredModel;
 use bytemuck::Pod;
 
 /// Type of a section's elements; the discriminant is its code in the file. The last three extend the
-/// published codes (`export.md`, Checkpoint container).
+/// published codes (`files.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ElementType {

@@ -1,4 +1,4 @@
-//! Native checkpoints, `*.vbgs` (`export.md`, Checkpoint container): the complete state of a run at a frame
+//! Native checkpoints, `*.vbgs` (`files.md`, Checkpoint container): the complete state of a run at a frame
 //! boundary, sufficient to resume it bit for bit.
 //!
 //! Little-endian. A header of 24 bytes (magic, version, number of sections, length of the file), a table with

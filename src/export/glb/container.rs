@@ -91,7 +91,7 @@ const U16: u32 = 5123;
 const F32: u32 = 5126;
 
 /// Permitted types of an attribute: vector types with their widths, and component types with their
-/// `normalized` flag (`export.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1).
+/// `normalized` flag (`files.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1).
 struct Rule {
     kinds: &'static [(&'static str, usize)],
     components: &'static [(u32, bool)],

@@ -1,4 +1,4 @@
-//! glTF 2.0 with `KHR_gaussian_splatting` (`export.md`, GLB). Files are y-up, splats in memory z-up: writing
+//! glTF 2.0 with `KHR_gaussian_splatting` (`files.md`, GLB). Files are y-up, splats in memory z-up: writing
 //! maps `(x, y, z)` to `(x, z, −y)`, and reading always inverts that.
 
 mod container;

@@ -7,9 +7,9 @@ use crate::export::imported::Imported;
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
-/// Maximum size of the JSON in a GLB (`export.md`, Limits).
+/// Maximum size of the JSON in a GLB (`files.md`, Limits).
 const MAX_JSON_BYTES: usize = 64 << 20;
-/// Maximum nesting of JSON arrays and objects (`export.md`, Limits).
+/// Maximum nesting of JSON arrays and objects (`files.md`, Limits).
 const MAX_JSON_DEPTH: usize = 64;
 /// Extensions that a file may require: the splat extension, and those that do not affect the import.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];

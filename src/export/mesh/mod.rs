@@ -1,4 +1,4 @@
-//! Triangle mesh from the plane segments of a scene's components (`export.md`, Mesh), weighted by their
+//! Triangle mesh from the plane segments of a scene's components (`files.md`, Mesh), weighted by their
 //! points.
 //!
 //! ```

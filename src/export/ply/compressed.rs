@@ -1,4 +1,4 @@
-//! PlayCanvas' compressed PLY (`export.md`, Compressed PLY). Splats form chunks of 256; each value is
+//! PlayCanvas' compressed PLY (`files.md`, Compressed PLY). Splats form chunks of 256; each value is
 //! quantised between the bounds of its chunk and packed into four words. Harmonics are bytes in a separate
 //! element.
 

@@ -5,7 +5,7 @@
 
 use crate::export::error::{Fault, shorten};
 
-/// Maximum header size, equal to SuperSplat's limit (`export.md`, PLY of splats); 62 properties take 1.5 KB.
+/// Maximum header size, equal to SuperSplat's limit (`files.md`, PLY of splats); 62 properties take 1.5 KB.
 const MAX_HEADER_BYTES: usize = 128 * 1024;
 
 #[derive(Debug)]

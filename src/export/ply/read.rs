@@ -12,7 +12,7 @@ use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Third scale of flat splats, as a fraction of the larger of the other two (`export.md`, PLY of splats).
+/// Third scale of flat splats, as a fraction of the larger of the other two (`files.md`, PLY of splats).
 const FLATNESS: f64 = 1e-6;
 /// Maximum number of properties in a message, and of characters for them.
 const MAX_NAMED_PROPERTIES: usize = 20;

@@ -1,4 +1,4 @@
-//! Splats in the 3DGS layout (`export.md`, PLY of splats).
+//! Splats in the 3DGS layout (`files.md`, PLY of splats).
 
 use super::{N_REST_DEGREE_1, N_REST_DEGREE_3};
 use crate::export::error::Fault;
@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::io;
 use std::io::Write;
 
-/// Maximum header size: antimatter15/splat reads up to 10 KB, others more (`export.md`, PLY of splats).
+/// Maximum header size: antimatter15/splat reads up to 10 KB, others more (`files.md`, PLY of splats).
 const MAX_HEADER_BYTES: usize = 4096;
 
 // Without `red green blue`: otherwise spark would read bare points, and brush would prefer them over `f_dc`.

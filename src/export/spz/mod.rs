@@ -1,4 +1,4 @@
-//! SPZ (`export.md`, SPZ): one column of bytes per attribute. Up to version 3 all are compressed together
+//! SPZ (`files.md`, SPZ): one column of bytes per attribute. Up to version 3 all are compressed together
 //! with gzip; in version 4 each is a Zstandard stream. Files are y-up with x right and z backward, as in
 //! glTF; splats in memory are z-up.
 

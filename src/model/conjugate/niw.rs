@@ -1,4 +1,4 @@
-//! Normal-Wishart distribution of one Gaussian block (`model.md`, Normal-Wishart), D = 3.
+//! Normal-Wishart distribution of one Gaussian block (`model.md`, Priors), D = 3.
 
 use crate::math::special::{mv_digamma3, mv_ln_gamma3};
 use crate::math::sym3::Sym3;
@@ -84,7 +84,7 @@ impl Niw {
             + mv_ln_gamma3(0.5 * self.nu)
     }
 
-    /// Returns `KL(self ‖ other)` (`model.md`, Divergences).
+    /// Returns `KL(self ‖ other)` (`model.md`, Expectations and divergences).
     pub fn kl(&self, other: &Self) -> f64 {
         let (q, p) = (self, other);
         let ratio = p.kappa / q.kappa;

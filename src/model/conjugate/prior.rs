@@ -121,7 +121,7 @@ pub fn kl(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// The check values of `model.md`, Expectations.
+    /// The check values of `model.md`, Expectations and divergences.
     #[test]
     fn constants_match_the_specification() {
         for (components, expected) in

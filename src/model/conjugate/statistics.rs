@@ -5,7 +5,7 @@ use crate::math::sym3::Sym3;
 use glam::DVec3;
 
 /// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), with `d = s − m_k`
-/// (`model.md`, Sufficient statistics).
+/// (`model.md`, Sufficient statistics and precision).
 // `Σ r c cᵀ`, which the reference sums as well, is left out: the colour precision is fixed, so nothing reads
 // it.
 pub const N_SUMS: usize = 13;

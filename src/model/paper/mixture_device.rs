@@ -80,7 +80,7 @@ pub struct PointColumns<'a> {
     pub tiles: &'a [u32],
 }
 
-/// Parameters of the scoring of points (`train.md`, E-step).
+/// Parameters of the scoring of points (`training.md`, E-step).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassRule {
     /// Number of candidates per point: 1 to [`MAX_DEVICE_CANDIDATES`], at most the number of means.

@@ -8,7 +8,7 @@
 use crate::math::fixed::{Quanta, from_fixed, round_small, to_fixed, to_quanta};
 use crate::model::conjugate::statistics::N_SUMS;
 
-/// Fraction bits of every sum in 64-bit totals (`train.md`, Fixed point): counts and colours reach 1.3e8
+/// Fraction bits of every sum in 64-bit totals (`training.md`, Fixed point): counts and colours reach 1.3e8
 /// before they carry; second moments resolve a standard deviation of 6e-8.
 const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
 

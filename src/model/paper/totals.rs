@@ -5,9 +5,9 @@
 //! never share a row. A row begins at a cache line; the frame stamp comes first, as it is read together with
 //! the first sums.
 //!
-//! Rejected alternatives (`train.md`, Tried and dropped): accumulators private to each thread (1.2 to 1.9 ms
-//! a frame before they are merged, while records and their addition take 0.9 to 1.4), sorting the points by
-//! component (1.6 to 1.9 ms), and unordered floating-point sums, whose bits differ from run to run.
+//! Rejected alternatives (`training.md`, Tried and dropped): accumulators private to each thread (1.2 to 1.9
+//! ms a frame before they are merged, while records and their addition take 0.9 to 1.4), sorting the points
+//! by component (1.6 to 1.9 ms), and unordered floating-point sums, whose bits differ from run to run.
 
 use super::merging::{TotalShard, row_bytes};
 use super::state::{Carry, Totals};

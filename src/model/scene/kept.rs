@@ -1,5 +1,5 @@
-//! Contributions of recent frames, stored so that they can be moved with the frame (`train/scene/scene.md`, A
-//! second look).
+//! Contributions of recent frames, stored so that they can be moved with the frame (`scene.md`, Second
+//! alignment).
 
 use super::state::QUANTUM;
 use super::sums::{MAX_TERM, MIXED, N_SUMS, SceneSums, clamp_moments};

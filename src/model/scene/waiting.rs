@@ -1,4 +1,4 @@
-//! Shuffle buffer of photographs for photometric training (`train/scene/photometric/photometric.md`, Order).
+//! Shuffle buffer of photographs for photometric training (`photographs.md`, Shuffle buffer).
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::{Pose, PoseError};

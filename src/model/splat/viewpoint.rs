@@ -59,7 +59,7 @@ pub fn reach(h: f64) -> f64 {
 /// This is the best linear unbiased prediction from the nearest frames under a Matérn covariance of
 /// smoothness 3/2 with unknown mean (ordinary kriging; Cressie 1993, section 3.2). A mean weighted by
 /// distance alone would be biased towards the side with more frames and would flatten changes between frames
-/// (`eval.md`, Poses of views).
+/// (`evaluation.md`, Poses of held-out views).
 pub fn interpolate<T, const N: usize>(
     frames: &[T],
     pose: &Pose,

@@ -1,7 +1,7 @@
 //! Draws user interface triangles into a persistent image, and that image into the window.
 //!
-//! Used on software adapters (`rendering.md`, The window on the cores), where fragments are expensive. Only
-//! changed areas are redrawn, untextured triangles read no texture, and opaque ones are not blended.
+//! Used on software adapters (`rendering.md`, Window on a software adapter), where fragments are expensive.
+//! Only changed areas are redrawn, untextured triangles read no texture, and opaque ones are not blended.
 //! Colours are sRGB-encoded bytes, as in the window.
 
 use super::constants::module;

@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Number of threads from which two parallel steps are faster (`train.md`, Speed).
+/// Number of threads from which two parallel steps are faster (`training.md`, Speed).
 const MANY: usize = 4;
 // Number of parts of the ids. Fixed rather than one per thread, so memory grows only once.
 const PARTS: usize = 16;

@@ -1,4 +1,4 @@
-//! A uniform grid over the initial spatial means (`train.md`, Grid of means).
+//! A uniform grid over the initial spatial means (`training.md`, Grid of means).
 //!
 //! Cells are filled by a counting sort, stable by id: a row of cells is one span of memory, and ties
 //! go to the lower id. Bounds are quantiles of a sample, so a stray mean does not stretch the cells

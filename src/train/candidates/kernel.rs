@@ -231,7 +231,7 @@ fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
         for i in 0..N {
             let mut key = distance2(position, points[i]).replace_low_bits(!entry_bits, entry);
             for kept in &mut keys[i] {
-                // Both use the old value: with the new one, ties would evict the wrong id (`train.md`,
+                // Both use the old value: with the new one, ties would evict the wrong id (`training.md`,
                 // Pitfalls).
                 let low = kept.min(key);
                 key = kept.max(key);

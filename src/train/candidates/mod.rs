@@ -6,7 +6,7 @@
 //! points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10 to 10⁵ means, 1 to 1024
 //! neighbours).
 //!
-//! Rejected alternatives (`train.md`, Tried and dropped): insertion with branches or blends (kernel
+//! Rejected alternatives (`training.md`, Tried and dropped): insertion with branches or blends (kernel
 //! takes twice as long), chunks of 8 points, bounds for a whole tile (99 candidates instead of 57),
 //! finer grids where means cluster (a tenth faster, on such data only).
 

@@ -213,7 +213,8 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
 }
 
 // Length in cells beyond which a group of points is split. Tiles across a depth edge split, tiles on one
-// surface stay whole. Smaller groups gained nothing, even on stepped depth (`train.md`, Tried and dropped).
+// surface stay whole. Smaller groups gained nothing, even on stepped depth (`training.md`, Tried and
+// dropped).
 const MAX_GROUP_CELLS: f32 = 2.0;
 /// First guess of the neighbours' distance, relative to the last group's.
 const NEAREST_GUESS: f32 = 1.1;

@@ -1,4 +1,4 @@
-//! Fused search, E-step and sums of a tile in f32 (`train.md`, Candidate search).
+//! Fused search, E-step and sums of a tile in f32 (`training.md`, Candidate search).
 //!
 //! A point's nearest component receives it entirely if no other can come within 40 nats, which a lower
 //! bound on the second distance proves for nearly all points. The others are ranked and scored against

@@ -1,4 +1,4 @@
-//! Initial means and weights (`train.md`, Initial means).
+//! Initial means and weights (`training.md`, Initial means).
 
 use crate::math::real::Real;
 use crate::math::rng::{Purpose, Rng};

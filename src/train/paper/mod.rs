@@ -1,4 +1,4 @@
-//! The `paper` preset: candidate search, E-step, statistics, update and reassignment (`train.md`,
+//! The `paper` preset: candidate search, E-step, statistics, update and reassignment (`training.md`,
 //! Stages of a frame). A pass over the points changes no shared state. Only the final addition of its
 //! records does, and it cannot fail, so a frame is applied completely or not at all.
 

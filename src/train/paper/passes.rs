@@ -1,4 +1,4 @@
-//! Runs passes on the CPU or on a device (`train.md`, On a device).
+//! Runs passes on the CPU or on a device (`training.md`, On a device).
 //!
 //! A device returns scores and records in the CPU's format and lists the tiles it leaves to the CPU.
 //! Results are merged, so later code does not depend on where a pass ran. A pass changes no shared

@@ -1,4 +1,4 @@
-//! Moves unused components to badly explained points (`train.md`, Reassignment).
+//! Moves unused components to badly explained points (`training.md`, Reassignment).
 //!
 //! Sampling without replacement is done as an exponential race, which has the same distribution as the
 //! reference's successive draws: every point gets a time from its own random number, and the earliest
@@ -112,8 +112,8 @@ fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked
 }
 
 /// Selects `n` candidates by an exponential race: taking the smallest `−ln u_i / p_i` has the
-/// distribution of successive draws with probabilities `p_i` (`train.md`, Sampling without
-/// replacement). Candidates of probability zero come last, in uniform order.
+/// distribution of successive draws with probabilities `p_i` (`training.md`, Sampling
+/// without replacement). Candidates of probability zero come last, in uniform order.
 fn draw_by_race<'a>(
     draws: &'a mut Smallest,
     candidates: &[Ranked],

@@ -236,7 +236,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     /// Quota of the next reassignment. Before the first fit no component counts as unused: the posterior
-    /// equals the initial model, whose weights are not below the prior's (`train.md`, Reassignment).
+    /// equals the initial model, whose weights are not below the prior's (`training.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         if self.frames == 0 && self.statistics.used() == 0 {
             return None;

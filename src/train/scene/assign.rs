@@ -1,7 +1,7 @@
 //! Assignment of every point to the component with the nearest seed within its reach.
 //!
 //! Distance alone decides: normals or colours as additional dimensions gave more components but no better
-//! picture (`scene.md`, Tried and dropped).
+//! picture (`scene.md`, Effect of each part).
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid};

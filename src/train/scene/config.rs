@@ -177,8 +177,8 @@ impl SceneConfig {
         }
     }
 
-    /// True if frames are aligned a second time and moved with their contributions (`scene.md`, A second
-    /// look): if both poses and exposures are corrected. Without gains, frames drift along with their
+    /// True if frames are aligned a second time and moved with their contributions (`scene.md`, Second
+    /// alignment): if both poses and exposures are corrected. Without gains, frames drift along with their
     /// brightness.
     pub fn aligns_twice(&self) -> bool {
         self.align && !self.track && self.gain

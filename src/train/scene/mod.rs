@@ -3,7 +3,7 @@
 //!
 //! The E-step is the mixture's with one candidate: the initial model of every component is isotropic about
 //! its seed with one common precision, so the largest responsibility belongs to the nearest seed.
-#![doc = include_str!("scene.md")]
+#![doc = include_str!("../../../docs/design/scene.md")]
 
 pub mod config;
 pub mod engine;

@@ -1,5 +1,5 @@
-//! Sampling without replacement, in the rounds of the reference (`train.md`, Sampling without
-//! replacement): the stored cases prescribe its uniforms. The trainer draws by a race of the same
+//! Sampling without replacement, in the rounds of the reference (`training.md`, Sampling
+//! without replacement): the stored cases prescribe its uniforms. The trainer draws by a race of the same
 //! law.
 
 /// Chooses `n` distinct indices with probabilities proportional to `weights` (finite, not

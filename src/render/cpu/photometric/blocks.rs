@@ -1,5 +1,5 @@
 //! Converts image-plane moments to gradients and Gauss-Newton blocks of the parameters, eight splats at a
-//! time, one per lane (`photometric.md`, Lift).
+//! time, one per lane (`photographs.md`, Lift).
 
 use super::lift::{
     BY_MEAN, BY_SHAPE, COLOR_BY_MEAN, DIRECTION, N_LINEAR, PLANE_VECTORS, SplatLanes,

@@ -1,4 +1,4 @@
-//! Jacobian of a splat's image (centre, covariance, colour) by its parameters (`photometric.md`, Lift).
+//! Jacobian of a splat's image (centre, covariance, colour) by its parameters (`photographs.md`, Lift).
 //! Processes eight splats at a time, one per lane.
 //!
 //! A change of a parameter moves the centre by `du` and the covariance by `dΣ`. With the whitening

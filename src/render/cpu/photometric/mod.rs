@@ -1,4 +1,4 @@
-//! Gradients and Gauss-Newton blocks of the visible splats from one photograph (`photometric.md`, Image
+//! Gradients and Gauss-Newton blocks of the visible splats from one photograph (`photographs.md`, Image
 //! plane).
 //!
 //! Each tile is walked twice from front to back: the first walk draws, the second compares and sums.

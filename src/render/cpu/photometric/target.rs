@@ -64,7 +64,7 @@ impl TargetTile {
     }
 
     /// Depth error of a splat in eight pixels, at offsets from its centre in px: 0 at the measured depth or
-    /// if depth is unknown, ½ at the tolerance, close to 1 far from it (`photometric.md`, Depth).
+    /// if depth is unknown, ½ at the tolerance, close to 1 far from it (`photographs.md`, Depth).
     #[inline(always)]
     pub(super) fn depth_error<V: Vector>(
         &self,

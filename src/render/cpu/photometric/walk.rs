@@ -5,9 +5,9 @@
 //! division.
 //!
 //! Coverage is fitted as well as colour. Crack filling hides gaps from the colours, so without a coverage
-//! term splats shrink until gaps appear at other viewing distances (`photometric.md`, Coverage).
+//! term splats shrink until gaps appear at other viewing distances (`photographs.md`, Coverage).
 //!
-//! Crack filling is part of the derivative (`photometric.md`, Crack filling). A pixel's colour is `C·f(A)`
+//! Crack filling is part of the derivative (`photographs.md`, Crack filling). A pixel's colour is `C·f(A)`
 //! with `f = min(1/F, 1/A)`, so each splat of a filled pixel also changes the factor.
 
 use super::super::raster::{BATCH, Batch};

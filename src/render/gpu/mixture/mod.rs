@@ -1,4 +1,4 @@
-//! Passes of the published algorithm over frames, on a GPU (`train.md`, On a device).
+//! Passes of the published algorithm over frames, on a GPU (`training.md`, On a device).
 //!
 //! A frame is uploaded once, through mapped memory filled by all threads. Only moved means are uploaded, and
 //! the GPU sorts all means into cells. One kernel searches, scores and sums, with one workgroup per tile.

@@ -1,4 +1,4 @@
-//! Comparison of photographs with splats on a GPU (`photometric.md`, On a GPU).
+//! Comparison of photographs with splats on a GPU (`photographs.md`, On a GPU).
 //!
 //! Splats are projected, sorted and listed by tile on the CPU, by the same code as for the CPU's own
 //! walk. The expensive part, the walks over pixels, runs here:

@@ -92,7 +92,7 @@ impl Candidates {
 number_or_word!(Candidates, Nearest, Dense, "dense");
 number_or_word!(Batch, Points, Frame, "frame");
 
-/// Source of the initial means (`train.md`, Initial means).
+/// Source of the initial means (`training.md`, Initial means).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
@@ -103,7 +103,7 @@ pub enum Init {
     Data,
 }
 
-/// Time and scores by which unused components move (`train.md`, Reassignment).
+/// Time and scores by which unused components move (`training.md`, Reassignment).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

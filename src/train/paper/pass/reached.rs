@@ -1,5 +1,5 @@
 //! Finds tiles within reach of a moved mean, and selects the valid records after these were run again
-//! (`train.md`, Reassignment).
+//! (`training.md`, Reassignment).
 
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::TileRecord;

@@ -1,5 +1,5 @@
-//! Consistency check of a frame against the scene, from its points, before training on it (`photometric.md`,
-//! Frames that contradict).
+//! Consistency check of a frame against the scene, from its points, before training on it (`photographs.md`,
+//! Outlier frames).
 
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};

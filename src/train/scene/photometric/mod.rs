@@ -1,6 +1,6 @@
 //! Photometric training: after the points, one Gauss-Newton step on the picture, with a precision per splat
 //! that accumulates.
-#![doc = include_str!("photometric.md")]
+#![doc = include_str!("../../../../docs/design/photographs.md")]
 
 pub mod agreement;
 mod comparers;

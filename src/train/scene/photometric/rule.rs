@@ -1,4 +1,4 @@
-//! Parameters of the photometric step (`photometric.md`, Constants).
+//! Parameters of the photometric step (`photographs.md`, Constants).
 
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::OPAQUE;

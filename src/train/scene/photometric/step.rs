@@ -1,4 +1,4 @@
-//! Photometric steps of splats and updates of their precision (`photometric.md`, Step). Eight splats at a
+//! Photometric steps of splats and updates of their precision (`photographs.md`, Step). Eight splats at a
 //! time, one per SIMD lane.
 
 use super::rule::{PhotometricRule, PriorDeviations};

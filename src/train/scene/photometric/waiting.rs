@@ -1,4 +1,4 @@
-//! Packing of photographs for the shuffle buffer, and unpacking (`photometric.md`, Order).
+//! Packing of photographs for the shuffle buffer, and unpacking (`photographs.md`, Shuffle buffer).
 
 use super::agreement::FrameAgreement;
 use super::comparers::TrainingView;

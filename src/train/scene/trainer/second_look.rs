@@ -1,5 +1,5 @@
 //! Second alignment of stored frames, when more of the scene is known, and motion of their contributions
-//! (`scene.md`, A second look).
+//! (`scene.md`, Second alignment).
 
 use super::SceneTrainer;
 use crate::math::camera::Camera;
