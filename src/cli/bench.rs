@@ -1,8 +1,8 @@
 //! `bench`: measures speed, error and size; writes tables, files and plots.
 
 use super::args::{
-    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, PeersBenchArgs,
-    PrecisionSearchArgs, RenderBenchArgs,
+    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PeersBenchArgs, PrecisionSearchArgs,
+    ReadArgs, RenderBenchArgs,
 };
 use super::failure::Failure;
 use super::train::print_dataset_notes;
@@ -161,7 +161,7 @@ fn on_dataset(
 }
 
 /// Opens a dataset, or the demo's if none is given.
-pub fn open(path: Option<&Path>, depth: &DepthArgs) -> Result<Arc<Dataset>, Failure> {
+pub fn open(path: Option<&Path>, depth: &ReadArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(start::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
     print_dataset_notes(&dataset);

@@ -14,7 +14,6 @@ use vbgs_studio::dataset::splits::{HOLD_OUT_EVERY, HoldOut, ViewGroup};
 use vbgs_studio::eval::near::NearRule;
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::pipeline::settings::method::Method;
-use vbgs_studio::render::Lens;
 
 #[derive(Serialize)]
 struct EvalOutput {
@@ -24,9 +23,9 @@ struct EvalOutput {
 
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     // Usage errors first: reading models and datasets takes seconds.
-    let methods = args.renderer.methods(Lens::Pinhole)?;
+    let methods = args.comparison.protocol.methods(args.renderer)?;
     let model = model::load(&args.model)?;
-    let load = model.load_options(args.depth.load_options())?;
+    let load = model.load_options(args.reading.read.load_options())?;
     let dataset = dataset::open(&args.dataset, &load)?;
     print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {
@@ -79,13 +78,13 @@ fn color_camera(
     dataset: &Dataset,
     split: usize,
 ) -> Result<Option<ColorCamera>, Failure> {
-    let camera = match &args.calibration {
+    let camera = match &args.reading.calibration {
         Some(path) => Calibration::read(path)?.color_camera,
         None => model.color_camera(dataset),
     };
     if let Some(camera) = camera {
         let scaling = dataset.splits[split].camera_scaling(&camera).map_err(|error| {
-            let file = args.calibration.as_deref().unwrap_or(&args.model);
+            let file = args.reading.calibration.as_deref().unwrap_or(&args.model);
             Failure::failed(error).with_calibration_file(Some(file))
         })?;
         scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
@@ -117,8 +116,7 @@ fn choose_views(
         }
     };
     for group in &mut groups {
-        let frames = group.frames.iter().copied().step_by(args.stride);
-        group.frames = frames.take(args.max_frames.unwrap_or(usize::MAX)).collect();
+        group.frames.truncate(args.max_frames.unwrap_or(usize::MAX));
     }
     Ok(groups)
 }

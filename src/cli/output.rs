@@ -141,12 +141,11 @@ pub fn quality(eval: &EvalReport) -> String {
     };
     let group = eval.group.map_or_else(String::new, |name| format!("{name}: "));
     let plain = format!(
-        "{group}{}{settings} on {} views of `{}`{scale} ({} ground truth, partial coverage {}, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
+        "{group}{}{settings} on {} views of `{}`{scale} ({} ground truth, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,
         eval.ground_truth,
-        eval.partial_coverage,
         eval.exposure,
         eval.poses,
         eval.psnr_mean,

@@ -1,14 +1,14 @@
 //! Converts options to measurements, one per requested renderer. Measuring itself is in
 //! `vbgs_studio::eval::choices`.
 
-use super::args::{ComparisonArgs, GroundTruthName, TrainArgs};
+use super::args::{ComparisonArgs, Protocol, TrainArgs};
 use super::failure::Failure;
 use super::{output, tracked};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
-use vbgs_studio::eval::choices::{GroundTruth, Views};
+use vbgs_studio::eval::choices::{GroundTruth, ViewPoses, Views};
 use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::seen::learnt_views;
@@ -18,13 +18,13 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::{SplatSet, SplatView};
 use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::pipeline::tracked::Trajectory;
-use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::render::{Exposing, RenderMethod, RenderOptions};
 
 /// Options for comparing splats with photographs.
 pub struct QualityRequest<'a> {
-    /// Ground truth, background, partial coverage and exposure, as given.
+    /// Rules, background and scale, as given.
     pub args: &'a ComparisonArgs,
-    /// Rule for the near plane if none is given.
+    /// Rule for the near plane.
     pub near_rule: NearRule,
     /// Colour camera of the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
@@ -94,36 +94,27 @@ pub fn measure_training_views(
 impl QualityRequest<'_> {
     /// Near plane of all views, world units.
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
-        self.args.near.unwrap_or_else(|| {
-            let frames = &dataset.splits[split].frames;
-            let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
-            near_plane(splats, &cameras, self.near_rule)
-        })
+        let frames = &dataset.splits[split].frames;
+        let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
+        near_plane(splats, &cameras, self.near_rule)
     }
 
     fn options(&self, method: RenderMethod, near: f64) -> EvalOptions {
-        let ComparisonArgs {
-            ground_truth,
-            background,
-            partial_coverage,
-            exposure,
-            eval_poses,
-            align_poses,
-            eval_scale,
-            near: _,
-        } = *self.args;
+        let ComparisonArgs { protocol, background, align_poses, eval_scale } = *self.args;
+        let (ground_truth, poses, exposure_mode) = match protocol {
+            Protocol::Composited => {
+                (GroundTruth::Composited, ViewPoses::Corrected, Exposing::Recorded)
+            }
+            Protocol::Paper => (GroundTruth::Rgb, ViewPoses::Recorded, Exposing::Neutral),
+        };
         EvalOptions {
-            ground_truth: match ground_truth {
-                GroundTruthName::Composited => GroundTruth::Composited,
-                GroundTruthName::Rgb => GroundTruth::Rgb,
-            },
-            partial_coverage,
+            ground_truth,
             color_camera: self.color_camera,
-            poses: eval_poses,
+            poses,
             align_poses,
             scale: eval_scale,
             render: RenderOptions {
-                exposure_mode: exposure,
+                exposure_mode,
                 near,
                 ..RenderOptions::evaluation(method, background)
             },
@@ -159,14 +150,14 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
 pub fn measure_run(
     session: &Session,
     early: &[(usize, SplatSet)],
-    (args, methods): (&TrainArgs, &[RenderMethod]),
+    args: &TrainArgs,
 ) -> Result<RunQuality, Failure> {
     let (dataset, plan) = (session.dataset(), session.plan());
     let comparison = &QualityRequest {
-        args: &args.comparison,
+        args: &ComparisonArgs::default(),
         near_rule: NearRule::of(Some(session.config().method.preset())),
         color_camera: session.config().method.as_any().color_camera(),
-        methods,
+        methods: &[RenderMethod::PROJECTED],
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
         hold_out: hold_out(session),
     };

@@ -15,14 +15,14 @@ use vbgs_studio::train::setting::table::SettingLayer;
 
 /// Returns the selection and order of frames.
 pub fn selection(args: &TrainArgs) -> Selection {
-    let everything = Selection::all_frames();
+    let (everything, run) = (Selection::all_frames(), args.settings.run);
     Selection {
         split: args.split.clone(),
-        order: args.order.unwrap_or(everything.order),
-        stride: args.stride.unwrap_or(everything.stride),
+        order: run.order.unwrap_or(everything.order),
+        stride: run.stride.unwrap_or(everything.stride),
         shard: args.shard,
         max_frames: args.max_frames,
-        passes: args.passes.unwrap_or(everything.passes),
+        passes: run.passes.unwrap_or(everything.passes),
         follow: args.follow,
         hold_out: args.hold_out.unwrap_or(everything.hold_out),
     }
@@ -34,12 +34,12 @@ pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest,
         preset: args.preset,
         model: GivenSettings { paper: layer(args, preset)?, scene: layer(args, preset)? },
         split: args.split.clone(),
-        order: args.order,
-        stride: args.stride,
+        order: args.settings.run.order,
+        stride: args.settings.run.stride,
         shard: args.shard,
-        load: args.depth.load_options(),
+        load: args.load_options(),
         max_frames: args.max_frames,
-        passes: args.passes,
+        passes: args.settings.run.passes,
         follow: args.follow,
         hold_out: args.hold_out,
     })
@@ -59,7 +59,7 @@ pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
 
 /// Returns the file that specifies the calibration, if any.
 pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
-    let given = args.settings.given("--calibration").map(Path::new);
+    let given = args.settings.given("calibration").map(Path::new);
     given.or(args.resume.as_deref()).or(args.config.as_deref())
 }
 

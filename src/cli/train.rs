@@ -32,11 +32,9 @@ use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
-use vbgs_studio::render::Lens;
 
 /// Trains; the files are also written after an interrupt.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
-    let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
     let session = create_session(args, start, &interrupt);
@@ -78,7 +76,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let measured = match &end {
         Ok(true) if is_measured(&session, args) => {
             output::write_json(&args.out.join(REPORT), &session.report(None, Vec::new()))?;
-            measure_run(&session, &early, (args, &methods))
+            measure_run(&session, &early, args)
         }
         _ => Ok(RunQuality::default()),
     };
@@ -119,7 +117,7 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
 
 /// Interval of autosaves.
 fn interval(args: &TrainArgs) -> AutosaveInterval {
-    AutosaveInterval { frames: args.autosave_frames, time: args.autosave_seconds }
+    args.settings.run.autosave
 }
 
 /// Creates a session before its first frame. Opening may block on a drive, so it is interruptible.
@@ -230,7 +228,7 @@ enum Start {
 impl Start {
     fn load_options(&self, args: &TrainArgs) -> LoadOptions {
         match self {
-            Self::New(_) => args.depth.load_options(),
+            Self::New(_) => args.load_options(),
             Self::Saved(run, _) => run.load_options(),
         }
     }
@@ -321,7 +319,6 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
         comments: &comments,
         up: session.up(),
         local_origin: session.dataset().local_origin(),
-        mapping: args.mapping.mapping(),
         ..WriteOptions::new(ModelFormat::Ply)
     };
     write(&args.out.join(SCENE), &session.stored_splats(), &options)?;
@@ -394,7 +391,7 @@ pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }
 
-/// Kind of work for a device; each kind has its own option.
+/// Kind of work for a device.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Task {
     /// Passes over frames.
@@ -407,33 +404,23 @@ enum Task {
 
 /// Attaches the requested devices to the session.
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    // Passes and points exclude each other in a run.
-    let task = if Task::Points.is_needed(session) { Task::Points } else { Task::Passes };
-    attach_one(session, task, args.device)?;
-    attach_one(session, Task::Photographs, args.photometric_device)
-}
-
-fn attach_one(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
-    match asked {
-        DeviceName::Gpu if !task.is_needed(session) => Err(Failure::Usage(format!(
-            "{} gpu: expected a run that {}",
-            task.option(),
-            task.needs()
-        ))),
+    let tasks = [Task::Points, Task::Passes, Task::Photographs];
+    // Drivers are not loaded if there is no work for them.
+    let needed: Vec<Task> = tasks.into_iter().filter(|task| task.is_needed(session)).collect();
+    match args.device {
         DeviceName::Cpu => Ok(()),
-        // Drivers are not loaded if there is no work for them.
-        DeviceName::Auto if !task.is_needed(session) => Ok(()),
-        DeviceName::Auto | DeviceName::Gpu => attach_gpu(session, task, asked),
+        DeviceName::Gpu if needed.is_empty() => {
+            Err(Failure::Usage(format!("--device gpu: expected a run that {}", Task::NEEDS)))
+        }
+        DeviceName::Auto | DeviceName::Gpu => {
+            needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
+        }
     }
 }
 
 impl Task {
-    fn option(self) -> &'static str {
-        match self {
-            Self::Passes | Self::Points => "--device",
-            Self::Photographs => "--photometric-device",
-        }
-    }
+    /// Runs with work for a GPU.
+    const NEEDS: &str = "a GPU supports, found one that it does not; use it with --photometric light or full, with births=seeds and visibility=projected, or with --preset paper, precision=mixed, index=grid, statistics=fused and at most 4 candidates";
 
     /// True if the run has this kind of work.
     fn is_needed(self, session: &Session) -> bool {
@@ -441,17 +428,6 @@ impl Task {
             Self::Passes => session.learner().pass_use().is_some(),
             Self::Points => session.learner().point_use().is_some(),
             Self::Photographs => session.learner().comparer_use().is_some(),
-        }
-    }
-
-    fn needs(self) -> &'static str {
-        match self {
-            Self::Passes | Self::Points => {
-                "supports a GPU, found one that does not; use it with --births seeds and --visibility projected, or with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
-            }
-            Self::Photographs => {
-                "trains on photographs, found one that does not; use it with --photometric light or full"
-            }
         }
     }
 }
@@ -490,9 +466,8 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
         Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),
         Err(error) => error.to_string(),
     };
-    let option = task.option();
     if must {
-        let error = anyhow::anyhow!("{option} gpu: {error}; {option} cpu needs none");
+        let error = anyhow::anyhow!("--device gpu: {error}; --device cpu needs none");
         return Err(Failure::failed(error));
     }
     let what = match task {
@@ -505,14 +480,14 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
 
 /// Reports missing GPU support in builds without the `gui` feature.
 #[cfg(not(feature = "gui"))]
-fn attach_gpu(_: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+fn attach_gpu(_: &mut Session, _: Task, asked: DeviceName) -> Result<(), Failure> {
     if asked == DeviceName::Auto {
         return Ok(());
     }
-    Err(Failure::Usage(format!(
-        "{} gpu: expected auto or cpu, since this build has no GPU support; build it with the feature gui",
-        task.option()
-    )))
+    Err(Failure::Usage(
+        "--device gpu: expected auto or cpu, since this build has no GPU support; build it with the feature gui"
+            .to_owned(),
+    ))
 }
 
 /// A problem is reported after this time; most disappear with the next write.

@@ -9,14 +9,10 @@ use vbgs_studio::eval::views::EvalError;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::memory::MemoryError;
 use vbgs_studio::pipeline::settings::scene::{SceneError, SceneOverrides};
-use vbgs_studio::train::candidates::IndexError;
 use vbgs_studio::train::outcome::TrainingWarning;
 use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::ConfigError;
-use vbgs_studio::train::setting::table::SettingLayer;
-
-/// Settings that exist only in files.
-const NO_OPTIONS: [&str; 2] = ["operations", "closing"];
+use vbgs_studio::train::setting::table::{SettingLayer, Spelling};
 
 /// Formats a warning about a trained model.
 pub fn warning(warning: &TrainingWarning) -> String {
@@ -67,9 +63,10 @@ fn reword_with_options(error: &(dyn Error + 'static)) -> Option<String> {
     } else if let Some(scene) = error.downcast_ref() {
         scene_error(scene)
     } else if let Some(MemoryError::Components { .. }) = error.downcast_ref() {
-        Some(format!("--{}", text()))
-    } else if error.is::<IndexError>() {
-        Some(text().replace("try fewer components", "try fewer --components"))
+        Some(match text() {
+            budget if budget.starts_with("budget") => format!("--{budget}"),
+            other => format!("--set {other}"),
+        })
     } else if let Some(BenchError::Bound { .. }) = error.downcast_ref() {
         Some(format!("--{}", text()))
     } else if let Some(EvalError::NoViews { .. }) = error.downcast_ref() {
@@ -86,10 +83,7 @@ fn reword_with_options(error: &(dyn Error + 'static)) -> Option<String> {
 fn wrong_setting(error: &ConfigError) -> String {
     let ConfigError { setting, expected, found } = error;
     let option = option_of(setting);
-    let expected = expected
-        .replace("in a settings file", "in --config")
-        .replace("or precision f64", "or --precision f64")
-        .replace("with candidates dense", "with --candidates dense");
+    let expected = expected.replace("in a settings file", "in --config");
     format!("{option}: expected {expected}, found {found}")
 }
 
@@ -97,11 +91,11 @@ fn wrong_setting(error: &ConfigError) -> String {
 fn option_of(setting: &str) -> String {
     let of_scene = SceneOverrides::TABLE.iter().map(|row| &row.about);
     let of_paper = PaperOverrides::TABLE.iter().map(|row| &row.about);
-    match of_scene.chain(of_paper).find(|about| about.field == setting) {
-        Some(about) => about.key().to_owned(),
-        // Some errors name the option already.
-        None if NO_OPTIONS.contains(&setting) || setting.starts_with("--") => setting.to_owned(),
-        None => format!("--{}", setting.replace('_', "-")),
+    match of_scene.chain(of_paper).find(|about| about.field == setting).map(|about| about.spelling)
+    {
+        Some(Spelling::Option(option, _)) => option.to_owned(),
+        Some(Spelling::Name) => format!("--set {setting}"),
+        None => setting.to_owned(),
     }
 }
 
@@ -166,11 +160,9 @@ mod tests {
         let config = |setting, expected: &str| {
             said(ConfigError { setting, expected: expected.into(), found: "0".into() })
         };
-        assert_eq!(config("scale_factor", "1"), "--scale-factor: expected 1, found 0");
+        assert_eq!(config("scale_factor", "1"), "--set scale_factor: expected 1, found 0");
+        assert_eq!(config("scale", "1"), "--scale: expected 1, found 0");
         assert_eq!(config("closing", "1"), "closing: expected 1, found 0");
-        assert_eq!(config("--with", "1"), "--with: expected 1, found 0");
-        let text = config("index", "grid, or precision f64: kd-tree computes distances in f64");
-        assert!(text.contains("or --precision f64: kd-tree"), "{text}");
     }
 
     #[test]
@@ -205,12 +197,12 @@ mod tests {
         let budget = said(SessionError::from(memory("budget")));
         assert!(budget.starts_with("--budget: expected at most 1 components"), "{budget}");
         let memory = memory("components");
-        assert!(said(SessionError::from(memory.clone())).starts_with("--components: expected"));
+        assert!(said(SessionError::from(memory.clone())).starts_with("--set components: expected"));
         for text in [neutral, points(unit).to_string(), memory.to_string()] {
             assert!(!text.contains("--"), "the library knows no options: {text}");
         }
         let told = anyhow::Error::new(SessionError::from(memory)).context("the run");
-        assert!(error(&told).starts_with("the run: --components"), "{}", error(&told));
+        assert!(error(&told).starts_with("the run: --set components"), "{}", error(&told));
     }
 
     #[test]

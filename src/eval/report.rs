@@ -3,7 +3,7 @@
 //! Plain data without computing methods: reports are read by other programs, so field names never change.
 //! Missing values are `Option`, because JSON cannot represent NaN.
 
-use super::choices::{PartialCoverage, ViewPoses};
+use super::choices::ViewPoses;
 use super::comparison;
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
@@ -234,8 +234,6 @@ pub struct EvalReport {
     pub response: Option<Response>,
     /// Reference of the comparison: `composited` or `rgb`.
     pub ground_truth: String,
-    /// Treatment of partially covered pixels.
-    pub partial_coverage: PartialCoverage,
     /// Exposure of the renders.
     pub exposure: Exposing,
     /// Poses of the views.

@@ -5,7 +5,7 @@
 //! files are listed in the report. A split without any usable view is an error, because a mean over nothing
 //! would pass for a result.
 
-use super::choices::{GroundTruth, PartialCoverage, ViewPoses, divide_by_coverage};
+use super::choices::{GroundTruth, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
 use super::metrics::MetricError;
@@ -24,15 +24,12 @@ use crate::math::image::{Image, RgbImage};
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{RenderMethod, RenderOptions, Renderer};
-use std::borrow::Cow;
 
 /// Options for rendering and comparing views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvalOptions {
     /// Reference of the comparison.
     pub ground_truth: GroundTruth,
-    /// Treatment of partially covered pixels.
-    pub partial_coverage: PartialCoverage,
     /// Camera of the photographs, if it is not the depth camera.
     pub color_camera: Option<ColorCamera>,
     /// Poses of the views.
@@ -48,10 +45,9 @@ pub struct EvalOptions {
 impl EvalOptions {
     /// Options for recorded poses at full size, with the depth camera as colour camera.
     pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
-        let partial_coverage = PartialCoverage::Composited;
         let (poses, scale) = (ViewPoses::Recorded, EvalScale::FULL);
         let (color_camera, align_poses) = (None, false);
-        Self { ground_truth, partial_coverage, color_camera, poses, align_poses, scale, render }
+        Self { ground_truth, color_camera, poses, align_poses, scale, render }
     }
 
     /// Camera of the photograph, scaled to the compared image.
@@ -191,12 +187,12 @@ fn score(
 ) -> Result<ViewReport, MetricError> {
     let truth = reference_image(frame, options);
     let Rendered { coverage, .. } = rendered;
-    let shown = displayed_color(rendered, options);
+    let shown = &rendered.color;
     let Comparison { psnr, ssim, coverage: covered_share, covered } =
-        compare(&shown, coverage, &truth)?;
+        compare(shown, coverage, &truth)?;
     let seen = match surfaces {
         None => None,
-        Some(surfaces) => SeenQuality::compare(&shown, coverage, &truth, surfaces)?,
+        Some(surfaces) => SeenQuality::compare(shown, coverage, &truth, surfaces)?,
     };
     let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
@@ -235,23 +231,13 @@ fn aligned_view(
     let found = aligned(&camera, rendered, &truth, options.render.method.renderer(), draw)?;
     let poses = [&camera.pose, &found.pose];
     let view = &found.rendered;
-    AlignedView::compare(poses, &displayed_color(view, options), &view.coverage, &truth)
+    AlignedView::compare(poses, &view.color, &view.coverage, &truth)
 }
 
 /// Reference image at the compared size.
 fn reference_image(frame: &Frame, options: &EvalOptions) -> RgbImage {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
     options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
-}
-
-/// Render with the selected treatment of partially covered pixels.
-fn displayed_color<'a>(rendered: &'a Rendered, options: &EvalOptions) -> Cow<'a, RgbImage> {
-    match options.partial_coverage {
-        PartialCoverage::Composited => Cow::Borrowed(&rendered.color),
-        PartialCoverage::Divided => {
-            Cow::Owned(divide_by_coverage(rendered, options.render.background))
-        }
-    }
 }
 
 fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -> Option<Surfaces> {
@@ -313,7 +299,6 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         antialias: exact.map(|e| e.antialias),
         response: exact.map(|e| e.response),
         ground_truth: ground_truth.to_owned(),
-        partial_coverage: options.partial_coverage,
         exposure: options.render.exposure_mode,
         poses: options.poses,
         color_camera: options.color_camera,

@@ -86,7 +86,7 @@ fn changed_settings_are_marked_and_copied_as_a_command_that_trains_so() {
 
     let line = copied(&mut window, "Copy as command line");
     assert!(
-        line.starts_with("vbgs-studio train '") && line.contains(" --without cosine"),
+        line.starts_with("vbgs-studio train '") && line.contains(" --set cosine=false"),
         "{line}"
     );
     let program = std::path::Path::new(env!("CARGO_BIN_EXE_vbgs-studio"));
@@ -154,6 +154,7 @@ fn the_papers_settings_are_typed_in_the_panel_trained_by_and_copied() {
     assert_eq!(config.candidates, Candidates::Dense);
     assert_eq!((config.init, config.reassign), (Init::Random, ReassignPolicy::Forwarded));
     let line = copied(&mut window, "Copy as command line");
-    let given = "--preset paper --components 2000 --candidates dense --reassign forwarded";
+    let given =
+        "--preset paper --set components=2000 --set candidates=dense --set reassign=forwarded";
     assert!(line.contains(given), "{line}");
 }

@@ -18,8 +18,7 @@ const DEPTH: &str = "train/r_1_depth_0001.png";
 fn skips_one(data: &TempDir, parts: &[&str]) {
     let scratch = Scratch::empty();
     let path = data.path().to_str().unwrap();
-    let train =
-        ["train", path, "--preset", "paper", "--out", "out", "--components", "200", "--json"];
+    let train = ["train", path, "--preset", "paper", "--out", "out", "components", "200", "--json"];
     let run = scratch.run_args(&train).succeeds();
     let warnings: Vec<&str> = run.stderr.lines().filter(|l| l.starts_with("warning: ")).collect();
     assert_eq!(warnings.len(), 1, "{}", run.stderr);
@@ -260,7 +259,7 @@ fn splits_that_do_not_exist() {
 fn damaged_views_do_not_cost_the_scene() {
     let scratch = Scratch::with_room();
     truncate(&scratch.path("room/eval/r_1.png"));
-    let train = "train room --out out --preset paper --components 500 --eval eval";
+    let train = "train room --out out --preset paper --set components=500 --eval eval";
     let run = scratch.run(&format!("{train} --json")).succeeds();
     assert_eq!(run.stderr.matches("warning: ").count(), 1, "{}", run.stderr);
     let eval = &run.json()["eval"][0];

@@ -3,14 +3,14 @@
 use super::runner::Scratch;
 use std::fs;
 
-const TRAIN: &str = "train room --preset paper --components 2000";
+const TRAIN: &str = "train room --preset paper --set components=2000";
 
 #[test]
 fn a_run_goes_on_in_another_process() {
     let scratch = Scratch::with_room();
     for reassign in ["off", "padded", "forwarded"] {
         for threads in [1, 2] {
-            let options = format!("--reassign {reassign} --threads {threads}");
+            let options = format!("--set reassign={reassign} --threads {threads}");
             scratch.run(&format!("{TRAIN} --out whole {options}")).succeeds();
             scratch.run(&format!("{TRAIN} --out half {options} --max-frames 4")).succeeds();
             let resume = "train room --out on --resume half/checkpoint.vbgs --max-frames 8";
@@ -42,9 +42,12 @@ fn options_that_contradict_the_checkpoint_are_wrong_usage() {
     fs::write(scratch.path("other.ron"), "(components: 7)").unwrap();
     let before = scratch.bytes("out/checkpoint.vbgs");
     for (options, parts) in [
-        ("--components 5", &["--components: expected 2000", "out/checkpoint.vbgs", "found 5"][..]),
-        ("--config other.ron", &["--components: expected 2000", "found 7"]),
-        ("--stride 2", &["--stride: expected 1", "found 2", "leave the option out"]),
+        (
+            "--set components=5",
+            &["components: expected 2000", "out/checkpoint.vbgs", "found 5"][..],
+        ),
+        ("--config other.ron", &["components: expected 2000", "found 7"]),
+        ("--set stride=2", &["stride: expected 1", "found 2", "leave the option out"]),
         ("--depth-scale 0.5", &["--depth-scale: expected no value", "found 0.5"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
@@ -60,7 +63,7 @@ fn options_that_contradict_the_checkpoint_are_wrong_usage() {
 #[test]
 fn depth_options_are_kept() {
     let scratch = Scratch::with_room();
-    let options = "--reassign off --depth-range 0.5 2.0";
+    let options = "--set reassign=off --depth-range 0.5 2.0";
     scratch.run(&format!("{TRAIN} --out whole {options}")).succeeds();
     scratch.run(&format!("{TRAIN} --out half {options} --max-frames 2")).succeeds();
     scratch.run("train room --out on --resume half/checkpoint.vbgs --max-frames 8").succeeds();
@@ -88,11 +91,11 @@ fn another_dataset_needs_force() {
 fn scenes_are_merged_onto_the_run_they_went_on_from() {
     let scratch = Scratch::with_room();
     let saved = |out: &str| format!("{out}/checkpoint.vbgs");
-    scratch.run("train room --births seeds --shard 1/4 --out start").succeeds();
+    scratch.run("train room --set births=seeds --shard 1/4 --out start").succeeds();
     let start = saved("start");
     for k in 1..=2 {
         let shard = format!("--resume {start} --shard {k}/2 --out s{k}");
-        scratch.run(&format!("train room --births seeds {shard}")).succeeds();
+        scratch.run(&format!("train room --set births=seeds {shard}")).succeeds();
     }
     let [a, b] = ["s1", "s2"].map(saved);
     let onto = scratch.run(&format!("merge --start {start} {b} {a} -o all.vbgs"));
@@ -103,7 +106,7 @@ fn scenes_are_merged_onto_the_run_they_went_on_from() {
     scratch.run(&format!("merge {a} {b} -o m.vbgs")).fails(1, &["no frame in both", "--start"]);
     // Runs that began apart become one, not without a word.
     for k in 1..=2 {
-        let shard = format!("--births seeds --shard {k}/2 --out own{k}");
+        let shard = format!("--set births=seeds --shard {k}/2 --out own{k}");
         scratch.run(&format!("train room {shard}")).succeeds();
     }
     let [c, d] = ["own1", "own2"].map(saved);
@@ -118,9 +121,9 @@ fn scenes_are_merged_onto_the_run_they_went_on_from() {
 #[test]
 fn merged_shards_are_the_run_over_all_frames() {
     let scratch = Scratch::with_room();
-    scratch.run(&format!("{TRAIN} --out whole --reassign off")).succeeds();
+    scratch.run(&format!("{TRAIN} --out whole --set reassign=off")).succeeds();
     for k in 1..=3 {
-        let train = format!("{TRAIN} --out s{k} --reassign off --shard {k}/3 --threads {k}");
+        let train = format!("{TRAIN} --out s{k} --set reassign=off --shard {k}/3 --threads {k}");
         scratch.run(&train).succeeds();
     }
     let [a, b, c] = ["s1/checkpoint.vbgs", "s2/checkpoint.vbgs", "s3/checkpoint.vbgs"];
@@ -136,7 +139,7 @@ fn merged_shards_are_the_run_over_all_frames() {
     scratch.run(&format!("merge {a} {b} -o no/m.vbgs")).fails(1, &["folder no does not exist"]);
     assert_eq!(scratch.run(&format!("merge {a} -o m.vbgs")).code, 2);
     assert!(scratch.bytes("m.vbgs") == merged, "a failed merge writes nothing");
-    scratch.run(&format!("{TRAIN} --out other --reassign padded --shard 2/3")).succeeds();
+    scratch.run(&format!("{TRAIN} --out other --set reassign=padded --shard 2/3")).succeeds();
     let parts = ["setting `reassign`", "\"off\" and \"padded\""];
     scratch.run(&format!("merge {a} other/checkpoint.vbgs -o m.vbgs")).fails(1, &parts);
     let usage = scratch.run(&format!("{TRAIN} --out s --shard 4/3"));
@@ -147,7 +150,7 @@ fn merged_shards_are_the_run_over_all_frames() {
 fn a_checkpoint_is_a_model() {
     let scratch = Scratch::with_room();
     for conversion in ["right", "legacy-cov"] {
-        scratch.run(&format!("{TRAIN} --out out --conversion {conversion}")).succeeds();
+        scratch.run(&format!("{TRAIN} --out out --set conversion={conversion}")).succeeds();
         // By content, not by name.
         fs::copy(scratch.path("out/checkpoint.vbgs"), scratch.path("scene.glb")).unwrap();
         scratch.run("export scene.glb -o again.ply").succeeds();
@@ -221,7 +224,7 @@ fn damaged_checkpoints_are_refused_everywhere() {
 #[test]
 fn autosaves_keep_the_one_before() {
     let scratch = Scratch::with_room();
-    scratch.run(&format!("{TRAIN} --out out --autosave-frames 3 --max-frames 7")).succeeds();
+    scratch.run(&format!("{TRAIN} --out out --set autosave=3 --max-frames 7")).succeeds();
     let frames = |file: &str| {
         let info = scratch.run(&format!("info {file} --json")).succeeds().json();
         info["frames"].as_u64().unwrap()

@@ -3,7 +3,7 @@
 use super::runner::Scratch;
 
 fn scene(scratch: &Scratch, options: &str) -> Vec<u8> {
-    let train = format!("train room --out out --preset paper --components 5000 {options}");
+    let train = format!("train room --out out --preset paper --set components=5000 {options}");
     scratch.run(&train).succeeds();
     scratch.bytes("out/scene.ply")
 }
@@ -19,7 +19,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
     let scratch = room();
     for reassign in ["off", "truncated", "forwarded"] {
         for precision in ["mixed", "f64"] {
-            let options = format!("--reassign {reassign} --precision {precision}");
+            let options = format!("--set reassign={reassign} --set precision={precision}");
             let one = scene(&scratch, &format!("{options} --threads 1"));
             for threads in [2, 3] {
                 let many = scene(&scratch, &format!("{options} --threads {threads}"));
@@ -35,9 +35,10 @@ fn any_number_of_threads_gives_the_same_bytes() {
 fn any_instruction_set_gives_the_same_bytes() {
     let scratch = room();
     for reassign in ["off", "padded", "forwarded"] {
-        let options = format!("--reassign {reassign}");
+        let options = format!("--set reassign={reassign}");
         let best = scene(&scratch, &options);
-        let train = format!("train room --out forced --preset paper --components 5000 {options}");
+        let train =
+            format!("train room --out forced --preset paper --set components=5000 {options}");
         let words: Vec<&str> = train.split_whitespace().collect();
         let forced = scratch.command(&words).env("VBGS_SIMD", "portable").status().unwrap();
         assert!(forced.success());
@@ -49,20 +50,23 @@ fn any_instruction_set_gives_the_same_bytes() {
 #[test]
 fn without_reassignment_the_order_of_frames_does_not_matter() {
     let scratch = room();
-    let sequential = scene(&scratch, "--reassign off");
-    let shuffled = scene(&scratch, "--reassign off --order shuffled");
+    let sequential = scene(&scratch, "--set reassign=off");
+    let shuffled = scene(&scratch, "--set reassign=off --set order=shuffled");
     let frames = scratch.json("out/report.json")["frames"].clone();
     let order: Vec<&str> =
         frames.as_array().unwrap().iter().map(|f| f["frame"].as_str().unwrap()).collect();
     assert!(!order.is_sorted(), "the order was not shuffled: {order:?}");
     assert!(sequential == shuffled);
-    assert!(sequential != scene(&scratch, "--reassign off --max-frames 7"), "every frame counts");
+    assert!(
+        sequential != scene(&scratch, "--set reassign=off --max-frames 7"),
+        "every frame counts"
+    );
 }
 
 #[test]
 fn the_seed_changes_the_scene() {
     let scratch = room();
-    let first = scene(&scratch, "--seed 1");
-    assert!(first == scene(&scratch, "--seed 1"));
-    assert!(first != scene(&scratch, "--seed 2"));
+    let first = scene(&scratch, "--set seed=1");
+    assert!(first == scene(&scratch, "--set seed=1"));
+    assert!(first != scene(&scratch, "--set seed=2"));
 }

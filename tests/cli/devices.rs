@@ -17,7 +17,7 @@ fn report(scratch: &Scratch, out: &str, arguments: &str) -> (Value, String) {
 
 #[test]
 fn the_processor_compares_where_it_is_asked_to() {
-    let (used, said) = trained("--photometric-device cpu");
+    let (used, said) = trained("--device cpu");
     assert_eq!(used["device"], Value::Null);
     assert_eq!((&used["processor_frames"], &used["device_frames"]), (&3.into(), &0.into()));
     assert!(said.contains("the processor compared photographs"), "{said}");
@@ -25,23 +25,12 @@ fn the_processor_compares_where_it_is_asked_to() {
     assert!(none.is_null() && !said.contains("photographs"), "{none} {said}");
 }
 
-#[test]
-fn a_gpu_without_photographs_is_refused() {
-    let scratch = Scratch::with_room();
-    for without in ["--photometric off", "--preset paper --components 100"] {
-        let arguments = format!("train room --out out --photometric-device gpu {without}");
-        scratch
-            .run(&arguments)
-            .fails(2, &["--photometric-device gpu", "--photometric light or full"]);
-    }
-}
-
 /// Asked for, a software adapter is as good as any.
 #[cfg(feature = "gui")]
 #[test]
 fn a_gpu_compares_where_it_is_asked_to() {
     let Some(adapter) = crate::common::adapter::vulkan() else { return };
-    let (used, said) = trained("--photometric full --photometric-device gpu");
+    let (used, said) = trained("--photometric full --device gpu");
     assert_eq!((&used["processor_frames"], &used["device_frames"]), (&0.into(), &3.into()));
     let name = used["device"].as_str().unwrap();
     assert!(said.contains(&format!("{name} compared photographs")), "{said}");
@@ -51,7 +40,7 @@ fn a_gpu_compares_where_it_is_asked_to() {
     }
 }
 
-const PAPER: &str = "--preset paper --components 2000";
+const PAPER: &str = "--preset paper --set components=2000";
 
 #[test]
 fn the_processor_trains_where_it_is_asked_to() {
@@ -65,7 +54,7 @@ fn the_processor_trains_where_it_is_asked_to() {
     let used = &of_scene["points"];
     assert_eq!((&used["device"], &used["processor_frames"]), (&Value::Null, &3.into()));
     assert!(!said.contains("fitted"), "{said}");
-    let (of_lattice, _) = report(&scratch, "lattice", "--births lattice");
+    let (of_lattice, _) = report(&scratch, "lattice", "--set births=lattice");
     assert!(of_lattice["points"].is_null());
 }
 
@@ -73,13 +62,19 @@ fn the_processor_trains_where_it_is_asked_to() {
 fn a_gpu_that_cannot_train_a_run_is_refused() {
     let scratch = Scratch::with_room();
     for other in [
-        "--births lattice",
-        "--visibility returned",
-        "--preset paper --precision f64",
-        "--preset paper --candidates 5",
+        "--set births=lattice",
+        "--set visibility=returned --photometric off",
+        "--preset paper --set precision=f64",
+        "--preset paper --set candidates=5",
     ] {
         let arguments = format!("train room --out out --device gpu {other}");
-        let needs = ["--device gpu", "--births seeds", "--preset paper", "--precision mixed"];
+        let needs = [
+            "--device gpu",
+            "births=seeds",
+            "--preset paper",
+            "precision=mixed",
+            "--photometric light",
+        ];
         scratch.run(&arguments).fails(2, &needs);
     }
 }
@@ -91,7 +86,7 @@ fn a_gpu_trains_to_the_same_files() {
         return;
     }
     let scratch = Scratch::with_room();
-    for (arguments, word) in [(PAPER, "passes"), ("", "points")] {
+    for (arguments, word) in [(PAPER, "passes"), ("--photometric off", "points")] {
         let (report_of_gpu, said) = report(&scratch, "gpu", &format!("{arguments} --device gpu"));
         report(&scratch, "cpu", &format!("{arguments} --device cpu"));
         let used = &report_of_gpu[word];

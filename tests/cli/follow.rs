@@ -15,7 +15,7 @@ const AT_ONCE: Duration = Duration::from_secs(10);
 /// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-const TRAIN: &str = "train room --out out --preset paper --components 500";
+const TRAIN: &str = "train room --out out --preset paper --set components=500";
 
 fn start(scratch: &Scratch, arguments: &str) -> Child {
     let arguments: Vec<&str> = arguments.split_whitespace().collect();
@@ -96,7 +96,7 @@ fn ctrl_c_ends_it_and_a_later_run_goes_on() {
     scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
     let (frames, later) = (scratch.path("room/train"), scratch.path("later"));
     move_frames(&frames, &later, 7);
-    let train = start(&scratch, &format!("{TRAIN} --follow --autosave-frames 6"));
+    let train = start(&scratch, &format!("{TRAIN} --follow --set autosave=6"));
     wait_for(&scratch.path("out/checkpoint.vbgs"));
     interrupt(&train);
     let run = end(train);
@@ -162,7 +162,7 @@ fn a_limit_of_frames_ends_it() {
     let scratch = Scratch::empty();
     let size = "--size 48x36 --frames 12 --eval-frames 0";
     scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
-    scratch.run(&format!("{TRAIN} --follow --max-frames 4 --stride 2")).succeeds();
+    scratch.run(&format!("{TRAIN} --follow --max-frames 4 --set stride=2")).succeeds();
     let report = scratch.json("out/report.json");
     let expected = ["1", "3", "5", "7"].map(|i| format!("train/frame-00000{i}"));
     assert_eq!(names(&report).len(), 4);
@@ -194,7 +194,9 @@ fn frames_without_a_surface_are_waited_over() {
 #[test]
 fn what_cannot_be_followed_is_refused() {
     let scratch = Scratch::with_room();
-    scratch.run(&format!("{TRAIN} --follow --order shuffled")).fails(2, &["order", "sequential"]);
+    scratch
+        .run(&format!("{TRAIN} --follow --set order=shuffled"))
+        .fails(2, &["order", "sequential"]);
     scratch.run(&format!("{TRAIN} --follow --split held-out")).fails(2, &["split", "held-out"]);
     fs::write(scratch.path("file"), "").unwrap();
     let file = "train file --out out --follow";

@@ -34,8 +34,8 @@ fn ctrl_c_keeps_the_scene() {
 
 /// The first autosave says that a frame is trained and that the handler is in place.
 fn interrupted_after_the_first_frame(scratch: &Scratch) -> Run {
-    let train = "train room --out out --preset paper --components 20000 --candidates dense";
-    let arguments = format!("{train} --eval eval --autosave-frames 1");
+    let train = "train room --out out --preset paper --set components=20000 --set candidates=dense";
+    let arguments = format!("{train} --eval eval --set autosave=1");
     let arguments: Vec<&str> = arguments.split_whitespace().collect();
     let mut command = scratch.command(&arguments);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();

@@ -11,7 +11,7 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const PAPER: &str = "--preset paper --components 300";
+const PAPER: &str = "--preset paper --set components=300";
 /// Longest wait for a run to have begun or to end.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -127,7 +127,7 @@ fn folders_in_the_place_of_files_are_found_before_training() {
     for name in ["scene.ply", "checkpoint.vbgs", "report.json", "checkpoint.vbgs.bak"] {
         let scratch = Scratch::with_room();
         fs::create_dir_all(scratch.path("out").join(name)).unwrap();
-        let run = scratch.run(&format!("train room --out out {PAPER} --autosave-frames 100"));
+        let run = scratch.run(&format!("train room --out out {PAPER} --set autosave=100"));
         run.fails(1, &[name, "expected a file", "found a folder", "remove it"]);
         assert_eq!(fs::read_dir(scratch.path("out")).unwrap().count(), 1, "nothing was trained");
     }
@@ -158,7 +158,7 @@ fn sigterm_and_sighup_are_as_ctrl_c() {
     let scratch = Scratch::empty();
     scratch.run("synth room --size 64x48 --frames 60 --eval-frames 1").succeeds();
     let train =
-        "train room --preset paper --components 8000 --candidates dense --autosave-frames 1";
+        "train room --preset paper --set components=8000 --set candidates=dense --set autosave=1";
     // Whoever runs the tests by `nohup` asked for runs that outlive their terminal.
     let is_hangup_ignored = signals("self", "SigIgn:") & 1 == 1;
     for signal in ["TERM", "HUP"].into_iter().filter(|s| *s == "TERM" || !is_hangup_ignored) {
@@ -193,7 +193,7 @@ fn files_of_an_earlier_run_stay_until_there_are_newer_ones() {
     for left in [".report.json.1.aa.tmp", ".scene.ply.1.aa.tmp", ".checkpoint.vbgs.1.aa.tmp"] {
         fs::write(scratch.path("out").join(left), "half").unwrap();
     }
-    let train = "train room --out out --preset paper --components 20000 --candidates dense";
+    let train = "train room --out out --preset paper --set components=20000 --set candidates=dense";
     let arguments: Vec<&str> = train.split_whitespace().collect();
     let mut command = scratch.command(&arguments);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -239,7 +239,7 @@ fn views_that_were_trained_on_are_counted() {
         (json.json()["eval"][0]["learnt_views"].clone(), said)
     };
     assert_eq!(counted("--split train"), (json!(6), true));
-    assert_eq!(counted("--split train --stride 3"), (json!(2), true));
+    assert_eq!(counted("--split train --max-frames 2"), (json!(2), true));
     assert_eq!(counted(""), (json!(0), false));
     // Splats do not say.
     let run = scratch.run("eval out/scene.ply room").succeeds();
@@ -275,10 +275,12 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
     for (arguments, parts) in [
         ("train room --out o --scale 1e30", &["--scale", "at most the depth", "found 1000"][..]),
         ("train room --out o --scale 1e30px", &["--scale", "at most the depth", "px"]),
-        ("train room --out o --preset paper --config custom.ron", &["--precision", "custom alone"]),
-        ("train room --out o --with gain --without gain", &["--with gain", "found both"]),
+        ("train room --out o --preset paper --config custom.ron", &["precision", "custom alone"]),
         ("train room --out o --intrinsics 1e30 1e30 0 0", &["intrinsics", "expected", "degrees"]),
-        ("train room --out o --confidence 2", &["confidence", "with confidence maps, found none"]),
+        (
+            "train room --out o --set confidence=2",
+            &["confidence", "with confidence maps, found none"],
+        ),
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),
         (

@@ -11,7 +11,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// Between the moments of two kills. A save takes several times as long, and no whole number of them.
 const STEP: Duration = Duration::from_micros(4_700);
 /// Saves of some megabytes one after the other, for some seconds.
-const TRAIN: &str = "train room --preset paper --components 60000 --autosave-frames 1";
+const TRAIN: &str = "train room --preset paper --set components=60000 --set autosave=1";
 
 fn room() -> Scratch {
     let scratch = Scratch::empty();
@@ -66,7 +66,7 @@ fn kill(n: u32) {
 
     let last = format!("out{}", n - 1);
     let resume = format!("train room --out {last} --resume {last}/checkpoint.vbgs");
-    scratch.run(&format!("{resume} --autosave-seconds 0.1")).succeeds();
+    scratch.run(&format!("{resume} --set autosave=0.1s")).succeeds();
     scratch.run(&format!("{TRAIN} --out whole")).succeeds();
     let (went_on, whole) = (format!("{last}/scene.ply"), "whole/scene.ply");
     assert!(scratch.bytes(&went_on) == scratch.bytes(whole), "another scene");
@@ -90,7 +90,7 @@ fn fifty_killed_runs_leave_files_that_load() {
 fn seconds_between_saves_are_positive() {
     let scratch = Scratch::empty();
     for seconds in ["0", "-1", "inf", "nan", "1e300", "soon"] {
-        let run = scratch.run(&format!("train room --out out --autosave-seconds {seconds}"));
+        let run = scratch.run(&format!("train room --out out --set autosave={seconds}s"));
         assert_eq!(run.code, 2, "{seconds}");
         assert!(run.stderr.contains("a number of seconds above 0"), "{}", run.stderr);
     }

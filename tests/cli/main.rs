@@ -27,6 +27,7 @@ mod models;
 mod peers;
 
 mod real;
+mod reference;
 mod report;
 mod runner;
 mod scenes;

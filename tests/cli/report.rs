@@ -70,7 +70,6 @@ eval[].depth_mae_mean number
 eval[].exposure string
 eval[].ground_truth string
 eval[].learnt_views number
-eval[].partial_coverage string
 eval[].poses string
 eval[].psnr_aligned_covered_mean number
 eval[].psnr_aligned_mean number
@@ -195,7 +194,7 @@ fn numbers(list: &Value, pick: impl Fn(&Value) -> &Value) -> Vec<f64> {
 fn the_report_has_its_fields() {
     let scratch = Scratch::with_room();
     let run = scratch
-        .run("train room --out out --preset paper --components 2000 --eval eval --json")
+        .run("train room --out out --preset paper --set components=2000 --eval eval --json")
         .succeeds();
     let report = run.json();
     assert_eq!(report, scratch.json("out/report.json"), "stdout is the file");
@@ -216,15 +215,14 @@ fn the_report_has_its_fields() {
 #[test]
 fn the_report_names_every_renderer() {
     let scratch = Scratch::with_room();
-    let train =
-        "train room --out out --preset paper --components 2000 --eval eval --renderer both --json";
-    let report = scratch.run(train).succeeds().json();
-    let eval = scratch
-        .run("eval out/scene.ply room --renderer both --antialias none --response line --json")
-        .succeeds()
-        .json();
+    scratch.run("train room --out out --preset paper --set components=2000").succeeds();
+    let eval = |protocol: &str| {
+        let options = format!("--renderer both --protocol {protocol} --json");
+        scratch.run(&format!("eval out/scene.ply room {options}")).succeeds().json()
+    };
+    let (fair, eval) = (eval("composited"), eval("paper"));
     for (entries, settings) in
-        [(&report["eval"], ["footprint", "ray"]), (&eval["eval"], ["none", "line"])]
+        [(&fair["eval"], ["footprint", "ray"]), (&eval["eval"], ["none", "line"])]
     {
         let entries = entries.as_array().unwrap();
         let names: Vec<&Value> = entries.iter().map(|e| &e["renderer"]).collect();
@@ -248,7 +246,7 @@ fn the_report_names_every_renderer() {
 fn the_reports_numbers_make_sense() {
     let scratch = Scratch::with_room();
     let train =
-        "train room --out out --preset paper --components 2000 --eval eval --json --threads 2";
+        "train room --out out --preset paper --set components=2000 --eval eval --json --threads 2";
     let report = scratch.run(train).succeeds().json();
     assert_eq!(report["format"], "vbgs-report/1");
     let dataset = &report["dataset"];

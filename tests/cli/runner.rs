@@ -40,7 +40,7 @@ impl Scratch {
         static SCENE: OnceLock<Files> = OnceLock::new();
         Self::copy_of(&SCENE, || {
             let scratch = Self::with_room();
-            scratch.run("train room --out out --preset paper --components 2000").succeeds();
+            scratch.run("train room --out out --preset paper --set components=2000").succeeds();
             scratch
         })
     }

@@ -15,7 +15,7 @@ fn a_scene_goes_on_in_another_process() {
     let scratch = Scratch::with_room();
     for births in ["seeds", "lattice"] {
         for threads in [1, 2] {
-            let options = format!("--births {births} --threads {threads}");
+            let options = format!("--set births={births} --threads {threads}");
             scratch.run(&format!("{TRAIN} --out whole {options}")).succeeds();
             scratch.run(&format!("{TRAIN} --out half {options} --max-frames 4")).succeeds();
             let resume = "train room --out on --resume half/checkpoint.vbgs --max-frames 8";
@@ -33,7 +33,7 @@ fn a_scene_goes_on_in_another_process() {
 fn merged_lattices_are_the_run_over_all_frames() {
     let scratch = Scratch::with_room();
     for births in ["lattice", "body-centred"] {
-        let train = format!("{TRAIN} --births {births}");
+        let train = format!("{TRAIN} --set births={births}");
         scratch.run(&format!("{train} --out whole")).succeeds();
         for n in [2, 3] {
             let shards: Vec<String> = (1..=n)
@@ -59,8 +59,8 @@ fn merged_lattices_are_the_run_over_all_frames() {
 fn scenes_of_different_presets_are_not_merged() {
     let scratch = Scratch::with_room();
     let merge = "merge s1/checkpoint.vbgs s2/checkpoint.vbgs -o m.vbgs";
-    scratch.run("train room --preset paper --components 500 --out s2 --shard 2/2").succeeds();
-    scratch.run(&format!("{TRAIN} --births lattice --out s1 --shard 1/2")).succeeds();
+    scratch.run("train room --preset paper --set components=500 --out s2 --shard 2/2").succeeds();
+    scratch.run(&format!("{TRAIN} --set births=lattice --out s1 --shard 1/2")).succeeds();
     scratch.run(merge).fails(1, &["expected the same setting `preset`", "scene and paper"]);
     assert!(!scratch.path("m.vbgs").exists());
 }
@@ -75,22 +75,22 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
     for (options, parts) in [
         ("--scale 3px", &["--scale: expected 2.5px", "out/checkpoint.vbgs", "found 3px"][..]),
         ("--config other.ron", &["--scale: expected 2.5px", "found 4px"]),
-        ("--births lattice", &["--births: expected seeds", "found lattice"]),
+        ("--set births=lattice", &["births: expected seeds", "found lattice"]),
         ("--budget 5MB", &["--budget: expected 2000000", "found 5MB"]),
-        ("--visibility returned", &["--visibility: expected projected", "found returned"]),
-        ("--without closing", &["--with or --without crack-filling: expected true"]),
-        ("--without refine", &["--with or --without refine: expected true", "found false"]),
-        ("--precision f64", &["--precision: expected mixed", "found f64"]),
+        ("--set visibility=returned", &["visibility: expected projected", "found returned"]),
+        ("--set crack_filling=false", &["crack_filling: expected true"]),
+        ("--set refine=false", &["refine: expected true", "found false"]),
+        ("--set sums=f64", &["sums: expected mixed", "found f64"]),
         ("--preset paper", &["--preset: expected scene", "found paper"]),
         ("--preset paper --config paper.ron", &["--preset: expected scene", "found paper"]),
-        ("--components 5", &["--components: expected no value", "found 5", "leave"]),
-        ("--stride 2", &["--stride: expected 1", "found 2", "leave the option out"]),
+        ("--set components=5", &["components: expected no value", "found 5", "leave"]),
+        ("--set stride=2", &["stride: expected 1", "found 2", "leave the option out"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
         scratch.run(&run).fails(2, parts);
     }
     assert!(scratch.bytes("out/checkpoint.vbgs") == before);
-    let repeated = "--preset scene --scale 2.5px --births seeds --with refine,closing --precision mixed --budget 2000000";
+    let repeated = "--preset scene --scale 2.5px --set births=seeds --set refine=true --set crack_filling=true --set sums=mixed --budget 2000000";
     scratch.run(&format!("train room --out on --resume out/checkpoint.vbgs {repeated}")).succeeds();
 }
 
@@ -150,7 +150,7 @@ fn info_tells_what_a_stored_scene_holds() {
 #[test]
 fn autosaves_keep_the_one_before() {
     let scratch = Scratch::with_room();
-    scratch.run(&format!("{TRAIN} --out out --autosave-frames 3 --max-frames 7")).succeeds();
+    scratch.run(&format!("{TRAIN} --out out --set autosave=3 --max-frames 7")).succeeds();
     let frames = |file: &str| {
         let info = scratch.run(&format!("info {file} --json")).succeeds().json();
         info["frames"].as_u64().unwrap()

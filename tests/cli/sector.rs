@@ -3,7 +3,7 @@
 use super::runner::Scratch;
 use serde_json::Value;
 
-const TRAIN: &str = "train room --preset paper --components 500";
+const TRAIN: &str = "train room --preset paper --set components=500";
 
 /// With a recording `room` of 20 training and 3 evaluation frames.
 fn recording() -> Scratch {
@@ -93,7 +93,7 @@ fn what_leaves_too_few_views_is_refused() {
     scratch.run(&format!("{train} --follow --hold-out sector")).fails(2, &parts);
     assert!(!scratch.path("out").exists(), "nothing is made");
     scratch.run("synth other --size 64x48 --frames 8 --eval-frames 1").succeeds();
-    scratch.run("train other --preset paper --components 100 --out out").succeeds();
+    scratch.run("train other --preset paper --set components=100 --out out").succeeds();
     let both = "eval out/scene.ply other --split eval --hold-out sector";
     scratch.run(both).fails(2, &["--hold-out", "--split"]);
 }

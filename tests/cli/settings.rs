@@ -2,9 +2,6 @@
 
 use super::runner::Scratch;
 use std::fs;
-use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::train::paper::config::PaperOverrides;
-use vbgs_studio::train::setting::table::{About, SettingLayer, Spelling};
 
 fn config_of(scratch: &Scratch, options: &str) -> serde_json::Value {
     scratch
@@ -31,7 +28,10 @@ fn a_file_sets_and_the_command_line_wins() {
     assert_eq!(config["precision"], "f64");
     assert_eq!(config["conversion"]["form"], "legacy-cholesky");
     assert_eq!(config["conversion"]["scale_factor"], 1.2);
-    let config = config_of(&scratch, "--config all.ron --seed 9 --candidates dense --init random");
+    let config = config_of(
+        &scratch,
+        "--config all.ron --set seed=9 --set candidates=dense --set init=random",
+    );
     assert_eq!(config["seed"], 9);
     assert_eq!(config["candidates"], "dense");
     assert_eq!(config["init"], "random");
@@ -62,7 +62,7 @@ fn files_that_are_no_settings_are_refused() {
         (b"", 1, &["x.ron", "expected settings such as"]),
         (b"(seed: -1)", 1, &["x.ron", "expected settings such as"]),
         (b"\xff\xfe", 1, &["x.ron", "expected a RON file", "UTF-8"]),
-        (b"(components: 0)", 2, &["--components", "expected 1 to 20000000", "found 0"]),
+        (b"(components: 0)", 2, &["components", "expected 1 to 20000000", "found 0"]),
     ];
     for (content, code, parts) in cases {
         fs::write(scratch.path("x.ron"), content).unwrap();
@@ -92,28 +92,13 @@ fn the_kinects_calibration_is_taken_unless_another_is_given() {
     let run = scratch.run("train room --out out --calibration none.ron").succeeds();
     assert!(!run.stderr.contains(note), "{}", run.stderr);
     assert_eq!(focal(), None);
-    let run = scratch.run("train room --out out --preset paper --components 500").succeeds();
+    let run = scratch.run("train room --out out --preset paper --set components=500").succeeds();
     assert!(!run.stderr.contains(note), "{}", run.stderr);
 }
 
 fn scene_config_of(scratch: &Scratch, options: &str) -> serde_json::Value {
     scratch.run(&format!("train room --out out --max-frames 1 {options}")).succeeds();
     scratch.json("out/report.json")["config"].clone()
-}
-
-#[test]
-fn names_of_older_versions_are_understood() {
-    let scratch = Scratch::with_room();
-    fs::write(scratch.path("old.ron"), "(looks: returned, closing: false)").unwrap();
-    fs::write(scratch.path("new.ron"), "(visibility: returned, crack_filling: false)").unwrap();
-    let new = scene_config_of(&scratch, "--visibility returned --without crack-filling");
-    assert_eq!((&new["looks"], &new["native"]["closing"]), (&"returned".into(), &1.0.into()));
-    for options in ["--looks returned --without closing", "--config old.ron", "--config new.ron"] {
-        assert_eq!(scene_config_of(&scratch, options), new, "{options}");
-    }
-    let both = "(looks: returned, visibility: returned)";
-    fs::write(scratch.path("both.ron"), both).unwrap();
-    scratch.run("train room --out no --config both.ron").fails(1, &["both.ron", "visibility"]);
 }
 
 #[test]
@@ -126,19 +111,23 @@ fn a_preset_is_a_file_by_its_name() {
     assert_eq!(named, plain);
     assert_eq!(config_of(&scratch, "--config paper"), config_of(&scratch, ""));
     fs::write(scratch.path("paper"), "(seed: 7)").unwrap();
-    assert_eq!(config_of(&scratch, "--config paper --components 500")["seed"], 7, "a file wins");
+    assert_eq!(
+        config_of(&scratch, "--config paper --set components=500")["seed"],
+        7,
+        "a file wins"
+    );
 }
 
 #[test]
 fn plain_splats_have_nothing_native() {
     let scratch = Scratch::with_room();
     for part in ["gradient", "crack-filling"] {
-        let run = scratch.run(&format!("train room --out out --splats plain --with {part}"));
-        run.fails(2, &["--splats", &format!("expected native with {part}"), "found plain"]);
+        let run = scratch.run(&format!("train room --out out --set splats=plain --with {part}"));
+        run.fails(2, &["splats", &format!("expected native with {part}"), "found plain"]);
     }
-    let run = scratch.run("train room --out out --max-frames 2 --splats plane");
-    run.fails(2, &["--splats", "plane"]);
-    scratch.run("train room --out out --max-frames 2 --splats plain").succeeds();
+    let run = scratch.run("train room --out out --max-frames 2 --set splats=plane");
+    run.fails(2, &["splats", "plane"]);
+    scratch.run("train room --out out --max-frames 2 --set splats=plain").succeeds();
     let run = scratch.run("export out/checkpoint.vbgs -o b.ply --export-split 2").succeeds();
     assert!(run.stderr.contains("has no effect"), "{}", run.stderr);
 }
@@ -147,10 +136,10 @@ fn plain_splats_have_nothing_native() {
 fn options_of_the_other_preset_are_wrong_usage() {
     let scratch = Scratch::with_room();
     for (options, option, preset) in [
-        ("--components 5", "--components", "--preset paper"),
-        ("--conversion right", "--conversion", "--preset paper"),
+        ("--set components=5", "components", "--preset paper"),
+        ("--set conversion=right", "conversion", "--preset paper"),
         ("--preset paper --budget 5", "--budget", "--preset scene"),
-        ("--preset paper --without align", "--with or --without align", "--preset scene"),
+        ("--preset paper --set align=false", "align", "--preset scene"),
     ] {
         let run = scratch.run(&format!("train room --out out {options}"));
         run.fails(2, &[&format!("{option}: expected {preset} with it")]);
@@ -158,24 +147,36 @@ fn options_of_the_other_preset_are_wrong_usage() {
 }
 
 #[test]
-fn help_lists_every_setting_with_its_default() {
+fn help_is_short_and_names_what_sets_the_rest() {
     let scratch = Scratch::empty();
+    for (command, most) in [("train", 24), ("eval", 10)] {
+        let help = scratch.run(&format!("{command} --help")).succeeds().stdout;
+        let is_option = |line: &&str| line.trim_start().starts_with("--");
+        let options: Vec<&str> = help.lines().filter(is_option).collect();
+        assert!(options.len() <= most, "{command} has {} options: {options:#?}", options.len());
+    }
     let help = scratch.run("train --help").succeeds().stdout;
-    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
-    let abouts = |abouts: &mut dyn Iterator<Item = &About>| {
-        for about in abouts {
-            let listed = match about.spelling {
-                Spelling::Option(option, value) => format!("{option} <{value}>"),
-                Spelling::Part(part) => format!("{part}: {}", about.help()),
-                Spelling::File => continue,
-            };
-            assert!(help.contains(&listed), "`{listed}` is missing in {help}");
-            assert!(help.contains(about.help()), "{}", about.field);
-        }
-    };
-    abouts(&mut SceneOverrides::TABLE.iter().map(|setting| &setting.about).filter(|about| {
-        // The paper's help stands where both presets have the option.
-        PaperOverrides::TABLE.iter().all(|other| other.about.key() != about.key())
-    }));
-    abouts(&mut PaperOverrides::TABLE.iter().map(|setting| &setting.about));
+    assert!(help.contains("--set <NAME=VALUE>") && help.contains("docs/reference/settings.md"));
+    let help = scratch.run("eval --help").succeeds().stdout;
+    assert!(help.contains("--depth-scale, --depth-range") && !help.contains("<UNITS>"), "{help}");
+}
+
+#[test]
+fn settings_are_set_by_name() {
+    let scratch = Scratch::with_room();
+    let config = scene_config_of(&scratch, "--set seed=3 --set seed=4 --set flying-pixels=false");
+    assert_eq!((&config["seed"], &config["surface"]["flying_pixels"]), (&4.into(), &false.into()));
+    for (assignment, parts) in [
+        ("colour=3", &["--set colour: no such setting", "settings.md"][..]),
+        ("seed", &["--set seed: expected NAME=VALUE"]),
+        ("seed=many", &["--set seed: "]),
+        ("order=random", &["--set order: expected sequential or shuffled, found `random`"]),
+        ("autosave=0s", &["--set autosave: expected a number of seconds above 0"]),
+        ("stride=0", &["--set stride: expected a whole number, 1 or more"]),
+        ("confidence=x", &["--set confidence: expected 0, 1 or 2"]),
+        ("geometry_only=yes", &["--set geometry_only: expected true or false"]),
+    ] {
+        scratch.run(&format!("train room --out no --set {assignment}")).fails(2, parts);
+    }
+    assert!(!scratch.path("no").exists(), "nothing is made");
 }

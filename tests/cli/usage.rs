@@ -6,35 +6,35 @@ use super::runner::Scratch;
 fn settings_out_of_range() {
     let scratch = Scratch::with_room();
     for (option, parts) in [
-        ("--preset paper --components 0", &["--components", "1 to 20000000", "found 0"][..]),
+        ("--preset paper --set components=0", &["components", "1 to 20000000", "found 0"][..]),
         (
-            "--preset paper --components 20000001",
-            &["--components", "1 to 20000000", "found 20000001"],
+            "--preset paper --set components=20000001",
+            &["components", "1 to 20000000", "found 20000001"],
         ),
-        ("--components -5", &["'-5'", "--components"]),
-        ("--components many", &["'many'", "--components"]),
-        ("--preset paper --candidates 0", &["--candidates", "1 to 1024, or dense", "found 0"]),
-        ("--candidates some", &["--candidates", "expected a number or `dense`", "`some`"]),
-        ("--preset paper --reassign-fraction 2", &["--reassign-fraction", "0 to 1", "found 2"]),
+        ("--set components=-5", &["--set components", "-5"]),
+        ("--set components=many", &["--set components", "many"]),
+        ("--preset paper --set candidates=0", &["candidates", "1 to 1024, or dense", "found 0"]),
+        ("--set candidates=some", &["candidates", "expected a number or `dense`", "`some`"]),
+        ("--preset paper --set reassign_fraction=2", &["reassign_fraction", "0 to 1", "found 2"]),
         (
-            "--preset paper --reassign-fraction -0.1",
-            &["--reassign-fraction", "0 to 1", "found -0.1"],
+            "--preset paper --set reassign_fraction=-0.1",
+            &["reassign_fraction", "0 to 1", "found -0.1"],
         ),
-        ("--preset paper --reassign-fraction nan", &["--reassign-fraction", "0 to 1", "found NaN"]),
         (
-            "--preset paper --scale-factor 0",
-            &["--scale-factor", "more than 0, at most 100", "found 0"],
+            "--preset paper --set reassign_fraction=nan",
+            &["reassign_fraction", "0 to 1", "found NaN"],
         ),
-        ("--stride 0", &["'0'", "--stride", "1 or more"]),
+        (
+            "--preset paper --set scale_factor=0",
+            &["scale_factor", "more than 0, at most 100", "found 0"],
+        ),
+        ("--set stride=0", &["--set stride", "1 or more"]),
         ("--max-frames 0", &["'0'", "--max-frames", "1 or more"]),
         ("--threads 0", &["'0'", "--threads", "1 or more"]),
         ("--threads 100000", &["--threads", "1 to 1024", "found 100000"]),
         ("--depth-scale -1", &["depth scale", "a positive number", "found -1"]),
         ("--depth-range 3 1", &["depth range", "near < far", "found 3 to 1"]),
-        ("--reassign never", &["'never'", "--reassign"]),
-        ("--background blue", &["--background", "black, white or #rrggbb"]),
-        ("--renderer fast", &["'fast'", "--renderer"]),
-        ("--antialias none", &["--antialias", "add --renderer exact or both"]),
+        ("--set reassign=never", &["--set reassign", "never"]),
         ("--no-such-option", &["--no-such-option"]),
     ] {
         scratch.run(&format!("train room --out out {option}")).fails(2, parts);
@@ -47,7 +47,10 @@ fn arguments_of_the_other_commands() {
     let scratch = Scratch::with_scene();
     for (arguments, parts) in [
         ("train room", &["required arguments"][..]),
-        ("eval out/scene.ply room --stride 0", &["--stride", "1 or more"]),
+        ("eval out/scene.ply room --max-frames 0", &["--max-frames", "1 or more"]),
+        ("eval out/scene.ply room --background blue", &["--background", "black, white or #rrggbb"]),
+        ("eval out/scene.ply room --renderer fast", &["'fast'", "--renderer"]),
+        ("eval out/scene.ply room --protocol fair", &["'fair'", "--protocol", "composited, paper"]),
         ("eval out/scene.ply", &["required arguments"]),
         ("render out/scene.ply -o a.png --size 0x9", &["--size", "each from 1 to 16384"]),
         ("render out/scene.ply -o a.png --fov 200", &["--fov", "less than 170", "found 200"]),
@@ -66,8 +69,15 @@ fn arguments_of_the_other_commands() {
             &["cannot be used with", "--lens"],
         ),
         ("render out/scene.ply -o a.png --lens wide", &["'wide'", "--lens"]),
-        ("eval out/scene.ply room --response line", &["--response", "exact or both"]),
-        ("eval out/scene.ply room --renderer exact --antialias much", &["'much'", "--antialias"]),
+        ("render out/scene.ply -o a.png --response line", &["--response", "exact or both"]),
+        (
+            "render out/scene.ply -o a.png --antialias none",
+            &["--antialias", "add --renderer exact"],
+        ),
+        (
+            "render out/scene.ply -o a.png --renderer exact --antialias much",
+            &["'much'", "--antialias"],
+        ),
         ("render out/scene.ply -o a.png --orbit 1,2", &["--orbit", "such as 30,20,4"]),
         ("render out/scene.ply -o a.png --orbit 1,2,-3", &["--orbit", "a positive distance"]),
         ("render out/scene.ply -o a --turntable 0", &["--turntable", "1 or more"]),
@@ -76,7 +86,7 @@ fn arguments_of_the_other_commands() {
         ("render out/scene.ply -o a.png --dataset room --view 3", &["--view", "0 to 2", "found 3"]),
         ("export out/scene.ply -o a.ply --format stl", &["'stl'", "--format"]),
         ("export out/scene.ply -o a.ply --export-split 3", &["'3'", "--export-split"]),
-        ("train room --out a --export-mapping wide", &["'wide'", "--export-mapping"]),
+        ("export out/scene.ply -o a.ply --export-mapping wide", &["'wide'", "--export-mapping"]),
         (
             "export out/scene.ply -o a.ply --format point-cloud --export-split 2",
             &["--export-split", "a setting of splats", "export ply, glb or spz"],
@@ -111,7 +121,7 @@ fn help_and_version_are_no_failures() {
 fn common_options_stand_before_or_after_the_command() {
     let scratch = Scratch::with_room();
     for arguments in ["--threads 1 train room --out out", "train room --out out --threads 1"] {
-        scratch.run(&format!("{arguments} --preset paper --components 100")).succeeds();
+        scratch.run(&format!("{arguments} --preset paper --set components=100")).succeeds();
         assert_eq!(scratch.json("out/report.json")["machine"]["threads"], 1);
     }
 }

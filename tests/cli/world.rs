@@ -51,7 +51,7 @@ fn measured(metre: f64, options: &str) -> (Value, String) {
 /// metres follow it.
 #[test]
 fn figures_do_not_depend_on_the_unit_of_the_world() {
-    for options in ["", "--renderer exact --births lattice"] {
+    for options in ["", "--set births=lattice"] {
         let (one, _) = measured(1.0, options);
         for metre in [1e-4, 1e4] {
             let (other, said) = measured(metre, options);
@@ -106,7 +106,7 @@ fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
 /// known of the sensor in metres is taken in the unit of the world, and the scene is the same one.
 #[test]
 fn the_scene_does_not_depend_on_the_unit_of_depth() {
-    for options in ["", "--births lattice"] {
+    for options in ["", "--set births=lattice"] {
         // Codes of TUM are fifths of a millimetre: here whole ones, which no layout says.
         let trained = |by: f64, metre: f64, depth: &str| {
             let scratch = recorded("64x48", 9);
@@ -136,7 +136,7 @@ fn the_scene_does_not_depend_on_the_unit_of_depth() {
 fn a_wild_pose_is_named_and_leaves_the_rest_as_it_is() {
     let psnr = |run: Run| run.json()["eval"][0]["psnr_mean"].as_f64().unwrap();
     let train = |preset: &str| format!("train room --out run --eval held-out --json {preset}");
-    for (preset, at) in [("--preset paper --components 500", 6), ("", 1)] {
+    for (preset, at) in [("--preset paper --set components=500", 6), ("", 1)] {
         let scratch = recorded("64x48", 24);
         let sound = psnr(scratch.run(&train(preset)).succeeds());
         move_cameras(&scratch, |i, [x, y, z]| if i == at { [x + 1e7, y, z] } else { [x, y, z] });
@@ -198,7 +198,7 @@ fn differ_by_less(most: f64, a: [f64; 2], b: [f64; 2], what: &str) {
 /// Wherever the world lies, figures are those of a world near zero, of the run and of its files.
 #[test]
 fn figures_do_not_depend_on_where_the_world_lies() {
-    for preset in ["--preset scene", "--preset paper --components 500"] {
+    for preset in ["--preset scene", "--preset paper --set components=500"] {
         let figures = |scratch: Scratch| {
             let train = format!("train room --out run --eval held-out {preset}");
             let trained = held_out_psnr(&scratch, &train);
@@ -304,7 +304,7 @@ fn a_far_run_is_resumed_and_drawn() {
 #[test]
 fn other_origins_are_refused_or_said() {
     let scratch = far_recording();
-    scratch.run("train room --out far --shard 1/2 --births lattice").succeeds();
+    scratch.run("train room --out far --shard 1/2 --set births=lattice").succeeds();
     scratch.run("export far/checkpoint.vbgs -o far.spz").succeeds();
     let eval = scratch.run("eval far.spz room --split held-out").succeeds();
     assert!(
@@ -313,7 +313,7 @@ fn other_origins_are_refused_or_said() {
         eval.stderr
     );
     move_cameras(&scratch, |_, place| moved_by(place, [5e5, 0.0, 0.0]));
-    scratch.run("train room --out other --shard 2/2 --births lattice").succeeds();
+    scratch.run("train room --out other --shard 2/2 --set births=lattice").succeeds();
     let merge = "merge far/checkpoint.vbgs other/checkpoint.vbgs -o both.vbgs";
     scratch.run(merge).fails(1, &["the same local origin in both", "10000", "10500"]);
     let eval = scratch.run("eval far/checkpoint.vbgs room --split held-out").succeeds();
@@ -327,7 +327,7 @@ fn figures_of_units_and_places() {
     println!("{:>8} {:>10} {:>8} {:>8}", "metre", "moved", "scene", "paper");
     for metre in [1e-4, 1.0, 1e4] {
         for moved in [0.0, 1e2, 1e3, 1e5, 1e7] {
-            let psnr = ["", "--preset paper --components 500"].map(|preset| {
+            let psnr = ["", "--preset paper --set components=500"].map(|preset| {
                 let scratch = recorded("64x48", FRAMES);
                 let far = [moved, -moved, 0.0];
                 move_cameras(&scratch, |_, place| moved_by(place.map(|x| x * metre), far));
@@ -398,7 +398,7 @@ fn glb_of_a_world_with_y_down_stands_upright() {
 #[test]
 fn what_memory_cannot_hold_is_refused_before_work() {
     let scratch = Scratch::with_room();
-    let huge = "train room --out run --births lattice --photometric light --budget 20000000";
+    let huge = "train room --out run --set births=lattice --photometric light --budget 20000000";
     scratch.run(huge).fails(1, &["--budget: expected at most", "found 20000000", "free memory"]);
     assert!(!scratch.path("run/report.json").exists());
 }

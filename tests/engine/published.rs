@@ -1,11 +1,10 @@
-//! Presets as files that people edit and the tables of the README say what the tables of the code do.
+//! The preset files and the reference of settings are generated from the settings tables of the code.
 
 use serde::de::DeserializeOwned;
 use std::fs;
 use std::path::{Path, PathBuf};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::pipeline::plan::{Plan, Selection};
-use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::settings::preset_file;
 use vbgs_studio::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
@@ -108,8 +107,7 @@ fn row<L: SettingLayer>(setting: &Setting<L>) -> String {
     let about = &setting.about;
     let option = match about.spelling {
         Spelling::Option(option, value) => format!("`{option} {value}`"),
-        Spelling::Part(part) => format!("`--without {part}`"),
-        Spelling::File => String::new(),
+        Spelling::Name => format!("`--set {}=…`", about.field),
     };
     let choices: Vec<&str> = (about.choices)().iter().map(|choice| choice.name).collect();
     let values = match (choices.is_empty(), about.range) {
@@ -122,68 +120,18 @@ fn row<L: SettingLayer>(setting: &Setting<L>) -> String {
 }
 
 fn table_of<L: SettingLayer>() -> String {
-    let head = "| option | in files | default | what it says |\n|---|---|---|---|\n";
+    let head = "| option | in files | default | meaning |\n|---|---|---|---|\n";
     L::TABLE.iter().fold(head.to_owned(), |text, setting| text + &row(setting))
 }
 
-/// A text with what stands between the two markers of a preset replaced.
-fn with_table(text: &str, preset: Preset, table: &str) -> String {
-    let begin = format!("<!-- settings of {preset} -->\n");
-    let (before, rest) = text.split_once(&begin).unwrap();
-    let (_, after) = rest.split_once("<!-- end -->").unwrap();
-    format!("{before}{begin}{table}<!-- end -->{after}")
-}
-
 #[test]
-fn the_readme_shows_the_tables() {
-    let readme = fs::read_to_string(in_tree("README.md")).unwrap();
-    let scene = with_table(&readme, Preset::Scene, &table_of::<SceneOverrides>());
-    hold("README.md", &with_table(&scene, Preset::Paper, &table_of::<PaperOverrides>()));
-}
-
-/// Settings of a scene as version 0.1.0 wrote them into a checkpoint.
-const STORED_BY_0_1: &str = r#"{"preset": "scene", "seed": 0, "scale": "2.5px", "budget": "5000", "births": "seeds", "h":
-    0.020206111948937178, "refine": true, "align": false, "gain": false, "looks": "projected",
-    "sums": "mixed", "most": 5000, "native": {"opacity": {"tau": 3.2, "rho0": 0.7, "doubt": 20.0,
-    "least": 0.3}, "least_points": 5.0, "scale": 1.12, "closing": 0.9, "least_scale": 0.05,
-    "prior_scale": 0.3, "prior_points": 2.0, "gradient": true, "gradient_ridge": 0.005,
-    "directional": true, "directional_ridge": [0.01, 0.2]}, "surface": {"sensor": "inverse8-ray",
-    "thresholds": null, "plane_fit": true, "flying_pixels": true, "cosine": true, "calibration":
-    null, "origin": [0.0, 3.0, 3.0]}}"#;
-
-#[test]
-fn stored_settings_of_version_0_1_are_compared_by_value() {
-    let Method::Scene(run) = serde_json::from_str(STORED_BY_0_1).unwrap() else {
-        panic!("the preset is scene")
-    };
-    let options =
-        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    let asked = |text| -> SceneOverrides { options.from_str(text).unwrap() };
-    let same = "(seed: 0, scale: \"2.5px\", budget: \"5000\", looks: projected, closing: true, \
-                sums: mixed, cosine: true, gain: false, sensor: r#inverse8-ray)";
-    assert_eq!(asked(same).conflict(&run), None);
-    for (other, setting, stored) in [
-        ("(closing: false)", "--with or --without crack-filling", Some("true")),
-        ("(visibility: returned)", "--visibility", Some("projected")),
-        ("(sums: f64)", "--precision", Some("mixed")),
-        ("(calibration: ())", "--calibration", None),
-        ("(plane_fit: false)", "--with or --without plane-fit", Some("true")),
-    ] {
-        let conflict = asked(other).conflict(&run).expect(other);
-        assert_eq!((conflict.setting.as_str(), conflict.stored.as_deref()), (setting, stored));
-    }
-}
-
-#[test]
-fn every_row_is_declared_whole() {
-    fn check<L: SettingLayer>() {
-        for Setting { about, .. } in L::TABLE {
-            assert!(!about.help().is_empty() && !about.help().ends_with('.'), "{}", about.field);
-            assert!(!about.default.is_empty(), "{}", about.field);
-            let same = L::TABLE.iter().filter(|other| other.about.key() == about.key());
-            assert_eq!(same.count(), 1, "{}", about.field);
-        }
-    }
-    check::<SceneOverrides>();
-    check::<PaperOverrides>();
+fn the_reference_lists_every_setting() {
+    let scene = table_of::<SceneOverrides>();
+    let paper = table_of::<PaperOverrides>();
+    let text = format!(
+        "# Settings\n\nGenerated from the settings tables of the code by `{WRITE}=1 cargo test --release --test engine published`; do not \
+         edit.\nA settings file (`--config FILE.ron`) names any of them, as in [`assets/presets`](../../assets/presets).\n\n\
+         ## Preset `scene`\n\n{scene}\n## Preset `paper`\n\n{paper}"
+    );
+    hold("docs/reference/settings.md", &text);
 }

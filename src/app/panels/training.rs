@@ -9,7 +9,7 @@ use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::scene::config::DEFAULT_MAX_COMPONENTS;
 use crate::train::scene::units::Budget;
 use crate::train::setting::Preset;
-use crate::train::setting::table::{Setting, SettingLayer, Spelling};
+use crate::train::setting::table::{Setting, SettingLayer};
 use eframe::egui::{
     CollapsingHeader, ComboBox, DragValue, Grid, Label, Response, RichText, TextEdit, Ui,
 };
@@ -143,7 +143,7 @@ fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
 impl<L: SettingLayer + Clone> SettingRows<L> {
     /// Draws the settings with values, then the switches.
     pub fn ui(&self, layer: &mut L, ui: &mut Ui) {
-        let is_part = |setting: &&Setting<L>| matches!(setting.about.spelling, Spelling::Part(_));
+        let is_part = |setting: &&Setting<L>| (setting.flag)(&mut L::default()).is_some();
         let mut problem = None;
         // The id depends on the preset: grids of the same id would share their column widths.
         Grid::new(L::EXAMPLE).num_columns(3).min_col_width(0.0).show(ui, |ui| {

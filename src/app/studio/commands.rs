@@ -295,11 +295,9 @@ fn layer_options<L: SettingLayer>(layer: &L) -> Vec<String> {
         let value = (setting.given)(layer)?;
         match setting.about.spelling {
             Spelling::Option(option, _) => Some([option.to_owned(), value]),
-            Spelling::Part(part) => {
-                let option = if value == "true" { "--with" } else { "--without" };
-                Some([option.to_owned(), part.to_owned()])
+            Spelling::Name => {
+                Some(["--set".to_owned(), format!("{}={value}", setting.about.field)])
             }
-            Spelling::File => None,
         }
     });
     given.flatten().collect()
@@ -359,13 +357,13 @@ mod command_line_tests {
             cosine: Some(false),
             ..SceneOverrides::default()
         };
-        let words = "--scale 1.5px --births body-centred --without cosine";
+        let words = "--scale 1.5px --set births=body-centred --set cosine=false";
         assert_eq!(settings(&training).join(" "), words);
         training.preset = Preset::Paper;
         assert_eq!(settings(&training), ["--preset", "paper"]);
         training.paper.components = Some(2000);
         training.paper.candidates = Some(Candidates::Dense);
-        let words = "--preset paper --components 2000 --candidates dense";
+        let words = "--preset paper --set components=2000 --set candidates=dense";
         assert_eq!(settings(&training).join(" "), words);
     }
 }

@@ -44,7 +44,7 @@ impl SceneView {
         if let Some(psnr) = psnr {
             let [r, g, b] = self.settings.background.rgb8();
             let tooltip = format!(
-                "Whole photograph at its native size, as measured by `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure recorded`"
+                "Whole photograph at its native size, as measured by `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x}`"
             );
             let compared = known.and_then(|s| s.compared_psnr).zip(self.compared());
             let compared = compared.map(|(psnr, model)| format!(" · {} {psnr:.2} dB", model.name));

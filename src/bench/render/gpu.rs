@@ -1,6 +1,6 @@
 //! Frames on a graphics adapter, without a window.
 
-use super::painter::{ms_since, FramePath, FrameStageMs, TimedPaintError, TimedPainter};
+use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use crate::render::gpu::DrawPath;
@@ -8,7 +8,7 @@ use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
 use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::{ComparedImage, GpuScene};
-use crate::render::gpu::sort::{back_to_front, SortScratch};
+use crate::render::gpu::sort::{SortScratch, back_to_front};
 use crate::render::{RenderOptions, Renderer};
 use std::rc::Rc;
 use std::time::Instant;

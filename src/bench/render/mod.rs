@@ -18,13 +18,13 @@ use crate::bench::findings::{Bench, BenchError, Findings, Progress};
 use crate::eval::metrics::Spread;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
-use crate::model::splat::framing::{core_sphere, Framing};
+use crate::model::splat::framing::{Framing, core_sphere};
 use crate::model::splat::splats::Splat;
 use crate::render::{RenderOptions, Renderer};
 use glam::DVec3;
 use painter::{FrameStageMs, TimedPaintError, TimedPainter};
 use plan::RENDERERS;
-use report::{notes, panels, text, RenderSummary};
+use report::{RenderSummary, notes, panels, text};
 use std::f64::consts::TAU;
 
 pub use painter::FramePath;

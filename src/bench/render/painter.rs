@@ -1,12 +1,12 @@
 //! Frames with their times, by whatever draws them.
 
-#[cfg(feature = "gui")]
-use crate::render::gpu::{GpuError, headless::HeadlessError};
 use crate::eval::report;
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use crate::render::RenderOptions;
 use crate::render::cpu::{CpuRenderer, CpuStage};
+#[cfg(feature = "gui")]
+use crate::render::gpu::{GpuError, headless::HeadlessError};
 use serde::Serialize;
 use std::time::Instant;
 

@@ -2,12 +2,12 @@
 
 #[cfg(feature = "gui")]
 use super::gpu::TimedGpu;
-#[cfg(feature = "gui")]
-use crate::render::gpu::{DrawPath, adapters::AdapterChoice};
 use super::painter::{TimedCpu, TimedPainter};
 use super::scene::BenchScene;
 use crate::bench::findings::{BenchError, BenchOptions};
 use crate::render::Renderer;
+#[cfg(feature = "gui")]
+use crate::render::gpu::{DrawPath, adapters::AdapterChoice};
 
 /// Renderers that are timed, in the order of the rows.
 pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];

@@ -1,6 +1,6 @@
 //! Arguments of `bench`.
 
-use super::depth::DepthArgs;
+use super::depth::ReadArgs;
 use crate::cli::args::{choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
 use std::ffi::OsString;
@@ -104,7 +104,7 @@ pub struct DatasetBenchArgs {
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]
-    pub depth: DepthArgs,
+    pub depth: ReadArgs,
 }
 
 #[derive(Args)]
@@ -191,5 +191,5 @@ pub struct PrecisionSearchArgs {
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]
-    pub depth: DepthArgs,
+    pub depth: ReadArgs,
 }

@@ -28,6 +28,19 @@ pub enum PosesName {
     Track,
 }
 
+/// Options for reading a dataset that commands without `--set` have.
+#[derive(Args)]
+pub struct ReadArgs {
+    #[command(flatten)]
+    pub depth: DepthArgs,
+    /// Minimum depth confidence, for sensors that record it [default: 1]
+    #[arg(long, value_name = "0-2", allow_negative_numbers = true)]
+    pub confidence: Option<u8>,
+    /// Open recordings whose video cannot be decoded, in grey
+    #[arg(long)]
+    pub geometry_only: bool,
+}
+
 /// Options for reading depth and poses.
 #[derive(Args)]
 pub struct DepthArgs {
@@ -46,21 +59,15 @@ pub struct DepthArgs {
     /// Intrinsics of the depth image in pixels, overriding the dataset
     #[arg(long, num_args = 4, value_names = ["FX", "FY", "CX", "CY"], allow_negative_numbers = true)]
     pub intrinsics: Option<Vec<f64>>,
-    /// Minimum depth confidence, for sensors that record it [default: 1]
-    #[arg(long, value_name = "0-2", allow_negative_numbers = true)]
-    pub confidence: Option<u8>,
-    /// Open recordings whose video cannot be decoded, in grey
-    #[arg(long)]
-    pub geometry_only: bool,
 }
 
-impl DepthArgs {
+impl ReadArgs {
     /// Returns [`Self::load_options`] for commands that require recorded poses.
     ///
     /// # Errors
     /// Tracking was requested.
     pub fn recorded_load_options(&self) -> Result<LoadOptions, Failure> {
-        match self.poses {
+        match self.depth.poses {
             PosesName::Recorded => Ok(self.load_options()),
             PosesName::Track => Err(Failure::Usage(
                 "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`".to_owned(),
@@ -69,6 +76,16 @@ impl DepthArgs {
     }
 
     pub fn load_options(&self) -> LoadOptions {
+        LoadOptions {
+            confidence: self.confidence,
+            geometry_only: self.geometry_only,
+            ..self.depth.load_options()
+        }
+    }
+}
+
+impl DepthArgs {
+    pub fn load_options(&self) -> LoadOptions {
         let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
         let intrinsics = self.intrinsics.as_deref().and_then(|k| <[f64; 4]>::try_from(k).ok());
         LoadOptions {
@@ -76,8 +93,8 @@ impl DepthArgs {
             depth_range,
             poses: self.pose_axes.map(PoseAxesName::convention),
             intrinsics,
-            confidence: self.confidence,
-            geometry_only: self.geometry_only,
+            confidence: None,
+            geometry_only: false,
             track: self.poses == PosesName::Track,
             // Determined by the dataset, or by the model used with it.
             local_origin: None,

@@ -1,46 +1,35 @@
 //! Arguments of `eval`.
 
-use super::depth::DepthArgs;
-use super::render::RendererArgs;
-use crate::cli::args::{choice, parse_color, parse_count, parse_positive};
+use super::depth::ReadArgs;
+use super::render::{RendererArgs, RendererName};
+use crate::cli::args::{choice, parse_color, parse_count};
+use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::dataset::splits::HoldOut;
-use vbgs_studio::eval::choices::{PartialCoverage, ViewPoses};
 use vbgs_studio::eval::scale::EvalScale;
-use vbgs_studio::render::Exposing;
+use vbgs_studio::render::{Antialias, Lens, RenderMethod, Response};
 
-#[derive(Clone, Copy, ValueEnum)]
-pub enum GroundTruthName {
-    /// Photograph composited over the background using its alpha
+/// Rules for comparing renderings with photographs.
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Protocol {
+    /// Photographs composited over the background by their alpha, poses and exposure corrected as in training
+    #[default]
     Composited,
-    /// RGB without alpha, as in the paper
-    Rgb,
+    /// As published: colours without alpha, recorded poses, neutral exposure; the exact renderer without
+    /// antialiasing, along the whole line
+    Paper,
 }
 
 /// Options for comparing renderings with photographs.
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct ComparisonArgs {
-    /// Reference image
-    #[arg(long, value_enum, default_value = "composited")]
-    pub ground_truth: GroundTruthName,
+    /// Rules of the comparison
+    #[arg(long, value_enum, default_value_t = Protocol::Composited)]
+    pub protocol: Protocol,
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
-    /// Rendering of partly covered pixels: composited over the background, or colour divided by coverage
-    /// (from 0.5 on)
-    #[arg(long, value_parser = choice::<PartialCoverage>(), default_value = "composited")]
-    pub partial_coverage: PartialCoverage,
-    /// Brightness of scenes with auto-exposure: that of the first frames, or that recorded around each view
-    #[arg(long, value_parser = choice::<Exposing>(), default_value = "recorded")]
-    pub exposure: Exposing,
-    /// Near plane in units of the model's world; nearer splats are not drawn [default: depends on the scene,
-    /// .2 for rooms and objects in metres; .2 for models of the `paper` preset]
-    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
-    pub near: Option<f64>,
-    /// Poses of the views: with the corrections of the training frames around them, or as recorded
-    #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "corrected")]
-    pub eval_poses: ViewPoses,
     /// Also score each view after aligning its pose to its photograph, with sharpness by octave and SSIM of
     /// gradients
     #[arg(long)]
@@ -64,21 +53,55 @@ pub struct EvalArgs {
     pub hold_out: Option<HoldOut>,
     #[command(flatten)]
     pub comparison: ComparisonArgs,
-    #[command(flatten)]
-    pub renderer: RendererArgs,
-    /// Calibration file (RON); photographs are rendered with its colour camera [default: that of the training
-    /// run, else that of the layout]
-    #[arg(long, value_name = "FILE.ron")]
-    pub calibration: Option<PathBuf>,
+    /// Renderer
+    #[arg(long, value_enum, default_value = "projected")]
+    pub renderer: RendererName,
     /// Maximum number of views
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
-    /// Use every N-th view
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_count, allow_negative_numbers = true)]
-    pub stride: usize,
     /// Print JSON on stdout
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
-    pub depth: DepthArgs,
+    pub reading: EvalReadArgs,
+}
+
+/// Options for reading the dataset, needed only for models that do not state them.
+#[derive(Args)]
+pub struct EvalReadArgs {
+    /// Calibration file (RON); photographs are rendered with its colour camera [default: that of the training
+    /// run, else that of the layout]
+    #[arg(long, value_name = "FILE.ron")]
+    pub calibration: Option<PathBuf>,
+    #[command(flatten)]
+    pub read: ReadArgs,
+}
+
+/// Options of [`EvalReadArgs`], which the help of `eval` names in one line.
+pub const EVAL_READING: [&str; 8] = [
+    "calibration",
+    "depth_scale",
+    "depth_range",
+    "pose_axes",
+    "poses",
+    "intrinsics",
+    "confidence",
+    "geometry_only",
+];
+
+impl Protocol {
+    /// Returns the renderers to compare by, without duplicates.
+    ///
+    /// # Errors
+    /// None occur with a pinhole camera.
+    pub fn methods(self, renderer: RendererName) -> Result<Vec<RenderMethod>, Failure> {
+        let is_published = self == Self::Paper && renderer != RendererName::Projected;
+        let (antialias, response) = (Antialias::None, Response::Line);
+        let args = RendererArgs {
+            renderer,
+            antialias: is_published.then_some(antialias),
+            response: is_published.then_some(response),
+        };
+        args.methods(Lens::Pinhole)
+    }
 }

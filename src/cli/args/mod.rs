@@ -18,7 +18,7 @@ pub use bench::{
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use glam::DVec3;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -26,8 +26,8 @@ use std::time::Duration;
 use vbgs_studio::calibrate::DEFAULT_FRAMES;
 use vbgs_studio::pipeline::plan::MAX_PASSES;
 
-pub use depth::DepthArgs;
-pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
+pub use depth::ReadArgs;
+pub use eval::{ComparisonArgs, EvalArgs, Protocol};
 pub use export::{AxesName, ExportArgs, FormatName, KindName};
 pub use render::{AxisName, PaintName, RenderArgs};
 pub use synth::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
@@ -59,7 +59,9 @@ pub struct Arguments {
 impl Arguments {
     /// Parses the command line; exits with a message if it is invalid.
     pub fn from_command_line() -> Self {
-        let arguments = Self::try_parse().unwrap_or_else(|error| end(&error));
+        let found = Self::complete_command().try_get_matches();
+        let found = found.and_then(|found| Self::from_arg_matches(&found));
+        let arguments = found.unwrap_or_else(|error| end(&error));
         // clap accepts a word before the command as PATH, which every command would ignore.
         if let (Some(path), Some(_)) = (&arguments.path, &arguments.command) {
             let message =
@@ -67,6 +69,20 @@ impl Arguments {
             Self::command().error(ErrorKind::ArgumentConflict, message).exit();
         }
         arguments
+    }
+}
+
+impl Arguments {
+    /// The command line with what derives cannot express: `eval` names its reading options in one line.
+    fn complete_command() -> clap::Command {
+        let is_reading = |arg: &clap::Arg| eval::EVAL_READING.contains(&arg.get_id().as_str());
+        Self::command().mut_subcommand("eval", |eval| {
+            eval.mut_args(|arg| if is_reading(&arg) { arg.hide(true) } else { arg }).after_help(
+                "The dataset is read as in the checkpoint's run. For other models: --calibration, \
+                 --depth-scale, --depth-range, --pose-axes, --poses, --intrinsics, --confidence and \
+                 --geometry-only, as in `train` and `info`.",
+            )
+        })
     }
 }
 
@@ -129,7 +145,7 @@ pub struct InfoArgs {
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
-    pub depth: DepthArgs,
+    pub depth: ReadArgs,
 }
 
 #[derive(Args)]
@@ -160,7 +176,7 @@ pub struct CalibrateArgs {
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
-    pub depth: DepthArgs,
+    pub depth: ReadArgs,
 }
 
 /// Parses an enum of the library by its names in files.

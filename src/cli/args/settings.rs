@@ -1,12 +1,15 @@
-//! Options for the settings of both presets, from the library's tables.
+//! Options for the settings of both presets, from the library's tables, and `--set NAME=VALUE` for all others.
 //!
 //! Given values are stored as text, because the preset, and thus their type, is known only after all
 //! options (and a checkpoint to resume) have been read. The texts are nevertheless checked at once.
 
+use super::{parse_count, parse_passes, parse_seconds};
 use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use std::ffi::{OsStr, OsString};
+use vbgs_studio::pipeline::autosave::AutosaveInterval;
+use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::table::{About, SettingLayer, Spelling};
@@ -14,9 +17,70 @@ use vbgs_studio::train::setting::value::ValueError;
 
 /// Settings given on the command line.
 pub struct SettingsArgs {
+    /// Settings of a preset: name in files and text.
     given: Vec<(&'static str, OsString)>,
-    with: Vec<String>,
-    without: Vec<String>,
+    /// Settings of the run.
+    pub run: RunSettings,
+}
+
+/// Settings of a run, whichever its preset, that have no option of their own.
+#[derive(Clone, Copy, Default)]
+pub struct RunSettings {
+    pub order: Option<Order>,
+    pub passes: Option<usize>,
+    pub stride: Option<usize>,
+    pub autosave: AutosaveInterval,
+    pub confidence: Option<u8>,
+    pub geometry_only: bool,
+}
+
+/// Names of [`RunSettings`] for `--set`, with their meaning.
+pub const RUN_SETTINGS: [(&str, &str); 6] = [
+    ("order", "order of the frames: sequential (default) or shuffled"),
+    (
+        "passes",
+        "times the frames are used; from the second on only photographs train. With --resume earlier passes count",
+    ),
+    ("stride", "use every N-th frame"),
+    (
+        "autosave",
+        "save the checkpoint every N frames, or every Ns seconds such as 30s, keeping the previous one as checkpoint.vbgs.bak",
+    ),
+    ("confidence", "minimum depth confidence from 0 to 2, for sensors that record it (default 1)"),
+    ("geometry_only", "true opens recordings whose video cannot be decoded, in grey"),
+];
+
+impl RunSettings {
+    /// Sets one value; `Ok(false)` if there is no setting of the name.
+    fn set(&mut self, name: &str, text: &str) -> Result<bool, String> {
+        match name {
+            "order" => {
+                let order = text.parse();
+                self.order = Some(
+                    order
+                        .map_err(|_| format!("expected sequential or shuffled, found `{text}`"))?,
+                );
+            }
+            "passes" => self.passes = Some(parse_passes(text)?),
+            "stride" => self.stride = Some(parse_count(text)?),
+            "autosave" => match text.strip_suffix('s') {
+                Some(seconds) => self.autosave.time = Some(parse_seconds(seconds)?),
+                None => self.autosave.frames = Some(parse_count(text)?),
+            },
+            "confidence" => {
+                let level =
+                    text.parse().map_err(|_| format!("expected 0, 1 or 2, found `{text}`"))?;
+                self.confidence = Some(level);
+            }
+            "geometry_only" => {
+                let is_on = text.parse();
+                self.geometry_only =
+                    is_on.map_err(|_| format!("expected true or false, found `{text}`"))?;
+            }
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
 }
 
 impl SettingsArgs {
@@ -27,61 +91,68 @@ impl SettingsArgs {
     pub fn layer<L: SettingLayer>(&self) -> Result<L, ValueError> {
         let mut layer = L::default();
         for setting in L::TABLE {
-            if let Some(text) = self.text(&setting.about) {
+            if let Some(text) = self.given(setting.about.field) {
                 (setting.parse)(&mut layer, text)?;
             }
         }
         Ok(layer)
     }
 
-    /// Returns the text given for an option such as `--seed`.
-    pub fn given(&self, option: &str) -> Option<&OsStr> {
-        self.given.iter().find(|(given, _)| *given == option).map(|(_, text)| text.as_os_str())
+    /// Returns the text given for a setting, by its name in files; the last one counts.
+    pub fn given(&self, field: &str) -> Option<&OsStr> {
+        let mut given = self.given.iter().rev();
+        given.find(|(name, _)| *name == field).map(|(_, text)| text.as_os_str())
     }
 
-    fn text(&self, about: &About) -> Option<&OsStr> {
-        match about.spelling {
-            Spelling::Option(option, _) => self.given(option),
-            Spelling::Part(part) => {
-                let is_in = |parts: &[String]| parts.iter().any(|given| given == part);
-                let with = is_in(&self.with).then_some("true");
-                with.or(is_in(&self.without).then_some("false")).map(OsStr::new)
+    /// Reads one `NAME=VALUE`.
+    fn set(&mut self, assignment: &str) -> Result<(), String> {
+        let (name, text) = assignment
+            .split_once('=')
+            .ok_or_else(|| format!("--set {assignment}: expected NAME=VALUE, such as seed=3"))?;
+        let name = name.trim().replace('-', "_");
+        if self.run.set(&name, text).map_err(|wrong| format!("--set {name}: {wrong}"))? {
+            return Ok(());
+        }
+        let mut wrong = None;
+        for about in all_settings().filter(|about| about.field == name) {
+            match (about.check_text)(OsStr::new(text)) {
+                Ok(()) => {
+                    self.given.push((about.field, text.into()));
+                    return Ok(());
+                }
+                Err(error) => wrong = Some(format!("--set {name}: {error}")),
             }
-            Spelling::File => None,
+        }
+        Err(wrong.unwrap_or_else(|| {
+            format!(
+                "--set {name}: no such setting; docs/reference/settings.md and `--config scene` list them"
+            )
+        }))
+    }
+}
+
+/// Settings of both presets; shared ones occur twice.
+fn all_settings() -> impl Iterator<Item = &'static About> {
+    let of_scene = SceneOverrides::TABLE.iter().map(|setting| &setting.about);
+    of_scene.chain(PaperOverrides::TABLE.iter().map(|setting| &setting.about))
+}
+
+/// Settings with an option of their own, without repeats, and the placeholder of their value.
+fn options() -> Vec<(&'static About, &'static str, &'static str)> {
+    let mut found: Vec<(&About, &str, &str)> = Vec::new();
+    for about in all_settings() {
+        if let Spelling::Option(option, placeholder) = about.spelling
+            && found.iter().all(|(_, other, _)| *other != option)
+        {
+            found.push((about, option.trim_start_matches('-'), placeholder));
         }
     }
+    found
 }
 
-/// Help headings of options specific to one preset.
-const PAPER: &str = "Paper preset";
-const SCENE: &str = "Scene preset";
-
-/// All settings with an option, with their help heading (`None` if shared by both presets).
-fn options() -> Vec<(&'static About, Option<&'static str>)> {
-    let (paper, scene) = (with_option::<PaperOverrides>(), with_option::<SceneOverrides>());
-    let is_in = |abouts: &[&About], key| abouts.iter().any(|about| about.key() == key);
-    let of_paper = paper.iter().map(|about| {
-        let is_shared = is_in(&scene, about.key());
-        (*about, (!is_shared).then_some(PAPER))
-    });
-    let of_scene = scene.iter().filter(|about| !is_in(&paper, about.key()));
-    of_paper.chain(of_scene.map(|about| (*about, Some(SCENE)))).collect()
-}
-
-fn with_option<L: SettingLayer>() -> Vec<&'static About> {
-    let abouts = L::TABLE.iter().map(|setting| &setting.about);
-    abouts.filter(|about| matches!(about.spelling, Spelling::Option(..))).collect()
-}
-
-/// Option name without dashes.
-fn id(about: &'static About) -> &'static str {
-    about.key().trim_start_matches('-')
-}
-
-fn option(about: &'static About, stands_for: &'static str) -> Arg {
+fn option((about, id, placeholder): (&'static About, &'static str, &'static str)) -> Arg {
     let help = format!("{} [default: {}]", about.help(), about.default);
-    let arg = Arg::new(id(about)).long(id(about)).value_name(stands_for).help(help);
-    let arg = arg.aliases(about.former_name).action(ArgAction::Set);
+    let arg = Arg::new(id).long(id).value_name(placeholder).help(help).action(ArgAction::Set);
     let choices = (about.choices)();
     if !choices.is_empty() {
         let values = choices.iter().map(|choice| match choice.help {
@@ -99,44 +170,17 @@ fn option(about: &'static About, stands_for: &'static str) -> Arg {
     arg.value_parser(OsStringValueParser::new().try_map(move |text| check(&text).map(|()| text)))
 }
 
-/// Defines `--with` or `--without`.
-fn parts(name: &'static str, help: &'static str) -> Arg {
-    let parts = SceneOverrides::TABLE.iter().filter_map(|setting| {
-        let about = &setting.about;
-        let Spelling::Part(part) = about.spelling else { return None };
-        let value = PossibleValue::new(part).help(about.help());
-        Some(match about.former_name {
-            Some(old) => value.alias(old),
-            None => value,
-        })
-    });
-    let arg = Arg::new(name).long(name).value_name("PART").help(help).help_heading(SCENE);
-    let arg = arg.value_delimiter(',').action(ArgAction::Append);
-    // clap passes aliases as typed.
-    arg.value_parser(PossibleValuesParser::new(parts).map(|given| current_name(&given).to_owned()))
-}
-
-/// Returns the current name of a part given by its old name.
-fn current_name(given: &str) -> &str {
-    let parts = SceneOverrides::TABLE.iter().map(|setting| &setting.about);
-    let named_so = |about: &&About| about.former_name == Some(given);
-    match parts.filter(named_so).map(|about| about.spelling).next() {
-        Some(Spelling::Part(part)) => part,
-        _ => given,
-    }
-}
-
 impl Args for SettingsArgs {
     fn augment_args(command: Command) -> Command {
-        let command =
-            options().into_iter().fold(command, |command, (about, heading)| match about.spelling {
-                Spelling::Option(_, stands_for) => {
-                    command.arg(option(about, stands_for).help_heading(heading))
-                }
-                Spelling::Part(_) | Spelling::File => command,
-            });
-        let with = "Enable parts that are off by default for this dataset or birth rule";
-        command.arg(parts("without", "Disable parts")).arg(parts("with", with))
+        let command = options().into_iter().map(option).fold(command, Command::arg);
+        let of_run = RUN_SETTINGS.map(|(name, meaning)| format!("  {name}: {meaning}\n"));
+        let help = format!(
+            "Set any other setting by its name, such as `--set seed=3` or `--set refine=false`; \
+             docs/reference/settings.md lists those of the presets. Of the run:\n{}",
+            of_run.concat()
+        );
+        let set = Arg::new("set").long("set").value_name("NAME=VALUE").help(help);
+        command.arg(set.action(ArgAction::Append).value_parser(OsStringValueParser::new()))
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -146,20 +190,16 @@ impl Args for SettingsArgs {
 
 impl FromArgMatches for SettingsArgs {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let given = options().into_iter().filter_map(|(about, _)| {
-            let text: &OsString = matches.get_one(id(about))?;
-            Some((about.key(), text.clone()))
+        let given = options().into_iter().filter_map(|(about, id, _)| {
+            let text: &OsString = matches.get_one(id)?;
+            Some((about.field, text.clone()))
         });
-        let parts =
-            |name| matches.get_many::<String>(name).into_iter().flatten().cloned().collect();
-        let (with, without): (Vec<String>, Vec<String>) = (parts("with"), parts("without"));
-        if let Some(part) = with.iter().find(|part| without.contains(part)) {
-            let message = format!(
-                "--with {part}: expected one of --with and --without, found both; leave one out"
-            );
-            return Err(clap::Error::raw(ErrorKind::ArgumentConflict, message));
+        let mut args = Self { given: given.collect(), run: RunSettings::default() };
+        for assignment in matches.get_many::<OsString>("set").into_iter().flatten() {
+            args.set(&assignment.to_string_lossy())
+                .map_err(|message| clap::Error::raw(ErrorKind::ValueValidation, message + "\n"))?;
         }
-        Ok(Self { given: given.collect(), with, without })
+        Ok(args)
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {

@@ -87,8 +87,8 @@ fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict>
         hold_out,
     } = asked;
     differs("--split", split.as_ref(), stored.split.as_ref())
-        .or_else(|| differs("--order", order.as_ref(), Some(&stored.order)))
-        .or_else(|| differs("--stride", stride.as_ref(), Some(&stored.stride)))
+        .or_else(|| differs("order", order.as_ref(), Some(&stored.order)))
+        .or_else(|| differs("stride", stride.as_ref(), Some(&stored.stride)))
         .or_else(|| differs("--hold-out", hold_out.as_ref(), Some(&stored.hold_out)))
 }
 

@@ -150,7 +150,7 @@ pub enum RunError {
         first: u32,
     },
     /// The statistics cannot be added exactly.
-    #[error("{} and {}: {source}; train them with --precision mixed or f64", paths[0].display(), paths[1].display())]
+    #[error("{} and {}: {source}; train them with precision=mixed or f64", paths[0].display(), paths[1].display())]
     Add {
         /// Paths of both checkpoints.
         paths: [PathBuf; 2],

@@ -161,20 +161,20 @@ fn order_dependence_of(config: &SceneConfig, components: usize) -> Option<(Strin
     if *track {
         Some(("--poses track".to_owned(), "--poses recorded"))
     } else if !births.is_order_invariant() {
-        Some(("--births seeds".to_owned(), "--births lattice"))
+        Some(("births=seeds".to_owned(), "births=lattice"))
     } else if photometric.is_some() {
         let mode = PhotometricMode::of(*photometric);
         Some((format!("--photometric {mode}"), "--photometric off"))
     } else if *refine {
-        Some(("--with refine".to_owned(), "--without refine"))
+        Some(("refine=true".to_owned(), "refine=false"))
     } else if *align {
-        Some(("--with align".to_owned(), "--without align"))
+        Some(("align=true".to_owned(), "align=false"))
     } else if *gain {
-        Some(("--with gain".to_owned(), "--without gain"))
+        Some(("gain=true".to_owned(), "gain=false"))
     } else if *visibility == VisibilityRule::Projected {
-        Some(("--visibility projected".to_owned(), "--visibility returned"))
+        Some(("visibility=projected".to_owned(), "visibility=returned"))
     } else if *sums != SumForm::Mixed {
-        Some((format!("sums of the form {sums:?}"), "--precision mixed"))
+        Some((format!("sums of the form {sums:?}"), "sums=mixed"))
     } else if components >= config.most_seeds() {
         // The order determines which components were created before the budget was reached.
         Some((

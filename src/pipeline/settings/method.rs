@@ -103,19 +103,19 @@ impl MethodRequest {
             Self::Scene(SceneOverrides { births: Some(births), .. })
                 if births.is_order_invariant() =>
             {
-                return refuse("--births seeds", format!("--births {births}"));
+                return refuse("births=seeds", format!("births={births}"));
             }
             Self::Scene(_) => {}
         }
         match selection {
             Selection { order: Order::Shuffled, .. } => {
-                refuse("--order sequential", "--order shuffled".to_owned())
+                refuse("order=sequential", "order=shuffled".to_owned())
             }
             Selection { shard: Some(shard), .. } => {
                 refuse("all frames in one run", format!("--shard {}", String::from(*shard)))
             }
             Selection { passes, .. } if *passes > 1 => {
-                refuse("--passes 1", format!("--passes {passes}"))
+                refuse("passes=1", format!("passes={passes}"))
             }
             _ => Ok(()),
         }

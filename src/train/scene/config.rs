@@ -219,7 +219,7 @@ impl SceneConfig {
         if let Some((setting, _, how)) = asked.filter(|_| self.births.is_order_invariant()) {
             return Err(ConfigError {
                 setting,
-                expected: format!("off with --births {}, whose cells have {how}", self.births),
+                expected: format!("off with births={}, whose cells have {how}", self.births),
                 found: "on".to_owned(),
             });
         }

@@ -15,10 +15,8 @@ use std::ffi::OsStr;
 pub enum Spelling {
     /// An option and the placeholder of its value in help texts.
     Option(&'static str, &'static str),
-    /// A part of the preset, disabled by `--without` and enabled by `--with`.
-    Part(&'static str),
-    /// Available only in files.
-    File,
+    /// By its name: in files and by `--set NAME=VALUE`.
+    Name,
 }
 
 /// Checks that a text is a valid value of a setting.
@@ -32,8 +30,6 @@ pub type StoredAndAsked = (Option<String>, String);
 pub struct About {
     /// Name in files.
     pub field: &'static str,
-    /// Former name (one word), still accepted in files and as an option.
-    pub former_name: Option<&'static str>,
     /// Form on the command line.
     pub spelling: Spelling,
     /// Label in the window; `None` if not shown there.
@@ -58,7 +54,6 @@ impl About {
     #[expect(clippy::too_many_arguments, reason = "called only by `settings!`, in this order")]
     pub const fn new(
         field: &'static str,
-        old: Option<&'static str>,
         spelling: Spelling,
         label: Option<&'static str>,
         (default, is_default_fixed): (&'static str, bool),
@@ -69,7 +64,6 @@ impl About {
     ) -> Self {
         Self {
             field,
-            former_name: old,
             spelling,
             label,
             default,
@@ -92,8 +86,7 @@ impl About {
     pub fn name(&self) -> String {
         match self.spelling {
             Spelling::Option(option, _) => option.to_owned(),
-            Spelling::Part(part) => format!("--with or --without {part}"),
-            Spelling::File => self.field.to_owned(),
+            Spelling::Name => self.field.to_owned(),
         }
     }
 
@@ -101,7 +94,7 @@ impl About {
     pub fn key(&self) -> &'static str {
         match self.spelling {
             Spelling::Option(option, _) => option,
-            Spelling::Part(_) | Spelling::File => self.field,
+            Spelling::Name => self.field,
         }
     }
 }
@@ -195,8 +188,7 @@ pub trait SettingLayer: Default + Sized + 'static {
 /// setting:
 ///
 /// * the doc comment is its help text;
-/// * `option "--name" "VALUE"`, `part "name"` or `file` is its form on the command line;
-/// * `was "word"` is its former name in files and on the command line;
+/// * `option "--name" "VALUE"` gives it an option of its own; others are set by `--set NAME=VALUE`;
 /// * `label "Name"` shows it in the window;
 /// * `default "text"` is the default value, `default by "text"` describes what it depends on;
 /// * `range "text", |value| test` restricts its values;
@@ -210,9 +202,6 @@ macro_rules! settings {
             $(#[doc = $doc:literal])+
             $field:ident: $value:ty {
                 $(option $option:literal $stands:literal;)?
-                $(part $part:literal;)?
-                $(file;)?
-                $(was $old:literal;)?
                 $(label $label:literal;)?
                 $(default $default:literal;)?
                 $(default by $depends:literal;)?
@@ -229,7 +218,6 @@ macro_rules! settings {
         pub struct $layer {
             $(
                 $(#[doc = $doc])+
-                $(#[serde(alias = $old)])?
                 pub $field: Option<$value>,
             )+
         }
@@ -240,8 +228,7 @@ macro_rules! settings {
                 $($crate::train::setting::table::Setting {
                     about: $crate::train::setting::table::About::new(
                         stringify!($field),
-                        settings!(@optional $($old)?),
-                        settings!(@spelling $($option $stands)? $(part $part)?),
+                        settings!(@spelling $($option $stands)?),
                         settings!(@optional $($label)?),
                         settings!(@default $($default)? $(by $depends)?),
                         settings!(@optional $(|| format!($range))?),
@@ -312,11 +299,10 @@ macro_rules! settings {
     };
     (@optional) => { None };
     (@optional $value:expr) => { Some($value) };
-    (@spelling) => { $crate::train::setting::table::Spelling::File };
+    (@spelling) => { $crate::train::setting::table::Spelling::Name };
     (@spelling $option:literal $stands:literal) => {
         $crate::train::setting::table::Spelling::Option($option, $stands)
     };
-    (@spelling part $part:literal) => { $crate::train::setting::table::Spelling::Part($part) };
     (@default $default:literal) => { ($default, true) };
     (@default by $depends:literal) => { ($depends, false) };
 }

@@ -92,7 +92,7 @@ fn reassignment_parts_the_models() {
     let config = config(ReassignPolicy::Padded, Precision::Mixed);
     let runs = ["1/2", "2/2"].map(|s| saved(&trained(&config, shard(s)))).to_vec();
     let said = message(runs);
-    for part in ["the same initial means", "component", "--reassign off"] {
+    for part in ["the same initial means", "component", "reassign=off"] {
         assert!(said.contains(part), "{part:?} is missing in: {said}");
     }
 }

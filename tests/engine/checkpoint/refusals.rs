@@ -22,30 +22,30 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
         |paper: PaperOverrides| ResumeRequest { model: paper.into(), ..ResumeRequest::default() };
     let none = PaperOverrides::default;
     let cases = [
-        ("--components", train(PaperOverrides { components: Some(5), ..none() })),
-        ("--seed", train(PaperOverrides { seed: Some(5), ..none() })),
-        ("--candidates", train(PaperOverrides { candidates: Some(Candidates::Dense), ..none() })),
-        ("--batch", train(PaperOverrides { batch: Some(Batch::Points(5)), ..none() })),
+        ("components", train(PaperOverrides { components: Some(5), ..none() })),
+        ("seed", train(PaperOverrides { seed: Some(5), ..none() })),
+        ("candidates", train(PaperOverrides { candidates: Some(Candidates::Dense), ..none() })),
+        ("batch", train(PaperOverrides { batch: Some(Batch::Points(5)), ..none() })),
         (
-            "--statistics",
+            "statistics",
             train(PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..none() }),
         ),
-        ("--index", train(PaperOverrides { index: Some(IndexKind::KdTree), ..none() })),
-        ("--init", train(PaperOverrides { init: Some(Init::Data), ..none() })),
-        ("--reassign", train(PaperOverrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
-        ("--reassign-fraction", train(PaperOverrides { reassign_fraction: Some(0.5), ..none() })),
-        ("--precision", train(PaperOverrides { precision: Some(Precision::F64), ..none() })),
-        ("--scale-factor", train(PaperOverrides { scale_factor: Some(1.5), ..none() })),
+        ("index", train(PaperOverrides { index: Some(IndexKind::KdTree), ..none() })),
+        ("init", train(PaperOverrides { init: Some(Init::Data), ..none() })),
+        ("reassign", train(PaperOverrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
+        ("reassign_fraction", train(PaperOverrides { reassign_fraction: Some(0.5), ..none() })),
+        ("precision", train(PaperOverrides { precision: Some(Precision::F64), ..none() })),
+        ("scale_factor", train(PaperOverrides { scale_factor: Some(1.5), ..none() })),
         (
-            "--conversion",
+            "conversion",
             train(PaperOverrides {
                 covariance_form: Some(CovarianceForm::LegacyCholesky),
                 ..none()
             }),
         ),
         ("--split", ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() }),
-        ("--order", ResumeRequest { order: Some(Order::Shuffled), ..ResumeRequest::default() }),
-        ("--stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
+        ("order", ResumeRequest { order: Some(Order::Shuffled), ..ResumeRequest::default() }),
+        ("stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
         (
             "--depth-range",
             ResumeRequest {

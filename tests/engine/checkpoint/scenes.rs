@@ -166,18 +166,15 @@ fn a_merged_scene_goes_on_with_the_frames_that_are_missing() {
 fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
     let lattice = || births(BirthRule::Lattice);
     for (asked, parts) in [
-        (
-            SceneOverrides { refine: Some(true), ..lattice() },
-            ["--with refine", "with --without refine"],
-        ),
-        (SceneOverrides { gain: Some(true), ..lattice() }, ["--with gain", "with --without gain"]),
+        (SceneOverrides { refine: Some(true), ..lattice() }, ["refine=true", "with refine=false"]),
+        (SceneOverrides { gain: Some(true), ..lattice() }, ["gain=true", "with gain=false"]),
         (
             SceneOverrides { visibility: Some(VisibilityRule::Projected), ..lattice() },
-            ["--visibility projected", "with --visibility returned"],
+            ["visibility=projected", "with visibility=returned"],
         ),
         (
             SceneOverrides { sums: Some(SumForm::F64), ..lattice() },
-            ["sums of the form F64", "with --precision mixed"],
+            ["sums of the form F64", "with sums=mixed"],
         ),
         (
             SceneOverrides { budget: Some(Budget::Components(50)), ..lattice() },
@@ -246,41 +243,32 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     let none = SceneOverrides::default;
     let cases = [
         ("--scale", with(SceneOverrides { scale: Some(StructuralScale::Pixels(3.0)), ..none() })),
-        ("--births", with(births(BirthRule::Lattice))),
+        ("births", with(births(BirthRule::Lattice))),
         ("--budget", with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() })),
-        ("--with or --without refine", with(SceneOverrides { refine: Some(false), ..none() })),
-        ("--with or --without gain", with(SceneOverrides { gain: Some(true), ..none() })),
+        ("refine", with(SceneOverrides { refine: Some(false), ..none() })),
+        ("gain", with(SceneOverrides { gain: Some(true), ..none() })),
         (
-            "--visibility",
+            "visibility",
             with(SceneOverrides { visibility: Some(VisibilityRule::Returned), ..none() }),
         ),
-        ("--with or --without gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
-        (
-            "--with or --without directional",
-            with(SceneOverrides { directional: Some(false), ..none() }),
-        ),
-        ("--precision", with(SceneOverrides { sums: Some(SumForm::F64), ..none() })),
-        (
-            "--with or --without plane-fit",
-            with(SceneOverrides { plane_fit: Some(false), ..none() }),
-        ),
-        (
-            "--with or --without flying-pixels",
-            with(SceneOverrides { flying_pixels: Some(true), ..none() }),
-        ),
-        ("--with or --without cosine", with(SceneOverrides { cosine: Some(false), ..none() })),
-        ("--sensor", with(SceneOverrides { sensor: Some(Sensor::Kinect), ..none() })),
+        ("gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
+        ("directional", with(SceneOverrides { directional: Some(false), ..none() })),
+        ("sums", with(SceneOverrides { sums: Some(SumForm::F64), ..none() })),
+        ("plane_fit", with(SceneOverrides { plane_fit: Some(false), ..none() })),
+        ("flying_pixels", with(SceneOverrides { flying_pixels: Some(true), ..none() })),
+        ("cosine", with(SceneOverrides { cosine: Some(false), ..none() })),
+        ("sensor", with(SceneOverrides { sensor: Some(Sensor::Kinect), ..none() })),
         ("--calibration", with(SceneOverrides { calibration: Some(Calibration::NONE), ..none() })),
-        ("--seed", with(SceneOverrides { seed: Some(5), ..none() })),
+        ("seed", with(SceneOverrides { seed: Some(5), ..none() })),
         ("--preset", ResumeRequest { preset: Some(Preset::Paper), ..ResumeRequest::default() }),
         (
-            "--components",
+            "components",
             ResumeRequest {
                 model: PaperOverrides { components: Some(5), ..PaperOverrides::default() }.into(),
                 ..ResumeRequest::default()
             },
         ),
-        ("--stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
+        ("stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
     ];
     for (setting, asked) in cases {
         let said = run.check(&asked).expect_err(setting).to_string();
@@ -314,7 +302,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     assert_eq!(finished(run.resume(room(), &repeated, false).unwrap()).frames().len(), 4);
     let mixture = saved(&trained(&off(), first(2)));
     let said = mixture.check(&with(births(BirthRule::Lattice))).unwrap_err().to_string();
-    assert!(said.starts_with("--births: expected no value"), "{said}");
+    assert!(said.starts_with("births: expected no value"), "{said}");
 }
 
 #[test]

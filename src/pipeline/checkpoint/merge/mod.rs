@@ -154,7 +154,7 @@ const RETRAIN_ADVICE: &str = "train them with the same settings on the same data
 const OTHER_ORIGIN: &str =
     "positions are relative to different origins: train them on the same dataset with this version";
 const NO_REASSIGNMENT: &str =
-    "reassignment made the models differ after the first frame: train them with --reassign off";
+    "reassignment made the models differ after the first frame: train them with reassign=off";
 
 struct Difference {
     what: String,

@@ -22,7 +22,6 @@ settings! {
 
     /// Seed of every random stream.
     seed: u64 {
-        option "--seed" "N";
         default "0";
         at |run| run.seed;
     }
@@ -37,7 +36,6 @@ settings! {
     }
     /// Rule that creates components.
     births: BirthRule {
-        option "--births" "RULE";
         label "Births";
         default "seeds";
         at |run| run.engine.births;
@@ -68,7 +66,6 @@ settings! {
     /// Shuffle buffer, in photographs (0 = off, at most 64 MB). Photographs are trained on in random order,
     /// which decorrelates neighbouring views.
     shuffle_buffer: usize {
-        option "--shuffle-buffer" "N";
         label "Shuffle buffer";
         default by "60; none without photometric training";
         range "0 to {MAX_WAITING} photographs", |n| *n <= MAX_WAITING;
@@ -81,7 +78,6 @@ settings! {
     }
     /// Kind of splats: native renders best in this program; plain is exported without loss to any viewer.
     splats: SplatKind {
-        option "--splats" "KIND";
         label "Splats";
         default "native";
         get |run| Some(SplatKind::of(&run.engine.splat_rule));
@@ -93,20 +89,16 @@ settings! {
     }
     /// Visibility count of a component: by projection into every frame, or by the frames that gave it points.
     visibility: VisibilityRule {
-        option "--visibility" "RULE";
-        was "looks";
         default by "projected; returned with lattices";
         at |run| run.engine.visibility;
     }
     /// Arithmetic of the sufficient statistics.
     sums: SumForm {
-        option "--precision" "PRECISION";
         default "mixed";
         at |run| run.engine.sums;
     }
     /// Depth sensor; determines the noise model and thresholds.
     sensor: Sensor {
-        option "--sensor" "SENSOR";
         default by "the dataset's files";
         at |run| run.surface.sensor;
     }
@@ -120,54 +112,46 @@ settings! {
     /// Pixels that become points: every one, every other row, or every other pixel of every other row.
     /// Weights make up for those left out.
     sampling: PixelSampling {
-        option "--sampling" "PIXELS";
         label "Sampling";
         default by "every; quarter for real cameras of 150,000 pixels or more";
         at |run| run.surface.sampling;
     }
     /// Use the depth of a plane fitted around each pixel instead of the measured depth.
     plane_fit: bool {
-        part "plane-fit";
         label "Fit planes";
         default "true";
         at |run| run.surface.plane_fit;
     }
     /// Drop pixels between two surfaces, which no plane fits.
     flying_pixels: bool {
-        part "flying-pixels";
         label "Drop flying pixels";
         default by "on; off for computed depth";
         at |run| run.surface.flying_pixels;
     }
     /// Drop surfaces seen at grazing angles.
     cosine: bool {
-        part "cosine";
         label "Drop slanted surfaces";
         default "true";
         at |run| run.surface.cosine;
     }
     /// Move points along their rays towards their component's plane.
     refine: bool {
-        part "refine";
         default by "on; off with lattices";
         at |run| run.engine.refine;
     }
     /// Correct each frame's pose to fit the scene.
     align: bool {
-        part "align";
         default by "on for real cameras; off with lattices";
         at |run| run.engine.align;
     }
     /// Fit each frame's exposure to the scene.
     gain: bool {
-        part "gain";
         default by "on for real cameras; off with lattices";
         at |run| run.engine.gain;
     }
     /// Use smaller components where cameras come close: ten pixels wide, but at least two thirds of the
     /// structural scale.
     near_detail: bool {
-        part "near-detail";
         label "Near detail";
         default by "on for real cameras; off with lattices";
         get |run| Some(run.engine.near.is_some());
@@ -176,7 +160,6 @@ settings! {
     /// Search along the ray, within the sensor noise, for a component if none is near the point. Avoids
     /// duplicate layers of a surface.
     ray_search: bool {
-        part "ray-search";
         label "Ray search";
         default by "on for real cameras; off with lattices";
         get |run| Some(run.engine.ray_search > 0.0);
@@ -184,8 +167,6 @@ settings! {
     }
     /// Fill cracks between splats in rendering: above a threshold, a pixel's coverage counts as full.
     crack_filling: bool {
-        part "crack-filling";
-        was "closing";
         default by "on; off with plain splats";
         get |run| Some(run.engine.splat_rule.full_coverage < 1.0);
         set |run, fills| {
@@ -196,13 +177,11 @@ settings! {
     }
     /// Colour gradient across each splat.
     gradient: bool {
-        part "gradient";
         default by "on; off with plain splats";
         at |run| run.engine.splat_rule.gradient;
     }
     /// Colour that depends on the view direction.
     directional: bool {
-        part "directional";
         default "true";
         at |run| run.engine.splat_rule.directional;
     }

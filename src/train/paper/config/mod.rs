@@ -67,13 +67,11 @@ settings! {
 
     /// Seed of all random streams.
     seed: u64 {
-        option "--seed" "N";
         default "0";
         at |run| run.seed;
     }
     /// Number of components.
     components: usize {
-        option "--components" "N";
         label "Components";
         default "100000";
         range "1 to {MAX_COMPONENTS}", |n| (1..=MAX_COMPONENTS).contains(n);
@@ -81,7 +79,6 @@ settings! {
     }
     /// Candidate components per point, or `dense`.
     candidates: Candidates {
-        option "--candidates" "C";
         label "Candidates";
         default "4";
         range "1 to {MAX_CANDIDATES}, or dense", |candidates| candidates.is_legal();
@@ -89,7 +86,6 @@ settings! {
     }
     /// Points processed at once, or `frame`.
     batch: Batch {
-        option "--batch" "POINTS";
         label "Batch";
         default "frame";
         range "1 point or more, or frame", |batch| *batch != Batch::Points(0);
@@ -97,33 +93,28 @@ settings! {
     }
     /// Sum responsibilities directly or store them first.
     statistics: StatisticsForm {
-        option "--statistics" "FORM";
         default "fused";
         at |run| run.statistics;
     }
     /// Index for the candidate search.
     index: IndexKind {
-        option "--index" "INDEX";
         default "grid";
         at |run| run.index;
     }
     /// Source of the initial means.
     init: Init {
-        option "--init" "INIT";
         label "Initial means";
         default "random";
         at |run| run.init;
     }
     /// When unused components move to badly explained points: `forwarded` after the fit, the others before.
     reassign: ReassignPolicy {
-        option "--reassign" "POLICY";
         label "Reassignment";
         default "padded";
         at |run| run.reassign;
     }
     /// Share of the unused components that may move per frame.
     reassign_fraction: f64 {
-        option "--reassign-fraction" "F";
         label "Share reassigned";
         default "0.05";
         range "0 to 1", |share| (0.0..=1.0).contains(share);
@@ -131,7 +122,6 @@ settings! {
     }
     /// Arithmetic by operation, as written by `precision-search`; excludes a named precision.
     operations: Operations {
-        file;
         default by "those of the precision";
         below precision;
         get |run| Some(run.operations);
@@ -139,7 +129,6 @@ settings! {
     }
     /// Arithmetic of the hot loops.
     precision: Precision {
-        option "--precision" "PRECISION";
         label "Precision";
         default "mixed";
         get |run| Some(run.precision);
@@ -150,7 +139,6 @@ settings! {
     }
     /// Conversion of covariances to splats.
     covariance_form: CovarianceForm {
-        option "--conversion" "FORM";
         default "right";
         get |run| Some(run.conversion.form);
         set |run, form| {
@@ -161,7 +149,6 @@ settings! {
     }
     /// Factor on the splats' standard deviations.
     scale_factor: f64 {
-        option "--scale-factor" "X";
         default by "1, or 1.41 with legacy-cov";
         range "more than 0, at most 100", |factor| *factor > 0.0 && *factor <= 100.0;
         at |run| run.conversion.scale_factor;
@@ -180,7 +167,7 @@ impl PaperOverrides {
     fn check_precision(&self) -> Result<(), ConfigError> {
         match (self.precision, self.operations) {
             (Some(Precision::Custom), None) => refuse(
-                "--precision",
+                "precision",
                 "f64, mixed or f32, or `operations` in a settings file".into(),
                 "custom alone".into(),
             ),

@@ -1,0 +1,42 @@
+//! The reference of the command line is generated from the help texts of the program.
+
+use super::runner::Scratch;
+use std::fs;
+use std::path::Path;
+
+/// Writes the page instead of comparing it.
+const WRITE: &str = "VBGS_WRITE_SETTINGS";
+const COMMANDS: [&str; 10] = [
+    "train",
+    "eval",
+    "render",
+    "export",
+    "synth",
+    "merge",
+    "info",
+    "calibrate",
+    "bench",
+    "precision-search",
+];
+
+#[test]
+fn the_reference_is_the_help_of_the_program() {
+    let scratch = Scratch::empty();
+    let help = |command: &str| scratch.run(&format!("{command} --help")).succeeds().stdout.clone();
+    let mut text = format!(
+        "# Command line\n\nGenerated from the help texts by `{WRITE}=1 cargo test --release --test cli reference`; do not edit.\n\n\
+         ```text\n{}```\n",
+        help("")
+    );
+    for command in COMMANDS {
+        text += &format!("\n## {command}\n\n```text\n{}```\n", help(command));
+    }
+    // Clap pads empty lines of a description.
+    let text: String = text.lines().flat_map(|line| [line.trim_end(), "\n"]).collect();
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference/command-line.md");
+    if std::env::var_os(WRITE).is_some() {
+        fs::write(&page, &text).unwrap();
+    }
+    let found = fs::read_to_string(&page).unwrap();
+    assert!(found == text, "{}: write it with {WRITE}=1", page.display());
+}
