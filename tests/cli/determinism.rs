@@ -1,4 +1,4 @@
-//! The same input gives the same bytes, whatever the machine's threads do.
+//! The same input gives the same bytes for any number of threads.
 
 use super::runner::Scratch;
 
@@ -30,7 +30,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
     }
 }
 
-/// The instructions that a machine has change the time a frame takes and nothing else.
+/// The CPU's instruction set changes the time per frame and nothing else.
 #[test]
 fn any_instruction_set_gives_the_same_bytes() {
     let scratch = room();
@@ -56,7 +56,7 @@ fn without_reassignment_the_order_of_frames_does_not_matter() {
         frames.as_array().unwrap().iter().map(|f| f["frame"].as_str().unwrap()).collect();
     assert!(!order.is_sorted(), "the order was not shuffled: {order:?}");
     assert!(sequential == shuffled);
-    assert!(sequential != scene(&scratch, "--reassign off --max-frames 7"), "every frame counts");
+    assert!(sequential != scene(&scratch, "--reassign off --max-frames 7"), "all frames train");
 }
 
 #[test]

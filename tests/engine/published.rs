@@ -1,4 +1,4 @@
-//! Presets as files that people edit and the tables of the README say what the tables of the code do.
+//! The preset files and the settings tables of the README agree with the settings tables in the code.
 
 use serde::de::DeserializeOwned;
 use std::fs;
@@ -12,7 +12,7 @@ use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
 use vbgs_studio::train::setting::Preset;
 use vbgs_studio::train::setting::table::{About, Setting, SettingLayer, Spelling};
 
-/// Writes the files instead of comparing them.
+/// Environment variable that makes the tests write the files before comparing them.
 const WRITE: &str = "VBGS_WRITE_SETTINGS";
 
 fn in_tree(path: &str) -> PathBuf {
@@ -26,7 +26,7 @@ fn hold(path: &str, expected: &str) {
     let found = fs::read_to_string(in_tree(path)).unwrap();
     assert!(
         found == expected,
-        "{path} does not say what the tables of settings do: `{WRITE}=1 cargo test --test engine published` writes it"
+        "{path} differs from the settings tables; `{WRITE}=1 cargo test --test engine published` rewrites it"
     );
 }
 
@@ -126,7 +126,7 @@ fn table_of<L: SettingLayer>() -> String {
     L::TABLE.iter().fold(head.to_owned(), |text, setting| text + &row(setting))
 }
 
-/// A text with what stands between the two markers of a preset replaced.
+/// Replaces the text between the two markers of a preset.
 fn with_table(text: &str, preset: Preset, table: &str) -> String {
     let begin = format!("<!-- settings of {preset} -->\n");
     let (before, rest) = text.split_once(&begin).unwrap();
@@ -141,7 +141,7 @@ fn the_readme_shows_the_tables() {
     hold("README.md", &with_table(&scene, Preset::Paper, &table_of::<PaperOverrides>()));
 }
 
-/// Settings of a scene as version 0.1.0 wrote them into a checkpoint.
+/// Settings of a scene in a checkpoint of version 0.1.0.
 const STORED_BY_0_1: &str = r#"{"preset": "scene", "seed": 0, "scale": "2.5px", "budget": "5000", "births": "seeds", "h":
     0.020206111948937178, "refine": true, "align": false, "gain": false, "looks": "projected",
     "sums": "mixed", "most": 5000, "native": {"opacity": {"tau": 3.2, "rho0": 0.7, "doubt": 20.0,
@@ -154,7 +154,7 @@ const STORED_BY_0_1: &str = r#"{"preset": "scene", "seed": 0, "scale": "2.5px", 
 #[test]
 fn stored_settings_of_version_0_1_are_compared_by_value() {
     let Method::Scene(run) = serde_json::from_str(STORED_BY_0_1).unwrap() else {
-        panic!("the preset is scene")
+        panic!("expected the scene preset")
     };
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
