@@ -1,8 +1,8 @@
-//! Time of the candidate search and of building its index, against `kiddo`.
+//! Time of the candidate search and of building its index, compared with `kiddo`.
 //!
-//! `cargo bench --bench candidates` prints the times of the search (`training.md`, Candidate search)
-//! and what its switches are set by; `-- quick` leaves out `kiddo`, `-- K C` runs other sizes. Lego
-//! is read from `../shared/data/lego400`, if that is there, and doubled to 800 pixels.
+//! `cargo bench --bench candidates` prints the times of the search (`training.md`, Candidate search), from
+//! which its thresholds were chosen. `-- quick` leaves out `kiddo`; `-- K C` runs another size. Lego is read
+//! from `../shared/data/lego400` if present, and doubled to 800 pixels.
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
@@ -22,15 +22,15 @@ use vbgs_studio::train::candidates::{CandidateSearch, MeanGrid, nearest_in_tile}
 
 type Mean = [f32; 3];
 
-/// Repetitions of a measurement; the median is printed.
+/// Repetitions of a measurement, of which the median is printed.
 const REPETITIONS: usize = 15;
-/// The same for `kiddo`, which is slow.
+/// Repetitions for `kiddo`, which is slow.
 const KIDDO_REPETITIONS: usize = 3;
-/// Tiles of one task, as in the trainer.
+/// Tiles per task, as in the trainer.
 const TASK_TILES: usize = 16;
 
 fn main() {
-    // Cargo adds `--bench`.
+    // Parsing skips the `--bench` that cargo adds.
     let words: Vec<String> = std::env::args().skip(1).collect();
     let numbers: Vec<usize> = words.iter().filter_map(|word| word.parse().ok()).collect();
     let with_kiddo = !words.iter().any(|word| word == "quick");
@@ -160,14 +160,14 @@ fn median_ms(repetitions: usize, run: impl FnMut()) -> f64 {
     times_ms(repetitions, run)[repetitions / 2]
 }
 
-/// Positions of the means that frames are searched for.
+/// Positions of the means among which the search runs.
 fn means(components: usize, other: &Points<f32>) -> [(&'static str, Vec<Mean>); 3] {
     draws(components, other).map(|(kind, draw)| {
         (kind, draw.means.iter().map(|m| [m[0] as f32, m[1] as f32, m[2] as f32]).collect())
     })
 }
 
-/// The first tiles.
+/// Points of the first tiles.
 fn head(points: &Points<f32>, n_tiles: usize) -> Points<f32> {
     let mut head = Points::new();
     for tile in 0..n_tiles.min(points.n_tiles()) {

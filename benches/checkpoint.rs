@@ -1,6 +1,6 @@
-//! Size of checkpoints, and time to save and to load one, for every form of totals and for scenes.
+//! Size of checkpoints and time to save and load one, for every form of totals and for scenes.
 //!
-//! `cargo bench --bench checkpoint` runs the table at 100,000 components, `-- N` at another size.
+//! `cargo bench --bench checkpoint` prints the table for 100,000 components, `-- N` for another number.
 
 #![allow(clippy::print_stdout)]
 
@@ -15,11 +15,11 @@ use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};
 use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums, VisibilityCounts};
 use vbgs_studio::model::scene::sums as scene;
 
-/// Files per row of the table.
+/// Repetitions per row of the table.
 const REPETITIONS: usize = 15;
 
 fn main() {
-    // Cargo adds `--bench`.
+    // Parsing skips the `--bench` that cargo adds.
     let n = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(100_000);
     println!("{n} components; milliseconds, best / median of {REPETITIONS}");
     let row = |rng: &mut Rng| {
@@ -84,7 +84,7 @@ fn time(name: &str, n: usize, model: StoredModel) {
     let bytes = path.metadata().expect("the file just written").len();
     let middle = REPETITIONS / 2;
     println!(
-        "{name}: {:.1} bytes a component; save {:.1} / {:.1} (of it in memory {:.1} / {:.1}); load {:.1} / {:.1}",
+        "{name}: {:.1} bytes per component; save {:.1} / {:.1} (of it in memory {:.1} / {:.1}); load {:.1} / {:.1}",
         bytes as f64 / n as f64,
         save[0],
         save[middle],

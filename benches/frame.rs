@@ -1,8 +1,8 @@
 //! Time of one frame of training, by stage.
 //!
-//! `cargo bench --bench frame` prints the stages of a frame (`training.md`, Speed) at N = 100,000 and
-//! C = 4 on about 190,000 points: frames of Lego (from `../shared/data/lego400`, if that is there,
-//! doubled to 800 pixels) and of a smooth surface. `VBGS_SIMD=portable` leaves AVX2 out.
+//! `cargo bench --bench frame` prints the stages of a frame (`training.md`, Speed) at N = 100,000 and C = 4
+//! on about 190,000 points: frames of Lego (from `../shared/data/lego400` if present, doubled to 800 pixels)
+//! and of a smooth surface. `VBGS_SIMD=portable` disables AVX2.
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
@@ -18,9 +18,9 @@ use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::timing::StageMs;
 
-/// Frames of a measurement.
+/// Frames per measurement.
 const FRAMES: usize = 100;
-/// Different frames they cycle through.
+/// Number of different frames, used cyclically.
 const DISTINCT: usize = 24;
 
 fn main() {

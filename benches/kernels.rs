@@ -1,7 +1,7 @@
-//! Every hot kernel of the engine by itself, on one thread: `cargo bench --bench kernels`.
+//! Each hot kernel of the engine alone, on one thread: `cargo bench --bench kernels`.
 //!
-//! A smooth surface of 193,600 points against 100,000 means, random (the paper's start) and on
-//! surfaces (the state after reassignment).
+//! Uses a smooth surface of 193,600 points and 100,000 means: random (the paper's start) and on surfaces (the
+//! state after reassignment).
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
@@ -33,7 +33,7 @@ fn positions(draw: &InitialDraw) -> Vec<[f32; 3]> {
     draw.means.iter().map(|m| [m[0] as f32, m[1] as f32, m[2] as f32]).collect()
 }
 
-/// The means of [`draws`] but the cluster.
+/// The means of [`draws`] without the cluster.
 fn starts(other: &Points<f32>) -> impl Iterator<Item = (&'static str, InitialDraw)> {
     draws(COMPONENTS, other).into_iter().take(2)
 }
@@ -64,7 +64,7 @@ fn search(criterion: &mut Criterion) {
     }
 }
 
-/// Search, E-step, sums and their addition to the totals: a frame without reassignment.
+/// One frame without reassignment: search, E-step, sums and their addition to the totals.
 fn frame(criterion: &mut Criterion) {
     let (frame, other) = (smooth(0.0), smooth(1.3));
     let mut group = criterion.benchmark_group("frame");
@@ -116,7 +116,7 @@ fn totals(criterion: &mut Criterion) {
     }
 }
 
-/// Choice of 5,000 destinations among the 20,000 worst of all points.
+/// Choice of 5,000 reassignment destinations among the 20,000 points with the lowest ELBO.
 fn choice(criterion: &mut Criterion) {
     let mut rng = Rng::new(2, Purpose::Synthetic, 0);
     let q: Vec<f64> = (0..193_600).map(|_| 1e-4 * rng.normal().powi(2)).collect();
@@ -128,7 +128,7 @@ fn choice(criterion: &mut Criterion) {
     });
 }
 
-/// The index over means that have moved.
+/// Rebuild of the search index after the means moved.
 fn rebuild(criterion: &mut Criterion) {
     let other = smooth(1.3);
     let mut group = criterion.benchmark_group("rebuild");
@@ -144,7 +144,7 @@ fn rebuild(criterion: &mut Criterion) {
 criterion_group!(kernels, search, frame, responsibilities, totals, choice, rebuild);
 
 fn main() {
-    // One thread: what a kernel costs, not how it is spread.
+    // One thread, to measure the cost of a kernel without its parallel speedup.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build_global();
     pool.expect("the first pool of the process");
     kernels();

@@ -1,14 +1,14 @@
-//! Time of preparing a frame on one thread, decoding of images left out.
+//! Time to prepare a frame on one thread, without decoding its images.
 //!
-//! `cargo bench --bench prepare` prints a table for Lego at 400 and 800 pixels (doubled) and for the
-//! Kinect, from `../shared/data` if that is there, and for the synthetic room; `-- 400` leaves the
-//! other sizes out. `VBGS_SIMD=portable` leaves AVX2 out.
+//! `cargo bench --bench prepare` prints a table for Lego at 400 and 800 pixels (doubled) and for the Kinect,
+//! from `../shared/data` if present, and for the synthetic room. `-- 400` selects one image width.
+//! `VBGS_SIMD=portable` disables AVX2.
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
 mod common;
 #[path = "common/scenes.rs"]
-#[allow(dead_code)] // its points are for other benches
+#[allow(dead_code)] // its point frames are used by other benches
 mod scenes;
 
 use common::times_ms;
@@ -22,7 +22,7 @@ use vbgs_studio::dataset::{Dataset, LoadOptions, open};
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::observation::surface::Observation;
 
-/// Repetitions of a measurement; the median is printed.
+/// Repetitions of a measurement, of which the median is printed.
 const REPETITIONS: usize = 21;
 
 fn main() {
@@ -50,7 +50,7 @@ fn shared(name: &str) -> Option<Dataset> {
     dataset
 }
 
-/// One frame, if its width is among `sizes` or none is asked for.
+/// Measures one frame if its width is among `sizes` or `sizes` is empty.
 fn row(dataset: &Dataset, index: usize, sizes: &[u32], change: impl Fn(Frame) -> Frame) {
     let split = dataset.splits.iter().position(|s| s.has_depth).expect("a split with depth");
     let frame = change(dataset.load(split, index).expect("a sound frame"));

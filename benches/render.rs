@@ -1,7 +1,7 @@
 //! Time per image of the CPU renderer and of SSIM.
 //!
-//! `cargo bench --bench render` runs the table; `cargo bench --bench render -- WIDTH HEIGHT SPLATS
-//! SIGMA` runs one row. Threads: `RAYON_NUM_THREADS`.
+//! `cargo bench --bench render` prints the table; `cargo bench --bench render -- WIDTH HEIGHT SPLATS SIGMA`
+//! prints one row. `RAYON_NUM_THREADS` sets the number of threads.
 
 #![allow(clippy::print_stdout)]
 
@@ -18,14 +18,15 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::{CpuRenderer, CpuStage};
 use vbgs_studio::render::{RenderOptions, Renderer};
 
-/// Images per row of the table; the best and the median are printed.
+/// Repetitions per row of the table, of which the best and the median are printed.
 const REPETITIONS: usize = 25;
-/// Horizontal field of view (radians) and distance of the NeRF-synthetic cameras.
+/// Horizontal field of view (radians) of the NeRF-synthetic cameras.
 const FOV_X: f64 = 0.6911;
+/// Distance of these cameras from the origin.
 const DISTANCE: f64 = 4.0;
 
 fn main() {
-    // Cargo adds `--bench`.
+    // Parsing skips the `--bench` that cargo adds.
     let numbers: Vec<f64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     println!(
         "{} threads; milliseconds, best / median of {REPETITIONS}",
@@ -62,7 +63,7 @@ fn render_row(width: u32, height: u32, n_splats: usize, sigma: f64) {
     }
 }
 
-/// Medians by stage.
+/// Prints the median time of each stage.
 fn print_stages(mut draw: impl FnMut(&mut dyn FnMut(CpuStage))) {
     let mut runs: Vec<[f64; CpuStage::ALL.len()]> = Vec::new();
     for _ in 0..REPETITIONS {
@@ -94,7 +95,7 @@ fn ssim_row() {
     println!("ssim 400x400: {best:.2} / {median:.2}");
 }
 
-/// Splats of random orientation, uniform in the unit ball, opacity 0.95.
+/// Splats with random orientation and opacity 0.95, uniform in the unit ball.
 fn ball(n_splats: usize, sigma: f64) -> Vec<Splat> {
     let mut rng = Rng::new(1, Purpose::Synthetic, 0);
     let mut splats = Vec::with_capacity(n_splats);

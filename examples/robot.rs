@@ -1,8 +1,8 @@
-//! What a robot's program does with the engine as a library: frames come from memory, the scene and
-//! how certain it is are read back, and splats are saved. Here a made-up camera moves along a wall.
+//! Uses the engine as a library, as a robot would: frames come from memory, the scene and its certainty
+//! are read back, and splats are saved. A synthetic camera moves along a wall.
 //!
 //! `cargo run --release --no-default-features --example robot`
-#![allow(clippy::print_stdout, reason = "a program of its own")]
+#![allow(clippy::print_stdout, reason = "a command-line program")]
 
 use glam::{DMat4, DVec3};
 use std::error::Error;
@@ -16,7 +16,7 @@ use vbgs_studio::train::scene::{config::SceneConfig, engine};
 
 const SIZE: [usize; 2] = [320, 240];
 
-/// What the driver of a depth camera delivers: intrinsics, pose, RGB bytes, depth in metres.
+/// Simulates the driver of a depth camera: intrinsics, pose, RGB bytes, depth in metres.
 fn capture(step: usize) -> Result<Frame, FrameError> {
     let [width, height] = SIZE;
     let pixels = (0..width * height).map(|i| [(i % width / 2) as u8, (i / width) as u8, 90]);
@@ -32,20 +32,20 @@ fn capture(step: usize) -> Result<Frame, FrameError> {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // Metres: components reach 2 cm; noise and thresholds are those of a structured-light camera.
+    // Lengths are metres: components of about 2 cm, noise and thresholds of a structured-light camera.
     let config = SceneConfig::coarse(0.02).check()?;
     let surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
     let mut scene = engine::begin(&config, surface.origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
     for step in 0..10 {
-        // A frame that is refused costs that frame: the scene stays as it was.
+        // A refused frame leaves the scene unchanged; a robot could skip it instead of returning the error.
         preparer.prepare(&capture(step)?, &surface, &mut seen)?;
         let outcome = scene.learn(&seen)?;
         println!("frame {step}: {} points, {} components", outcome.points, scene.used());
     }
     let surest = (0..scene.components()).max_by_key(|&k| scene.posterior(k).count as u64);
-    let posterior = scene.posterior(surest.ok_or("the camera saw nothing")?);
-    println!("the surest lies at {:.3} m, from {} points", posterior.mean_space, posterior.count);
+    let posterior = scene.posterior(surest.ok_or("no points in any frame")?);
+    println!("most points: a component at {:.3} m, from {}", posterior.mean_space, posterior.count);
     let path = std::env::temp_dir().join("robot.ply");
     let written = write(&path, &scene.stored_splats(), &WriteOptions::new(ModelFormat::Ply))?;
     println!("{} splats, {} bytes: {}", written.n_written, written.bytes, path.display());

@@ -1,8 +1,8 @@
-//! The clock of the benches.
+//! Timing for the benches.
 
 use std::time::Instant;
 
-/// Milliseconds of `repetitions` runs after one that is not counted, ascending.
+/// Milliseconds of `repetitions` runs after one uncounted warm-up run, ascending.
 pub fn times_ms(repetitions: usize, mut run: impl FnMut()) -> Vec<f64> {
     run();
     let mut ms: Vec<f64> = (0..repetitions)

@@ -1,4 +1,4 @@
-//! Frames and means that times are quoted for.
+//! Frames and means for the benches.
 
 use glam::DVec3;
 use std::path::Path;
@@ -13,15 +13,15 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::init::InitialDraw;
 
-/// Pixels on a side of the smooth surface, a multiple of the tile's.
+/// Pixels per side of the smooth surface, a multiple of the tile size.
 const SMOOTH_SIDE: usize = 440;
 
-/// The paper's start, the state after reassignment (points of another frame) and a cluster: 90 % in
-/// a ball of sd 0.02.
+/// Three sets of means: the paper's random start, the state after reassignment (points of another frame), and
+/// a cluster with 90 % of the means in a Gaussian of standard deviation 0.02.
 pub fn draws(components: usize, other: &Points<f32>) -> [(&'static str, InitialDraw); 3] {
     let random = InitialDraw::random(components, 0);
     let mut rng = Rng::new(1, Purpose::Synthetic, 0);
-    // Without replacement, as reassignment draws, until the points run out.
+    // Drawn without replacement, as in reassignment, until all points are used.
     let mut order: Vec<usize> = (0..other.len()).collect();
     rng.shuffle(&mut order);
     let row = |&i: &usize| {
@@ -37,7 +37,7 @@ pub fn draws(components: usize, other: &Points<f32>) -> [(&'static str, InitialD
     [("random", random), ("surface", surface), ("cluster", cluster)]
 }
 
-/// A wavy surface seen from above, tile by tile.
+/// Wavy surface seen from above, tile by tile.
 pub fn smooth(phase: f32) -> Points<f32> {
     let mut points = Points::new();
     let pitch = 3.0 / SMOOTH_SIDE as f32;
@@ -56,7 +56,7 @@ pub fn smooth(phase: f32) -> Points<f32> {
     points
 }
 
-/// Points of some frames of Lego at 800 pixels, each a frame of its own.
+/// Points of the given frames of Lego at 800 pixels, one entry per frame; `None` without the dataset.
 pub fn lego(indices: impl IntoIterator<Item = usize>) -> Option<Vec<Points<f32>>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/lego400");
     let Ok(dataset) = open(&path, &LoadOptions::default()) else {
@@ -78,7 +78,7 @@ pub fn lego(indices: impl IntoIterator<Item = usize>) -> Option<Vec<Points<f32>>
     Some(indices.into_iter().map(load).collect())
 }
 
-/// All points of some frames, as one.
+/// Merges the points of several frames into one.
 pub fn together(frames: &[Points<f32>]) -> Points<f32> {
     let mut all = Points::new();
     for frame in frames {
@@ -91,7 +91,7 @@ pub fn together(frames: &[Points<f32>]) -> Points<f32> {
     all
 }
 
-/// The same view with every pixel four times.
+/// Doubles the resolution of a frame by repeating every pixel in a 2×2 block.
 pub fn doubled(mut frame: Frame) -> Frame {
     let k = &mut frame.camera.intrinsics;
     (k.width, k.height) = (2 * k.width, 2 * k.height);

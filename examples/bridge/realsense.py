@@ -1,14 +1,13 @@
-"""Records a RealSense depth camera (D400 series) as a folder that `train --follow` learns from.
+"""Records a RealSense depth camera (D400 series) to a folder for `train --follow`.
 
-Tried without the device: written after the documentation of pyrealsense2 and Open3D.
+Not tested with the device: written from the documentation of pyrealsense2 and Open3D.
 
     pip install pyrealsense2 open3d numpy pillow
     vbgs-studio train room --follow --out run &     # or the switch Follow in the window
     python realsense.py room                        # Ctrl-C ends the recording
 
-The camera does not know where it is: poses come from Open3D's RGB-D odometry, frame to frame, which
-drifts; move slowly. Layout: 7-Scenes in one folder; the pose is written last, so that it completes
-the frame.
+The camera has no tracking: poses come from Open3D's RGB-D odometry from frame to frame, which drifts.
+Move slowly. Layout: 7-Scenes in one folder. The pose is written last, because it completes the frame.
 """
 
 import sys
@@ -24,7 +23,7 @@ MAX_DEPTH = 4.0  # metres
 
 
 def rgbd(color, depth):
-    """What the odometry takes: grey photographs, metres."""
+    """RGB-D image for the odometry: grey values, depth in metres."""
     return o3d.geometry.RGBDImage.create_from_color_and_depth(
         o3d.geometry.Image(color), o3d.geometry.Image(depth), depth_scale=1000.0,
         depth_trunc=MAX_DEPTH, convert_rgb_to_intensity=True)
@@ -36,7 +35,7 @@ def main(out):
     config.enable_stream(rs.stream.color, WIDTH, HEIGHT, rs.format.rgb8, FPS)
     config.enable_stream(rs.stream.depth, WIDTH, HEIGHT, rs.format.z16, FPS)
     profile = pipeline.start(config)
-    # Depth as the colour camera sees it, so that both have its intrinsics.
+    # Aligns depth to the colour camera, so that both share its intrinsics.
     align = rs.align(rs.stream.color)
     k = profile.get_stream(rs.stream.color).as_video_stream_profile().get_intrinsics()
     (out / "camera-intrinsics.txt").write_text(
@@ -54,12 +53,12 @@ def main(out):
             depth = depth.round().astype(np.uint16)
             now = rgbd(color, depth)
             if before is not None:
-                # The motion that takes points of this frame into the one before.
+                # `motion` maps points of this frame to the previous one.
                 found, motion, _ = o3d.pipelines.odometry.compute_rgbd_odometry(
                     now, before, camera, np.eye(4),
                     o3d.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm())
                 if not found:
-                    lost += 1  # A frame without a pose is no frame: go back to where it was seen.
+                    lost += 1  # Frames without a pose are skipped: return to a place seen before.
                     continue
                 pose = pose @ motion
             before, stem = now, out / f"frame-{i:06d}"
@@ -73,7 +72,7 @@ def main(out):
     finally:
         pipeline.stop()
         (out / "recording.done").touch()
-        print(f"{i} frames recorded, {lost} without a pose left out")
+        print(f"{i} frames recorded, {lost} without a pose skipped")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""Records Record3D's USB stream (iPhone, iPad with lidar) as a folder that `train --follow` learns from.
+"""Records Record3D's USB stream (iPhone, iPad with lidar) to a folder for `train --follow`.
 
-Tried without the device: written after the documentation of the package record3d.
+Not tested with the device: written from the documentation of the package record3d.
 
     pip install record3d numpy pillow
     vbgs-studio train room --follow --out run &     # or the switch Follow in the window
     python record3d_stream.py room                  # Ctrl-C ends the recording
 
-Turn on USB streaming in the app's settings first. Layout: Stray Scanner with images in rgb/; the line
-of the odometry is written last, so that it completes the frame.
+Turn on USB streaming in the app's settings first. Layout: Stray Scanner with images in rgb/. The line
+of the odometry is written last, because it completes the frame.
 """
 
 import sys
@@ -24,8 +24,8 @@ HEAD = "timestamp, frame, x, y, z, qx, qy, qz, qw\n"
 
 
 def to_opencv(q):
-    """The app's camera looks along -z with y up; the layout's along z with y down: half a turn
-    about x, q * (1, 0, 0, 0), (x, y, z, w)."""
+    """Converts a rotation from the app's camera axes (-z forward, y up) to the layout's (z forward,
+    y down) by half a turn about x: q * (1, 0, 0, 0), order (x, y, z, w)."""
     x, y, z, w = q
     return w, z, -y, -x
 
@@ -57,7 +57,7 @@ def main(out):
                     f"{k.fx},0,{k.tx}\n0,{k.fy},{k.ty}\n0,0,1\n")
             depth = np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0)
             depth = (1000.0 * depth).round().clip(0, 65535).astype(np.uint16)
-            # Without a map of confidence every pixel is sure.
+            # Without a confidence map every pixel gets the highest confidence.
             sure = sure if sure.shape == depth.shape else np.full(depth.shape, 2, np.uint8)
             Image.fromarray(depth).save(out / f"depth/{i:06d}.png", compress_level=1)
             Image.fromarray(sure.astype(np.uint8)).save(out / f"confidence/{i:06d}.png")

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 """Trains one scene on many machines: shards of the frames, then a tree of merges.
 
-Every task is one call of `vbgs-studio`; this script only says which, on which machine, and carries
-checkpoints between them. With Ray (`pip install ray`) tasks run wherever the cluster has cores;
-`--local` runs them on this machine by Python's own means and needs nothing installed.
+Every task is one call of `vbgs-studio`; this script schedules the tasks and moves checkpoints
+between them. With Ray (`pip install ray`) tasks run wherever the cluster has free cores; `--local`
+runs them on this machine and needs no installation.
 
     distribute.py room --out run --shards 16 --local
     distribute.py /shared/city --out run --shards 512 --threads 8      # on a Ray cluster
 
 The dataset must be readable under the same path on every machine. Checkpoints travel through Ray's
-object store, so that no machine writes to a shared folder.
+object store, so no machine writes to a shared folder.
 """
 
 import argparse
@@ -30,16 +30,16 @@ OWN = ["--set", "births=seeds"]
 
 
 def run_program(program, arguments):
-    """Runs one command; its message is the error if it fails."""
+    """Runs one command; raises RuntimeError with the last line of its messages if it fails."""
     done = subprocess.run([program, *arguments], capture_output=True, text=True)
     if done.returncode != 0:
         command = " ".join([program, *arguments])
-        said = done.stderr.strip().splitlines() or ["it says nothing"]
+        said = done.stderr.strip().splitlines() or ["no message"]
         raise RuntimeError(f"{command}: exit status {done.returncode}: {said[-1]}")
 
 
 def train_shard(program, dataset, shard, threads, options, start=None):
-    """Task: trains every N-th frame, on from the result of another; the checkpoint's bytes, and the
+    """Task: trains one shard, resuming `start` if given; returns the checkpoint's bytes and the
     seconds it took."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
@@ -54,15 +54,15 @@ def train_shard(program, dataset, shard, threads, options, start=None):
 
 
 def saved(folder, name, part):
-    """The checkpoint of a task as a file in a folder."""
+    """Writes the checkpoint of a task to a file in a folder; returns its path."""
     path = os.path.join(folder, f"{name}.vbgs")
     pathlib.Path(path).write_bytes(part[0])
     return path
 
 
 def merge(program, start, *parts):
-    """Task: checkpoints as one, which went on from that of `start`; its bytes, and the seconds it
-    took."""
+    """Task: merges checkpoints, which resumed `start` if given; returns the bytes of the result
+    and the seconds it took."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         names = [saved(folder, i, part) for i, part in enumerate(parts)]
@@ -74,10 +74,10 @@ def merge(program, start, *parts):
 
 
 class Local:
-    """Tasks on this machine, `workers` at a time."""
+    """Runs tasks on this machine, `workers` at a time."""
 
     def __init__(self, workers):
-        # Threads: each only waits for a process.
+        # Threads suffice: each only waits for a process.
         self.pool = concurrent.futures.ThreadPoolExecutor(workers)
 
     def submit(self, task, *arguments):
@@ -94,8 +94,8 @@ class Local:
 
 
 class Cluster:
-    """Tasks wherever a Ray cluster has so many cores free. Ray runs a task again if its machine is
-    lost: a shard has no effect but its checkpoint."""
+    """Runs tasks on a Ray cluster, `threads` cores each. Ray repeats a task if its machine is lost,
+    which is safe: a task has no effect except its checkpoint."""
 
     def __init__(self, threads):
         try:
@@ -110,12 +110,12 @@ class Cluster:
         return self.ray.remote(task).options(num_cpus=self.cores, max_retries=3).remote(*arguments)
 
     def submit_merge(self, program, start, parts):
-        # Handles, not bytes: Ray brings them to the machine that merges.
+        # Passes handles: Ray moves the bytes directly to the machine that merges.
         task = self.ray.remote(merge).options(num_cpus=1, max_retries=3)
         return task.remote(program, start, *parts)
 
     def share(self, result):
-        # Once into the object store, not once a task.
+        # Stores the bytes once instead of once per task.
         return self.ray.put(result)
 
     def result(self, handle):
@@ -123,11 +123,11 @@ class Cluster:
 
 
 def merge_tree(executor, program, start, parts, fan_in):
-    """Merges `fan_in` at a time, level by level; the last handle and the depth of the tree."""
+    """Merges `fan_in` at a time, level by level; returns the last handle and the depth."""
     depth = 0
     while len(parts) > 1:
         groups = [parts[i : i + fan_in] for i in range(0, len(parts), fan_in)]
-        # A group of one has nothing to be added to on this level.
+        # A group of one moves up to the next level unmerged.
         parts = [g[0] if len(g) == 1 else executor.submit_merge(program, start, g) for g in groups]
         depth += 1
     return parts[0], depth
@@ -137,17 +137,17 @@ def parse():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("dataset", help="as `vbgs-studio train` takes it")
+    parser.add_argument("dataset", help="dataset, as for `vbgs-studio train`")
     parser.add_argument("--out", required=True, help="folder for checkpoint.vbgs and scene.ply")
     parser.add_argument("--shards", type=int, required=True, help="tasks that share the frames")
     parser.add_argument("--fan-in", type=int, default=8, help="checkpoints that one merge adds [8]")
     start = "every so-many-th frame is in the run that shards with --set births=seeds go on from [8]"
     parser.add_argument("--start", type=int, default=8, help=start)
-    parser.add_argument("--threads", type=int, default=0, help="threads of a shard [one per core]")
-    parser.add_argument("--local", action="store_true", help="on this machine, without Ray")
+    parser.add_argument("--threads", type=int, default=0, help="threads per shard [one per core]")
+    parser.add_argument("--local", action="store_true", help="run on this machine, without Ray")
     parser.add_argument("--workers", type=int, default=1, help="shards at a time with --local [1]")
     parser.add_argument("--program", default="vbgs-studio", help="the program [vbgs-studio]")
-    parser.epilog = "What follows `--` are options of `vbgs-studio train`, for every shard."
+    parser.epilog = "Options after `--` are passed to `vbgs-studio train` for every shard."
     given = sys.argv[1:]
     end = given.index("--") if "--" in given else len(given)
     arguments = parser.parse_args(given[:end])
@@ -181,7 +181,7 @@ def main():
     last, depth = merge_tree(executor, asked.program, start, shards, asked.fan_in)
     content, merge_s = executor.result(last)
     checkpoint = out / "checkpoint.vbgs"
-    # Under another name first: whoever looks meanwhile sees a whole file.
+    # Writes to another name first, so that readers never see a partial file.
     partial = checkpoint.with_suffix(".partial")
     partial.write_bytes(content)
     os.replace(partial, checkpoint)

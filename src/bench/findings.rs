@@ -1,8 +1,8 @@
-//! What every bench is asked, what can go wrong, and the forms its findings take.
+//! Options, errors and outputs shared by all benches.
 //!
-//! A bench hands over its rows once; table, JSON, CSV and notes are formed from them here, so that
-//! no two forms of one run can differ. The machine stands in each of them: a time means nothing
-//! without it.
+//! A bench returns its rows once. Table, JSON, CSV and notes are all derived from them, so the
+//! outputs of one run cannot disagree. Table and JSON state the machine, because a time is
+//! meaningless without it.
 
 use crate::bench::peers::PeerError;
 use crate::bench::plot::draw::PlotError;
@@ -20,129 +20,94 @@ use crate::train::setting::ConfigError;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Version tag of every bench's JSON.
+/// Format tag in the JSON of every bench.
 pub const BENCH_FORMAT: &str = "vbgs-bench/1";
 
-/// What a user may ask of every bench.
+/// Options shared by all benches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BenchOptions {
-    /// Less of everything: done within a minute on two cores.
+    /// Reduces all sizes so that a bench takes less than a minute on two cores.
     pub quick: bool,
-    /// Frames at most.
+    /// Maximum number of frames.
     pub max_frames: Option<usize>,
     /// Runs of every configuration.
     pub repeats: Option<usize>,
-    /// Seed of every random stream.
     pub seed: u64,
 }
 
-/// Why a bench gives no result.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// The dataset cannot be trained on.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The decoding thread did not start.
     #[error("{0}")]
     Spawn(#[from] SpawnError),
-    /// The synthetic scene cannot be made as asked.
     #[error("{0}")]
     Scene(#[from] ParamsError),
-    /// A setting is out of its range.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// The candidate index cannot be built.
     #[error("{0}")]
     Index(#[from] IndexError),
-    /// The held-out views cannot be measured.
     #[error("{0}")]
     Eval(#[from] EvalError),
-    /// The plot cannot be drawn.
     #[error("{0}")]
     Plot(#[from] PlotError),
-    /// The rows cannot be written as CSV.
     #[error("writing the rows as CSV failed: {0}")]
     Csv(#[from] csv::Error),
-    /// The result cannot be written as JSON.
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),
-    /// A program to compare with does not work.
     #[error("{0}")]
     Peer(#[from] PeerError),
-    /// A pool of so many threads does not start.
-    #[error("starting {threads} threads failed: {reason}; close other programs and try again")]
-    Threads {
-        /// Threads asked for.
-        threads: usize,
-        /// What the system said.
-        reason: String,
-    },
-    /// No graphics adapter answers, or it fails.
+    #[error("starting {threads} threads failed: {reason}; close other programs and retry")]
+    Threads { threads: usize, reason: String },
     #[cfg(feature = "gui")]
     #[error("{0}")]
     Gpu(#[from] HeadlessError),
-    /// The settings found cannot be written as RON.
     #[error("writing the settings as RON failed: {0}")]
     Ron(#[from] ron::Error),
-    /// No combination of widths is good enough.
+    /// No combination of widths keeps the bound.
     #[error(
-        "bound: expected a bound that f64 operations on f32 points keep, at least {best:.1e}, found {bound:e}; choose a larger one"
+        "bound: expected at least {best:.1e}, the error of f64 operations on f32 points, found {bound:e}; choose a larger bound"
     )]
     Bound {
-        /// What was asked for.
         bound: f64,
-        /// Least error of any combination.
+        /// Smallest error of any combination.
         best: f64,
     },
-    /// A file of the bench's own cannot be read or written.
     #[error("{}: {source}; check the folder and its permissions", path.display())]
-    File {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// No scene to train on.
+    File { path: PathBuf, source: std::io::Error },
     #[error(
         "{}: expected folders of scenes with depth, found none; the first problem: {first}",
         folder.display()
     )]
     NoScene {
-        /// The folder that was looked through.
         folder: PathBuf,
-        /// Why its first folder was left out.
+        /// Reason why the first folder was skipped.
         first: String,
     },
-    /// Nothing to train on.
     #[error(
         "{dataset}: expected at least one usable frame, found none; the first problem: {first}"
     )]
     NoFrame {
-        /// Name of the dataset.
         dataset: String,
-        /// Message of the first frame that failed.
+        /// Error of the first frame that failed to load.
         first: String,
     },
 }
 
-/// Told after every step: steps done, steps in all.
+/// Progress callback: steps done, total number of steps.
 pub type Progress<'a> = &'a mut dyn FnMut(usize, usize);
 
-/// The result of a bench, ready to be printed and written.
+/// Result of a bench, ready to print and write.
 pub struct Bench {
-    /// Stem of its files.
+    /// File name stem of its outputs.
     pub name: &'static str,
-    /// The notes and the table, as printed.
+    /// Machine, table and notes, as printed.
     pub text: String,
-    /// The result as written to the JSON file, with its version tag.
     pub json: serde_json::Value,
-    /// The rows as comma-separated values under a header.
     pub csv: String,
-    /// The rows drawn, as written to the PNG file.
     pub plot: RgbImage,
 }
 
-/// The JSON of a bench.
 #[derive(Serialize)]
 struct BenchReport<'a, R, S> {
     format: &'static str,
@@ -155,19 +120,19 @@ struct BenchReport<'a, R, S> {
     summary: S,
 }
 
-/// What a bench found, before it is put into forms.
+/// Results of a bench, from which all outputs are derived.
 pub(super) struct Findings<'a, R, S> {
     pub name: &'static str,
     pub dataset: &'a str,
-    /// The graphics adapter that drew, if one did.
+    /// Graphics adapter that rendered, if any.
     pub adapter: Option<String>,
     pub options: BenchOptions,
-    /// What the numbers mean and where they were scaled.
+    /// Meaning of the numbers, scaled values and skipped inputs.
     pub notes: Vec<String>,
     pub rows: Vec<R>,
-    /// What follows from the rows.
+    /// Values derived from the rows.
     pub summary: S,
-    /// The rows for people.
+    /// Human-readable table.
     pub table: String,
     pub plot: RgbImage,
 }
@@ -180,7 +145,7 @@ impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
         let place = format!("{}, {threads} threads, {cpu}, {simd}{adapter}", self.dataset);
         let said = [place, self.table].into_iter().chain(self.notes.iter().cloned());
         let text = said.collect::<Vec<_>>().join("\n");
-        // Table and JSON say the machine and the notes alike: a number without them means nothing.
+        // Table and JSON both state machine and notes: numbers are meaningless without them.
         let report = BenchReport {
             format: BENCH_FORMAT,
             bench: self.name,
@@ -196,7 +161,7 @@ impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
     }
 }
 
-/// Comma-separated values under a header of the field names; rows must be flat.
+/// Formats rows as CSV with a header of field names. Rows must be flat.
 pub(super) fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {

@@ -1,8 +1,8 @@
-//! Benches over a folder of scenes: which of its folders are scenes, and what was measured before.
+//! Benches over a folder of scenes: finds the scenes and stores finished runs.
 //!
-//! Several scenes take hours on small machines, so that every finished run is kept in a file of its
-//! own, and a bench that is started again goes on where it stopped. Rows that another build of the program
-//! measured are measured anew: beside this one's they would make a table of two programs.
+//! Several scenes take hours on small machines. Each finished run is stored in its own file, so a
+//! restarted bench continues where it stopped. Runs of another build are measured again, so that a
+//! table never mixes two builds.
 
 use super::findings::BenchError;
 use crate::dataset::{self, Dataset, LoadOptions};
@@ -12,18 +12,18 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A finished run as it is kept.
+/// A finished run as stored.
 #[derive(Serialize, Deserialize)]
 struct Kept<R> {
-    /// Checksum of the program that measured it.
+    /// Checksum of the executable that measured the rows.
     program: u32,
-    /// What its rows depend on beside the program.
+    /// All other inputs that the rows depend on.
     of: Value,
     rows: Vec<R>,
 }
 
-/// The rows in a run's file if they are of this very run, else those that `measure` finds, which the
-/// file then holds. `of` is all that the rows depend on beside this very program.
+/// Returns the rows stored in a file if its executable and its inputs `of` match. Otherwise runs
+/// `measure` and stores the rows.
 pub(super) fn kept_or_new<R: Serialize + DeserializeOwned>(
     file: &Path,
     of: Value,
@@ -41,21 +41,23 @@ pub(super) fn kept_or_new<R: Serialize + DeserializeOwned>(
     Ok(kept.rows)
 }
 
-/// Checksum of the running program's file.
+/// CRC-32 of the running executable.
 fn program() -> Result<u32, BenchError> {
     let path = std::env::current_exe()
-        .map_err(|source| BenchError::File { path: "the program's own file".into(), source })?;
+        .map_err(|source| BenchError::File { path: "running executable".into(), source })?;
+    // Hash the executable, because the package version is equal for many builds.
     let bytes = std::fs::read(&path).map_err(|source| BenchError::File { path, source })?;
     Ok(crc32fast::hash(&bytes))
 }
 
-/// Makes the folder in which finished runs are kept.
+/// Creates the folder for finished runs.
 pub(super) fn make(folder: &Path) -> Result<(), BenchError> {
     std::fs::create_dir_all(folder)
         .map_err(|source| BenchError::File { path: folder.to_owned(), source })
 }
 
-/// The scenes of a folder by name, and what was left out and why.
+/// Opens all subfolders that are scenes with training frames, sorted by path. The second list holds
+/// a note for each skipped subfolder.
 pub(super) fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
     let listing = std::fs::read_dir(data)
         .map_err(|source| BenchError::File { path: data.to_owned(), source })?;
@@ -73,7 +75,8 @@ pub(super) fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), Be
         }
     }
     if scenes.is_empty() {
-        let first = left_out.into_iter().next().unwrap_or_else(|| "it holds no folder".to_owned());
+        let first =
+            left_out.into_iter().next().unwrap_or_else(|| "there are no subfolders".to_owned());
         return Err(BenchError::NoScene { folder: data.to_owned(), first });
     }
     Ok((scenes, left_out))

@@ -1,5 +1,5 @@
-//! Benches: speed against error, each as a table, JSON, CSV and a plot.
-#![allow(missing_docs, reason = "no other crate uses this room")]
+//! Benches: measure speed, error and size. Each yields a table, JSON, CSV and a plot.
+#![allow(missing_docs, reason = "no other crate uses this module")]
 
 pub mod findings;
 mod folder;

@@ -1,8 +1,7 @@
-//! The paper's protocol on every scene of a folder (`pipeline.md`, Paper's protocol): 200 frames with
-//! depth, up to 100 held-out views, both presets, both renderers, latency as the paper counts it.
-//!
-//! Eight scenes of two presets take hours on small machines: a bench that is started again goes on where
-//! it stopped.
+//! The paper's protocol on every scene of a folder (`pipeline.md`, Paper's protocol): 200 frames
+//! with depth, up to 100 held-out views, both presets, both renderers, and latency as defined in
+//! the paper. Finished runs are stored, because eight scenes with two presets take hours on small
+//! machines.
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::folder;
@@ -27,52 +26,46 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Frames and held-out views of the paper.
+/// Frames and held-out views in the paper.
 const PAPER: [usize; 2] = [200, 100];
-/// The same of a quick run.
+/// Frames and held-out views of a quick run.
 const QUICK: [usize; 2] = [12, 4];
 
-/// What is measured.
 #[derive(Clone, Debug)]
 pub struct ProtocolPlan {
-    /// Every folder in it that can be opened and has depth is a scene.
+    /// Folder of scenes: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder in which finished runs are kept.
+    /// Folder of finished runs.
     pub kept: PathBuf,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
-/// One preset on one scene, drawn by one renderer.
+/// One preset on one scene, rendered by one renderer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ProtocolRow {
-    /// Name of the scene's folder.
     pub scene: String,
-    /// Preset that learnt it.
     pub preset: String,
-    /// Renderer that drew it.
     pub renderer: String,
-    /// Frames learnt.
+    /// Frames trained on.
     pub frames: usize,
-    /// Held-out views drawn.
     pub views: usize,
     /// Components in use.
     pub components: usize,
-    /// Those that are drawn.
+    /// Components that are drawn.
     pub drawn: usize,
-    /// Median milliseconds of learning a frame: what the paper counts.
+    /// Median milliseconds to train on a frame, as in the paper.
     pub train_ms: f64,
-    /// Median milliseconds of filtering and unprojecting a frame, on the thread that decodes.
+    /// Median milliseconds to filter and unproject a frame on the decoding thread.
     pub prepare_ms: f64,
-    /// PSNR against photographs over black, dB.
+    /// Against photographs composited over black, dB.
     pub psnr: f64,
-    /// PSNR against photographs whose alpha is dropped, as the paper compares, dB.
+    /// Against photographs with alpha dropped, as in the paper, dB.
     pub psnr_rgb: f64,
-    /// Mean structural similarity to photographs over black, −1 to 1.
+    /// Mean SSIM against photographs composited over black, −1 to 1.
     pub ssim: f64,
 }
 
-/// Runs what is not kept yet, scene by scene.
+/// Measures all runs that are not stored yet.
 pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (scenes, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
@@ -87,7 +80,7 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
         }
     }
     let mut notes = vec![format!(
-        "{frames} frames at most, in their order, {views} held-out views at most; N = 100,000 in `paper`, `scene` as its preset; ms: median over frames of learning, decoding and preparing beside it; PSNR rgb: photographs without their alpha, as the paper compares."
+        "At most {frames} frames in listed order and {views} held-out views. `paper`: N = 100,000. `scene`: the defaults of the preset. ms: median training time per frame; other threads decode and prepare. PSNR rgb: photographs with alpha dropped, as in the paper."
     )];
     notes.extend(left_out);
     let names: Vec<String> = scenes.iter().map(|scene| scene.name.clone()).collect();
@@ -105,7 +98,6 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
     .into_bench()
 }
 
-/// One preset on one scene.
 struct ProtocolRun<'a> {
     scene: &'a Arc<Dataset>,
     preset: &'static str,
@@ -115,7 +107,7 @@ struct ProtocolRun<'a> {
 }
 
 impl ProtocolRun<'_> {
-    /// The rows in the run's file if they are of this very run, else those of a new one.
+    /// Returns the stored rows of this run. Measures and stores them if there are none.
     fn kept_or_new(&self, kept: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
         let selection = Selection { max_frames: Some(self.frames), ..Selection::all_frames() };
         let asked: MethodRequest = match self.preset {
@@ -162,7 +154,7 @@ impl ProtocolRun<'_> {
         [RenderMethod::PROJECTED, RenderMethod::EXACT].into_iter().map(row).collect()
     }
 
-    /// Number of held-out views, their mean PSNR in dB and SSIM.
+    /// Number of held-out views, their mean PSNR in dB and mean SSIM.
     fn quality(
         &self,
         session: &Session,
@@ -225,7 +217,7 @@ fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
         Panel { title: title.to_owned(), x, y: Axis::Names(scenes.to_vec()), series }
     };
     let quality = Axis::Linear("PSNR, dB".to_owned());
-    let latency = Axis::Log("median ms a frame".to_owned());
+    let latency = Axis::Log("median ms per frame".to_owned());
     [
         panel("quality", quality, |row| row.psnr, &["projected", "exact"]),
         panel("latency", latency, |row| row.train_ms, &["projected"]),

@@ -1,5 +1,5 @@
-//! Runs that a window left behind when it was killed: offered by the next one, gone on with or
-//! forgotten, never lost unasked.
+//! Autosaved runs of a killed window: the next window offers to continue or forget them and never deletes
+//! one without the user's consent.
 
 use super::harness::{PATIENCE, Window, click, dataset, is, wait};
 use crate::common::adapter::{turn, vulkan};
@@ -22,7 +22,7 @@ use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
 const FRAMES: usize = 4;
 
-/// A worker that saves whenever it may into a folder of its own.
+/// Starts a worker that autosaves as often as possible into `state`.
 fn worker(state: &Path) -> Arc<Worker> {
     let worker = Worker::start_with(Arc::new(|| {}), vec![state.to_owned()]).unwrap();
     worker.send(always_saving());
@@ -42,7 +42,7 @@ fn until(what: &str, condition: impl Fn() -> bool) {
     }
 }
 
-/// Checkpoints in the folder of saves.
+/// Lists the checkpoints in the autosave folder.
 fn saved(state: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(state.join("autosave")) else { return Vec::new() };
     let paths = entries.map(|entry| entry.unwrap().path());
@@ -52,8 +52,8 @@ fn saved(state: &Path) -> Vec<PathBuf> {
     saved
 }
 
-/// What a window that was killed after two frames leaves. Only the process's locks would go with it,
-/// so the files are kept aside while this window, which cannot be killed, removes them.
+/// Creates the files that a window killed after two frames leaves. A window cannot be killed inside the test
+/// process and removes its autosave on closing, so the content is read before and written back after.
 fn killed(room: &Path, state: &Path) {
     let worker = worker(state);
     worker.send(WorkerOrder::Open(Subject::Path(room.to_owned())));
@@ -70,11 +70,11 @@ fn killed(room: &Path, state: &Path) {
     let file = saved(state).remove(0);
     let content = std::fs::read(&file).unwrap();
     drop(worker);
-    assert!(saved(state).is_empty(), "closed in order, nothing is left");
+    assert!(saved(state).is_empty(), "a window closed normally leaves no autosave");
     std::fs::write(file, content).unwrap();
 }
 
-/// The next window on the same dataset; `None` without a Vulkan adapter.
+/// Opens the next window on the same dataset; `None` without a Vulkan adapter.
 fn next_window(room: &Path, state: &Path) -> Option<(Window, Arc<Worker>)> {
     vulkan()?;
     let worker = worker(state);
@@ -87,7 +87,7 @@ fn next_window(room: &Path, state: &Path) -> Option<(Window, Arc<Worker>)> {
             let first = vec![WorkerOrder::Open(Subject::Path(room))];
             Studio::attach(cc, own, first, Exit::default(), Painting::Auto, Instant::now()).unwrap()
         });
-    // The window has said by its own settings how often.
+    // The window has set the autosave interval from its own settings.
     worker.send(always_saving());
     Some((window, worker))
 }
@@ -105,7 +105,7 @@ fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
     click(&mut window, "Continue");
     wait(&mut window, "the run", |s| s.snapshot().frames_done == 2);
     assert_eq!(window.state().snapshot().state, RunState::Paused);
-    assert_eq!(window.state().snapshot().unsaved_frames, 2, "in no file of the user's");
+    assert_eq!(window.state().snapshot().unsaved_frames, 2, "not yet saved by the user");
     assert!(window.query_by_label("Continue").is_none());
 
     window.key_press(Key::Space);
@@ -119,7 +119,7 @@ fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
     while !matches!(whole.step().unwrap(), Step::Finished) {}
     let content = SavedRun::read(&file).unwrap().content;
     assert!(content.model == whole.checkpoint().unwrap().model, "another scene");
-    assert!(saved(&state).is_empty(), "saved where the user said");
+    assert!(saved(&state).is_empty(), "the autosave remains after the user's save");
 }
 
 #[test]
@@ -136,10 +136,13 @@ fn what_is_offered_survives_other_training_until_it_is_forgotten() {
     assert!(window.query_by_label("Continue").is_none());
     click(&mut window, "Step");
     wait(&mut window, "a save", |_| saved(&state).len() == 2);
-    assert!(std::fs::read(&left[0]).unwrap() == content, "trained over");
+    assert!(
+        std::fs::read(&left[0]).unwrap() == content,
+        "the new run overwrote the offered autosave"
+    );
     drop(window);
     drop(worker);
-    assert_eq!(saved(&state), left, "the new run was closed in order");
+    assert_eq!(saved(&state), left, "only the offered autosave remains");
 
     let Some((mut window, _worker)) = next_window(&room, &state) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
@@ -167,8 +170,8 @@ fn a_damaged_save_is_passed_over_for_the_one_before() {
     until("the run", || next.snapshot().frames_done == 2);
 }
 
-/// The program is ended from outside in a window that saves now and then, and in one that never does: it
-/// closes without a question, and the next one offers to go on.
+/// The program is terminated from outside, with autosave on and off: the window closes without a question,
+/// and the next one offers to continue.
 #[test]
 fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
     let _turn = turn();
@@ -192,7 +195,7 @@ fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
         assert!(window.query_by_label("Discard the trained scene?").is_none());
         drop(window);
         drop(worker);
-        assert_eq!(saved(&state), [path], "removed as if the window had been closed");
+        assert_eq!(saved(&state), [path], "closing the window removed the stored run");
 
         let Some((mut window, _worker)) = next_window(&room, &state) else { return };
         wait(&mut window, "ready", is(RunState::Ready));

@@ -1,5 +1,5 @@
-//! What the window takes from the trainer beside it, as ratios of paired runs without a display: on a GPU no
-//! more than noise. The figures of one command, on whatever adapter draws:
+//! Slowdown of training by the window, as ratios of paired runs without a display. On a GPU the ratios should
+//! differ from 1 only by noise. Prints the figures for the present adapter:
 //! `VBGS_FRAMES=60 VBGS_PAIRS=3 cargo test --release --test app -- --ignored --nocapture beside_training`.
 
 use super::harness::{PATIENCE, Window, click, is, wait, window};
@@ -14,26 +14,25 @@ use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
 
-/// Time between two passes of a display.
+/// Interval of a 60 Hz display.
 const REFRESH: Duration = Duration::from_micros(16_667);
-/// Where the hand takes hold of the scene.
+/// Point where the simulated drag begins.
 const HOLD: Pos2 = Pos2::new(300.0, 300.0);
 
-/// What is beside the trainer.
+/// Load that runs beside the trainer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Beside {
-    /// Nothing.
     NoWindow,
-    /// A window that is drawn when it asks for it.
+    /// A window that draws on repaint requests.
     Window,
-    /// The same, which keeps no earlier moments.
+    /// The same without stored copies of earlier frames.
     WindowWithoutPast,
-    /// A window whose camera a hand turns all the while.
+    /// A window whose camera is dragged all the time.
     Orbiting,
 }
 
-/// How many frames a run has, and how many pairs there are: without being asked for more, so few that ratios
-/// say nothing, and that it runs at all is what is tested.
+/// Frames of a run and number of pairs. The defaults only test that the measurement runs; their ratios mean
+/// nothing.
 fn extent() -> (usize, usize) {
     let number = |name, otherwise| {
         std::env::var(name).ok().and_then(|text: String| text.parse().ok()).unwrap_or(otherwise)
@@ -108,7 +107,7 @@ fn press(window: &mut Window, pressed: bool) {
     window.step();
 }
 
-/// As the user has the copies for walking back given up.
+/// Turns off the stored copies of earlier frames, as the user can.
 fn keep_no_past(window: &mut Window) {
     click(window, "Edit");
     window.get_by_label("Memory for earlier frames").focus();
@@ -126,7 +125,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Ratios of the training times of paired runs, in turn, so that what else the machine does falls on both.
+/// Ratios of the training times of paired runs. Runs alternate, so other load on the machine affects both.
 fn ratios(room: &Path, one: Beside, other: Beside, n_pairs: usize) -> Option<Vec<f64>> {
     let mut ratios = Vec::new();
     for _ in 0..n_pairs {
@@ -156,7 +155,7 @@ fn figures_beside_training() {
         let Some(ratios) = ratios(&room, one, other, n_pairs) else { return };
         let middle = median(ratios.clone());
         println!("training time {one:?} / {other:?}: {ratios:.3?}, median {middle:.3}");
-        // A busy machine may exceed the targets by far, and one short pair anything.
+        // A busy machine can far exceed the targets, and a single short pair can give any ratio.
         let is_told = n_pairs > 1;
         assert!(
             !is_told || middle < 2.0,

@@ -1,4 +1,4 @@
-//! Steering the camera.
+//! Camera control by pointer and keys.
 
 use super::harness::{
     Window, click, dataset, drag, drop_on, is, settled, train, turn_wheel, wait, window, write_to,
@@ -54,8 +54,8 @@ fn the_camera_follows_the_pointer_and_keys() {
     assert_eq!(home, settled(&mut window), "home");
 }
 
-/// Height and width of what is seen of a scene from where a window's camera stands, as shares of the picture,
-/// none of which may touch its border.
+/// Width and height of the visible scene from the window's camera, as shares of the picture. Panics if the
+/// scene touches the border.
 fn seen_whole(window: &Window, splats: SplatView) -> [f64; 2] {
     let view = window.state().view();
     let [width, height] = view.size_px();
@@ -92,7 +92,7 @@ fn f_shows_the_whole_scene_and_fills_the_smaller_side() {
         for size in [[1000.0, 640.0], [1700.0, 500.0], [700.0, 1300.0]] {
             window.set_size(Vec2::from(size));
             window.run_steps(3);
-            // What a view fills depends on its direction, and the run may end in any of its frames'.
+            // Home fixes the viewing direction, on which the filled share depends.
             press(&mut window, Key::H);
             drag(&mut window, PointerButton::Primary);
             drag(&mut window, PointerButton::Secondary);

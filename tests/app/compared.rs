@@ -1,4 +1,4 @@
-//! A second model beside the scene: opened, wiped to, measured, removed.
+//! Comparing the scene with a second model: opening, wiping, measuring, removing.
 
 use super::harness::{
     PATIENCE, Window, click, dataset, enter_path, settled, train, wait, wait_for_label,
@@ -17,7 +17,7 @@ use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// A wall of pure green before every camera of the room.
+/// Writes a model that fills the view of every camera of the room with pure green.
 fn green(path: &Path) {
     let splat = Splat {
         mean: [0.0; 3],
@@ -35,7 +35,7 @@ fn green(path: &Path) {
     write(path, &wall, &WriteOptions::new(ModelFormat::from_path(path).unwrap())).unwrap();
 }
 
-/// Opens a second model by the menu above the viewport.
+/// Opens a second model through the menu above the viewport.
 fn compare_with(window: &mut Window, path: &Path) {
     choose(window, 0, "Compare with a model…");
     enter_path(window, path);
@@ -43,12 +43,12 @@ fn compare_with(window: &mut Window, path: &Path) {
     window.run_steps(2);
 }
 
-/// What the window calls the second model.
+/// Name of the second model in the window.
 fn name(window: &Window) -> String {
     window.state().view().compared().unwrap().name.clone()
 }
 
-/// Share of a strip of the viewport that is nearly pure green: left and right of its middle.
+/// Shares of nearly pure green pixels left and right of the viewport's middle.
 fn green_shares(window: &mut Window) -> [f64; 2] {
     settled(window);
     let left = window.get_all_by_label("Scene").last().unwrap().rect().left();
@@ -56,7 +56,7 @@ fn green_shares(window: &mut Window) -> [f64; 2] {
     let right = window.get_all_by_label(&name).last().unwrap().rect().right();
     let image = window.render().unwrap();
     let middle = 0.5 * (left + right);
-    // Off the divider and the captions' edges.
+    // Excludes the divider and the edges of the captions.
     let strips = [(left + 20.0, middle - 30.0), (middle + 30.0, right - 20.0)];
     strips.map(|(from, to)| {
         let pixels: Vec<_> = (220..420)
@@ -85,7 +85,7 @@ fn a_second_model_is_wiped_to_measured_and_removed() {
         let [scene, model] = green_shares(&mut window);
         assert!(scene < 0.05 && model > 0.9, "{painting:?}: {scene} left, {model} right");
 
-        // Where a photograph was taken from here, both are measured by it.
+        // At the camera of a photograph, both models are measured against it.
         let name = name(&window);
         assert!(name.ends_with("/green.ply"), "{name}");
         let figure = format!("dB · {name} ");
@@ -121,7 +121,7 @@ fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
     wait(&mut window, "frames", |s| s.snapshot().frames_done > 1);
     let good = folder.path().join("green.ply");
     green(&good);
-    // Found by its name, and while frames are trained.
+    // Through the list of actions, while frames are trained.
     window.key_press_modifiers(Modifiers::COMMAND, Key::P);
     window.run_steps(2);
     window.event(Event::Text("compare with".to_owned()));

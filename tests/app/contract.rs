@@ -1,11 +1,9 @@
-//! What the window promises, sentence by sentence, and the tests that hold it to that.
-//!
-//! A promise without a test of its own is not in the table.
+//! Features the window promises, each with the tests that check it. Promises without a test are not listed.
 
 use std::fs;
 use std::path::Path;
 
-/// Promises and their tests: `file: test` below `tests/app`, or of unit tests below `src/app`.
+/// Promises and their tests, as `file: test`: files in `tests/app`, or paths of unit tests in `src/app`.
 const PROMISES: &[(&str, &[&str])] = &[
     (
         "Top: menu and transport (Open, Train/Pause, Step, Reset, Export)",
@@ -78,11 +76,11 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["first_minute.rs: cards_leave_notices_their_place_in_small_windows"],
     ),
     (
-        "Empty state: a target for dropping a folder, an Open button, the synthetic scene",
+        "Empty state: a drop target for folders, an Open button, the synthetic scene",
         &["first_minute.rs: the_start_page_says_what_happens_and_how_to_begin"],
     ),
     (
-        "Progress is never discarded unasked",
+        "Progress is never discarded without confirmation",
         &[
             "states.rs: a_dataset_goes_through_every_state",
             "saving.rs: closing_goes_on_after_the_file_was_written",
@@ -219,7 +217,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "Every failure is a message that says what to do; the app goes on",
+        "Every failure gives a message with a remedy; the app continues",
         &[
             "opening.rs: what_cannot_be_opened_is_said_and_what_was_open_stays",
             "opening.rs: a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt",
@@ -230,18 +228,18 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "F frames the scene by the smaller field of view, models opened included",
+        "F frames the scene by the smaller field of view, also for opened models",
         &[
             "camera.rs: f_shows_the_whole_scene_and_fills_the_smaller_side",
             "src/app/camera.rs: framing_fits_the_smaller_side_of_the_viewport",
         ],
     ),
     (
-        "The picture of the view becomes a file",
+        "The picture of the view can be saved to a file",
         &["tools.rs: the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file"],
     ),
     (
-        "A full disk is said, the scene stays and can be written elsewhere",
+        "A full disk gives an error; the scene stays and can be written elsewhere",
         &[
             "full_disk.rs: a_full_disk_is_said_and_the_scene_is_written_elsewhere",
             "full_disk.rs: what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded",
@@ -249,7 +247,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "A network folder that hangs is said and given up, and the app goes on",
+        "A network folder that hangs gives a warning and can be cancelled; the app continues",
         &[
             "silent_drive.rs: a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost",
             "silent_drive.rs: something_else_is_opened_while_a_drive_does_not_answer",
@@ -264,7 +262,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["journey.rs: a_hand_opens_trains_orbits_compares_measures_exports_and_quits"],
     ),
     (
-        "A scene can be walked back: view after frame k (from births and kept snapshots)",
+        "The scene after frame k can be viewed (from births and stored snapshots)",
         &[
             "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",
             "editing.rs: training_goes_on_beside_edits_and_what_it_bears_is_shown",
@@ -272,7 +270,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "A lost device costs a window and nothing else, also on a real display",
+        "A lost device closes only the window, also on a real display",
         &[
             "real_window.rs: a_screen_shows_the_window_and_a_lost_device_the_next_one",
             "device_loss.rs: at_any_moment_a_lost_device_costs_a_window_and_nothing_else",
@@ -280,7 +278,7 @@ const PROMISES: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Whether a file has a test of this name.
+/// True if a file contains a test of this name.
 fn has_test(file: &str, name: &str) -> bool {
     let file = if file.starts_with("src/") { file.to_owned() } else { format!("tests/app/{file}") };
     let Ok(text) = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)) else {
@@ -290,7 +288,7 @@ fn has_test(file: &str, name: &str) -> bool {
     let Some(at) = lines.iter().position(|line| line.starts_with(&format!("fn {name}()"))) else {
         return false;
     };
-    // Other attributes may stand between the two.
+    // Other attributes may lie between `#[test]` and the function.
     lines[..at]
         .iter()
         .rev()
@@ -304,7 +302,7 @@ fn every_promise_has_its_tests() {
         assert!(!tests.is_empty(), "{promise}");
         for test in *tests {
             let (file, name) = test.split_once(": ").unwrap();
-            assert!(has_test(file, name), "{promise}: there is no test {test}");
+            assert!(has_test(file, name), "{promise}: test {test} not found");
         }
     }
     assert!(!has_test("states.rs", "what_nobody_has_written"));

@@ -1,5 +1,5 @@
-//! A program at fault: what it says, and where the scene is afterwards. Panics come from outside, by
-//! egui's own hooks and by the waker, so that nothing in the program can be asked to panic.
+//! Panics of the program: the report, and where the scene is saved. Tests inject them through egui's hooks
+//! and the waker, so the program needs no code for it.
 
 use super::device_loss::draw_film;
 use super::harness::{self, PATIENCE, Window, click, dataset, is, train, wait, wait_for_label};
@@ -16,7 +16,7 @@ use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting, Studio, WindowError, run_guarded};
 
-/// A window on a worker that outlives it, as the program has them.
+/// A window on a worker that outlives it, as in the program.
 struct Hosted {
     window: Window,
     worker: Arc<Worker>,
@@ -24,7 +24,8 @@ struct Hosted {
     device: wgpu::Device,
 }
 
-/// `None` without a Vulkan adapter. Scenes without a dataset's folder are rescued into `folder`.
+/// Opens a window on a new worker; `None` without a Vulkan adapter. Scenes without a dataset folder are
+/// rescued into `folder`.
 fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
     vulkan()?;
     let worker = Arc::new(Worker::start_with(waker, vec![folder.to_owned()]).unwrap());
@@ -34,7 +35,7 @@ fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
     Some(Hosted { window, worker, exit, device })
 }
 
-/// A window on a worker, and its device, which is to be lost.
+/// Opens a window on a worker; returns it with its device, which a test can destroy.
 pub fn attached(
     worker: &Arc<Worker>,
     exit: &Exit,
@@ -55,7 +56,7 @@ pub fn attached(
     (window, device)
 }
 
-/// Lets the window panic before it draws anything more, and go down with it.
+/// Makes the window panic at its next pass; returns the program's result.
 fn panic_in(window: Window, worker: &Worker, exit: &Exit) -> Result<(), WindowError> {
     window.ctx.on_begin_pass("test", Arc::new(|_| panic!("injected into the window")));
     let started = Instant::now();
@@ -90,7 +91,7 @@ fn a_panic_of_the_window_saves_the_scene_and_says_where() {
     for part in ["injected into the window", "crash.rs:", &saved.display().to_string()] {
         assert!(text.contains(part), "{text}");
     }
-    assert!(!state.exists(), "its own folder took it");
+    assert!(!state.exists(), "the scene must be rescued into the dataset's folder");
     drop(worker);
 
     let Some(mut again) = harness::window(Some(Subject::Path(saved)), Painting::Auto) else {
@@ -146,11 +147,11 @@ fn a_panic_of_training_saves_the_scene_and_leaves_the_window() {
     wait_for_label(window, &crash.to_string());
     wait(window, "splats", |s| s.n_drawn() > 100);
     assert!(window.get_by_label("Export…").rect().is_positive());
-    assert_eq!(worker.rescue(), crash.rescue, "saved once");
+    assert_eq!(worker.rescue(), crash.rescue, "the rescue is repeated");
     assert!(worker.is_alive());
 }
 
-/// Lets the next thread of a pool that wakes the window panic there, once: pools give their threads no names.
+/// Makes the next pool thread that wakes the window panic, once. Pool threads are those without a name.
 fn panic_of_pool(window: &Window) -> Arc<AtomicBool> {
     let armed = Arc::new(AtomicBool::new(true));
     let trigger = armed.clone();
@@ -174,12 +175,12 @@ fn a_panic_of_a_film_costs_the_film_and_is_told() {
     wait(window, "splats", |s| s.n_drawn() > 100);
     let armed = panic_of_pool(window);
     draw_film(window, &folder.path().join("film"));
-    wait(window, "the word", |s| {
+    wait(window, "the error notice", |s| {
         let told = |text: &str| text.contains("injected into a film") && text.contains("report it");
         s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Error && told(&n.text))
     });
     assert!(!armed.load(Ordering::SeqCst) && worker.crash().is_none());
-    // The next one is drawn.
+    // A second film is rendered normally.
     draw_film(window, &folder.path().join("again"));
     let second = folder.path().join("again/00002.png");
     wait(window, "pictures", |_| second.exists());

@@ -1,4 +1,4 @@
-//! How fine is trained next: on the bar, in Settings with marks of what was changed, and as a command.
+//! Level of detail of the next run: the slider in the toolbar, changed settings, and the copied command line.
 
 use super::harness::{Window, click, copied, dataset, drop_on, is, wait, window};
 use crate::common::adapter::turn;
@@ -11,7 +11,7 @@ use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::train::paper::config::{Candidates, Init, ReassignPolicy};
 use vbgs_studio::train::scene::units::StructuralScale;
 
-/// The structural scale that what is open was asked for with, pixels.
+/// Structural scale requested for the open dataset, pixels.
 fn pixels(window: &Window) -> f64 {
     let snapshot = window.state().snapshot();
     match snapshot.opened.as_ref().unwrap().scene().unwrap().scale {
@@ -20,7 +20,7 @@ fn pixels(window: &Window) -> f64 {
     }
 }
 
-/// Moves the slider of the detail by so many points towards the fine end.
+/// Moves the detail slider by `n` steps towards the fine end.
 fn refine(window: &mut Window, n: usize) {
     window.get_by_role(Role::Slider).focus();
     window.run_steps(2);
@@ -38,7 +38,7 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
     let subject = Subject::Path(dataset(folder.path(), 3));
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    wait(&mut window, "a look at its frames", |s| s.snapshot().sample.is_some());
+    wait(&mut window, "sampling of its frames", |s| s.snapshot().sample.is_some());
     let before = pixels(&window);
     refine(&mut window, 5);
     window.get_by_label_contains("A forecast appears after the first trained frame");
@@ -101,7 +101,6 @@ fn changed_settings_are_marked_and_copied_as_a_command_that_trains_so() {
     assert!(report.to_string().contains("\"cosine\":false"), "trained by these settings");
 }
 
-/// Types a value into the field of a setting.
 fn type_into(window: &mut Window, label: &str, text: &str) {
     window.get_by_role_and_label(Role::TextInput, label).focus();
     window.run_steps(2);
@@ -124,7 +123,7 @@ fn the_papers_settings_are_typed_in_the_panel_trained_by_and_copied() {
     click(&mut window, "Settings");
     press(&mut window, "Paper preset");
     press(&mut window, "Details");
-    // Digit by digit, of which all but the last are a number that would do.
+    // Typed digit by digit: every shorter number is valid.
     type_into(&mut window, "Components", "2000000");
     for digit in ["0", "0"] {
         window.event(Event::Text(digit.to_owned()));

@@ -1,6 +1,6 @@
-//! The graphics device goes, or has no memory left, while the window is at whatever it can be at: frames are
-//! trained, the camera is dragged, renderers are compared, a file is previewed, a film is drawn. Moments are
-//! seeded; `VBGS_WINDOW_LOSSES=200 cargo test --release --test app -- --nocapture moment` meets more of them.
+//! The graphics device is lost, or runs out of memory, during each activity of the window: training,
+//! orbiting, comparing renderers, previewing a file, rendering a film. The timing is drawn from a seed;
+//! `VBGS_WINDOW_LOSSES=200 cargo test --release --test app -- --nocapture moment` tests more cases.
 
 use super::crash::attached;
 use super::harness::{
@@ -22,12 +22,12 @@ use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting};
 use vbgs_studio::math::rng::{Purpose, Rng};
 
-/// Frames of the dataset: some are always left to train.
+/// Frames of the dataset, enough that some are always untrained.
 const FRAMES: usize = 60;
-/// Passes of the window before its device goes, at most.
+/// Maximum number of passes before the device is lost.
 const MAX_PASSES: usize = 25;
 
-/// What the window is at.
+/// Activity of the window when the device fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Moment {
     Training,
@@ -40,7 +40,7 @@ enum Moment {
 const MOMENTS: [Moment; 5] =
     [Moment::Training, Moment::Orbiting, Moment::Comparing, Moment::Previewing, Moment::Filming];
 
-/// A run that outlives its windows.
+/// A worker that outlives its windows.
 struct Run {
     folder: tempfile::TempDir,
     worker: Arc<Worker>,
@@ -57,7 +57,7 @@ impl Run {
         Self { folder, worker, exit: Exit::default() }
     }
 
-    /// The next window, once it draws the scene.
+    /// Opens the next window and waits until it draws the scene.
     fn window(&mut self, painting: Painting) -> (Window, wgpu::Device) {
         self.exit = self.exit.for_next_window();
         let first = vec![WorkerOrder::Deliver];
@@ -72,7 +72,7 @@ impl Run {
     }
 }
 
-/// Brings the window to that moment.
+/// Starts the activity.
 fn begin(window: &mut Window, moment: Moment, folder: &Path) {
     match moment {
         Moment::Training if is(RunState::Finished)(window.state()) => {
@@ -101,19 +101,19 @@ fn begin(window: &mut Window, moment: Moment, folder: &Path) {
     }
 }
 
-/// Begins to draw a film once around the scene.
+/// Starts rendering a turntable film.
 pub fn draw_film(window: &mut Window, output: &Path) {
     click(window, "Path");
     click(window, "Turntable");
     click(window, "Draw film…");
     window.run_steps(2);
-    // The tab has a field of its own; the dialog's has the focus.
+    // The Path tab has a text field too, but the dialog's field has the focus.
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.event(Event::Text(output.display().to_string()));
     window.run_steps(2);
     window.get_by_role_and_label(Role::Button, "Draw film").click();
     window.step();
-    // What is there already is looked for beside the window.
+    // A background thread checks for existing files, so wait for the dialog to close.
     let started = Instant::now();
     while window.query_by_role_and_label(Role::Button, "Draw film").is_some() {
         assert!(started.elapsed() < PATIENCE, "the dialog stays");
@@ -124,7 +124,7 @@ pub fn draw_film(window: &mut Window, output: &Path) {
     }
 }
 
-/// More than any machine has: the driver says at once that there is no memory.
+/// Requests a texture larger than any machine's memory, which the driver refuses at once.
 fn ask_for_too_much(device: &wgpu::Device) {
     let limits = device.limits();
     let side = limits.max_texture_dimension_2d;
@@ -144,16 +144,16 @@ fn ask_for_too_much(device: &wgpu::Device) {
     });
 }
 
-/// Steps the window until it has left word.
+/// Steps the window until it reports the device loss.
 fn leaves(window: &mut Window, exit: &Exit, told: &str) {
     let started = Instant::now();
     while exit.reason() != ExitReason::DeviceLost {
-        assert!(started.elapsed() < PATIENCE, "{told}: the loss is not noticed");
+        assert!(started.elapsed() < PATIENCE, "{told}: the loss is not detected");
         window.step();
     }
 }
 
-/// What the worker is told of a film when its window goes, or was told by the window where it was done by then.
+/// Returns the notice about a film after its window closed: written, or cut off by the device loss.
 fn said_of_film(worker: &Worker) -> Option<Notice> {
     let is_of_film = |notice: &&Notice| {
         notice.text.contains("the window that rendered it") || notice.text.contains("pictures to")
@@ -191,15 +191,15 @@ fn at_any_moment_a_lost_device_costs_a_window_and_nothing_else() {
         drop(window);
         let after = run.worker.snapshot();
         assert!(run.worker.is_alive() && run.worker.crash().is_none(), "{told}");
-        assert!(after.frames_done >= before.frames_done, "{told}: frames are gone");
+        assert!(after.frames_done >= before.frames_done, "{told}: trained frames were lost");
         if moment == Moment::Filming {
             let film = said_of_film(&run.worker)
-                .unwrap_or_else(|| panic!("{told}: nothing is said of the film"));
+                .unwrap_or_else(|| panic!("{told}: no notice about the film"));
             let is_cut = film.kind == NoticeKind::Warning && film.text.contains("render it again");
             assert!(is_cut || film.text.contains("Wrote"), "{told}: {}", film.text);
         }
     }
-    // What goes on went on, and the last window draws.
+    // Training continued, and the last window draws.
     let (mut window, _device) = run.window(Painting::Auto);
     wait(&mut window, "the end", is(RunState::Finished));
     assert_eq!(window.state().snapshot().frames_done, FRAMES);
@@ -236,7 +236,7 @@ fn at_any_moment_a_device_without_memory_costs_a_notice() {
     }
 }
 
-/// Deleted splats come back in no export, and keyframes are not made twice.
+/// Deleted splats stay deleted and keyframes are kept in the next window.
 #[test]
 fn edits_camera_and_path_go_on_in_the_next_window() {
     let _turn = turn();

@@ -1,4 +1,4 @@
-//! Panels that are dragged to other sides of the picture.
+//! Dragging panels to other sides of the viewport.
 
 use super::harness::{Window, click, drag_between, window};
 use super::viewer::press;
@@ -26,7 +26,7 @@ fn panels_are_dragged_beside_the_picture_and_put_back() {
     assert_eq!(scene.y, quality.y);
     assert!(window.query_by_label("Nothing is open.").is_none());
 
-    // To the left of the picture: both are seen at once.
+    // Left of the viewport: both panels are visible.
     drag_tab(&mut window, "Scene", Pos2::new(12.0, 320.0));
     let moved = tab(&window, "Scene");
     assert!(moved.x < 200.0, "{moved:?}");
@@ -36,13 +36,13 @@ fn panels_are_dragged_beside_the_picture_and_put_back() {
     window.get_by_label_contains("Quality is measured");
     window.get_by_label("Nothing is open.");
 
-    // Below its neighbours.
+    // Below the neighbouring tabs.
     let settings = tab(&window, "Settings");
     drag_tab(&mut window, "Inspector", Pos2::new(settings.x, 560.0));
     let inspector = tab(&window, "Inspector");
     assert!(inspector.y > settings.y + 100.0, "{inspector:?} below {settings:?}");
 
-    // The picture's middle takes no panel, which would hide it.
+    // A panel cannot be dropped on the viewport's middle, where it would hide the scene.
     let path = tab(&window, "Path");
     drag_tab(&mut window, "Path", Pos2::new(430.0, 320.0));
     assert_eq!(tab(&window, "Path"), path);
@@ -69,7 +69,7 @@ fn a_window_of_any_size_has_its_panels() {
         window.render().unwrap();
     }
     window.run_steps(2);
-    // As wide as before it had no room.
+    // The panel has its former width again.
     assert!(tab(&window, "Latency").x > 500.0);
 }
 
@@ -80,9 +80,9 @@ fn no_tab_hides_in_a_narrow_window() {
     window.run_steps(3);
     let wide = window.get_by_label("Settings").rect().width();
     window.set_size([720.0, 460.0].into());
-    // A step finds that there is less room, the next one fits the names into it.
+    // One pass detects the smaller size, the next one fits the tab names into it.
     window.run_steps(4);
     let settings = window.get_by_label("Settings").rect();
-    // Names begin on whole pixels, so that the last may end a little late.
+    // Names begin on whole pixels, so the last one may end up to a pixel late.
     assert!(settings.right() < 721.0 && settings.width() < wide, "{settings:?}");
 }

@@ -1,4 +1,4 @@
-//! Where the cores draw the window, it looks as egui's own painter would draw it.
+//! If the CPU draws the window, the result matches egui's own painter.
 
 use super::harness::{Window, click, dataset, device, train};
 use crate::common::adapter::turn;
@@ -16,13 +16,13 @@ use std::time::Instant;
 use vbgs_studio::app::state::Subject;
 use vbgs_studio::app::{Painting, Studio};
 
-/// What egui handed over, before the window's painter took it.
+/// Records egui's shapes and textures before the window's painter replaces them.
 #[derive(Clone, Default)]
 struct Witness(Arc<Mutex<Handed>>);
 
 #[derive(Default)]
 struct Handed {
-    /// Drawn over all else by someone who draws by himself.
+    /// Foreign paint callback that is drawn over everything else.
     foreign: Option<ClippedShape>,
     shapes: Vec<ClippedShape>,
     textures: TexturesDelta,
@@ -41,7 +41,7 @@ impl Plugin for Witness {
     }
 }
 
-/// A window, and egui's own painter beside it.
+/// A window and a separate egui painter for comparison.
 struct Pair {
     window: Window,
     witness: Witness,
@@ -57,23 +57,26 @@ impl Pair {
             .with_max_steps(8)
             .wgpu_setup(device()?)
             .build_eframe(move |cc| {
-                // Before the window's own, which leaves nothing to see.
+                // Added before the window's painter, which replaces all shapes.
                 cc.egui_ctx.add_plugin(first);
                 Studio::new(cc, subject, Painting::Auto, Instant::now()).unwrap()
             });
         Some(Self { window, witness, egui: WgpuTestRenderer::from_setup(device()?) })
     }
 
-    /// Whether egui is left nothing but to call the window's painter.
+    /// True if egui's only remaining shape is the callback of the window's painter.
     fn is_taken_over(&self) -> bool {
         let shapes = &self.window.output().shapes;
         matches!(&shapes[..], [shape] if matches!(shape.shape, Shape::Callback(_)))
     }
 
-    /// Compares the window as it is after the last pass, which its painter draws.
+    /// Compares the last pass, which the window's painter must have drawn.
     #[track_caller]
     fn assert_alike(&mut self, what: &str) {
-        assert!(self.is_taken_over(), "{what}: egui draws the window by itself");
+        assert!(
+            self.is_taken_over(),
+            "{what}: egui drew the window instead of the window's painter"
+        );
         self.compare(what);
     }
 
@@ -85,7 +88,7 @@ impl Pair {
         let area = Rect::from_min_size(Pos2::ZERO, Vec2::splat(10_000.0));
         let background = Shape::rect_filled(area, 0.0, context.global_style().visuals.panel_fill);
         let background = ClippedShape::new(area, background);
-        // Not by the harness, which draws a pointer of its own over it.
+        // Not rendered by the harness, which would draw its pointer over the picture.
         let [found, expected] = [&self.window.output().shapes, &handed.shapes].map(|shapes| {
             let shapes = [std::slice::from_ref(&background), shapes].concat();
             let output = FullOutput { shapes, ..Default::default() };
@@ -106,9 +109,9 @@ impl Pair {
     }
 }
 
-/// Largest difference of a channel: weights of the sampler and of blending have eight bits each.
+/// Largest difference of a channel: sampler and blending weights have eight bits each.
 const MAX_DIFFERENCE: u8 = 3;
-/// Its mean.
+/// Largest mean difference of the channels.
 const MEAN_DIFFERENCE: f64 = 0.05;
 
 #[test]
@@ -123,7 +126,7 @@ fn the_window_looks_as_egui_would_draw_it() {
     train(&mut pair.window);
     super::harness::wait_for_picture(&mut pair.window);
     pair.assert_alike("a trained scene");
-    // Every step changes some of the window and leaves the rest as it was drawn before.
+    // Every step changes part of the window and reuses the rest.
     for tab in ["Quality", "Scene", "Inspector", "Edit", "Path", "Settings"] {
         click(&mut pair.window, tab);
         pair.assert_alike(tab);
@@ -164,7 +167,7 @@ fn a_window_of_another_size_or_scale_is_drawn_anew() {
     }
 }
 
-/// Draws nothing, and counts how often it is asked to.
+/// Draws nothing and counts its paint calls.
 struct Foreign(Arc<AtomicUsize>);
 
 impl CallbackTrait for Foreign {
@@ -178,7 +181,8 @@ impl CallbackTrait for Foreign {
     }
 }
 
-/// Whoever draws by himself finds egui's own painter at work, and after him the window is whole.
+/// A foreign paint callback switches the window to egui's painter; without it the window's painter resumes
+/// and redraws everything.
 #[test]
 fn a_window_with_a_callback_of_others_is_left_to_egui() {
     let _turn = turn();
@@ -195,7 +199,7 @@ fn a_window_with_a_callback_of_others_is_left_to_egui() {
         assert!(!pair.is_taken_over(), "{tab}: the callback would not be called");
         let before = asked.load(Ordering::Relaxed);
         pair.compare(tab);
-        // By the window and by what it is compared with.
+        // One call by the window and one by the comparison.
         assert_eq!(asked.load(Ordering::Relaxed) - before, 2, "{tab}");
     }
     pair.witness.0.lock().unwrap().foreign = None;

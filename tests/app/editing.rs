@@ -1,4 +1,4 @@
-//! Selecting, hiding, deleting and cropping splats, and the walk back to earlier frames.
+//! Selecting, hiding, deleting and cropping splats, and showing the scene of earlier frames.
 
 use super::harness::{
     Window, click, dataset, drag_between, is, settled, train, wait, wait_for_label,
@@ -17,7 +17,7 @@ use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::export;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
-/// Corners of a box that holds some of the scene and not all of it.
+/// Corners of a selection box that covers only part of the scene.
 const BOX: [Pos2; 2] = [pos2(220.0, 250.0), pos2(420.0, 450.0)];
 
 fn trained(room: &Path, painting: Painting) -> Option<Window> {
@@ -32,7 +32,7 @@ fn edits(window: &Window) -> Edits {
     window.state().view().editor().edits().clone()
 }
 
-/// Selects what the box frames; orbiting is what drags do again afterwards.
+/// Selects the splats in [`BOX`], then returns to orbiting by drags.
 fn select_box(window: &mut Window) {
     press(window, Key::B);
     drag_between(window, PointerButton::Primary, BOX[0], BOX[1]);
@@ -40,7 +40,7 @@ fn select_box(window: &mut Window) {
     assert!(!edits(window).selected.is_empty(), "the box holds no splat");
 }
 
-/// Pixels in the colour of the selection.
+/// Number of pixels in the selection colour.
 fn n_marked(window: &mut Window) -> usize {
     let image = window.render().unwrap();
     let pixels = (150..500).flat_map(|y| (50..550).map(move |x| (x, y)));
@@ -91,7 +91,7 @@ fn what_a_box_selects_is_seen_in_every_colour_and_is_hidden_and_comes_back() {
     }
 }
 
-/// Splats of a new file after an export, and the words about it.
+/// Exports to a file; returns its number of splats and the text of the notice.
 fn exported(window: &mut Window, file: &Path) -> (usize, String) {
     let before = window.state().snapshot().latest_write;
     write_to(window, Key::E, "Export", file);
@@ -118,10 +118,10 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     let (without, words) = exported(&mut window, &file("without"));
     assert!(without < all, "{without} of {all}");
     assert!(words.contains(&format!("{n} splats were left out")), "{words}");
-    assert!(window.state().snapshot().used >= all, "the model has them all");
+    assert!(window.state().snapshot().used >= all, "the model must still contain all splats");
     click(&mut window, "Edit");
     window.get_by_label_contains("An export writes");
-    // Selected again, and so what the box is around.
+    // Undo restores the selection, which defines the crop box.
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     window.get_by_role_and_label(Role::Button, "Crop box").click_accesskit();
@@ -135,14 +135,14 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
         window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
         window.run_steps(2);
     }
-    assert_eq!(exported(&mut window, &file("again")).0, all, "everything is taken back");
+    assert_eq!(exported(&mut window, &file("again")).0, all, "undo restores every splat");
 }
 
-/// A slider of the open panel.
+/// Returns the `n`-th slider of the open panel.
 fn slider(window: &mut Window, n: usize) -> Rect {
     window.run_steps(2);
     let sliders = window.query_all_by_role(Role::Slider).map(|slider| slider.rect());
-    // Not the one of the detail, which is in the bar above.
+    // Excludes the detail slider in the toolbar above.
     sliders.filter(|rect| rect.top() > 100.0).nth(n).unwrap()
 }
 
@@ -209,8 +209,8 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
         window.key_press_modifiers(Modifiers::COMMAND, key);
         wait(&mut window, "the deleted, back and away", move |s| s.n_drawn() == n);
     }
-    // Walking back, the first frame's alone are left; files are as they were. Without the strip the panel has
-    // room for the slider.
+    // Moving the slider back leaves only splats born in the first frame. Hiding the frame strip makes room
+    // for the slider in the panel.
     press(&mut window, Key::T);
     click(&mut window, "Edit");
     wait(&mut window, "births", |s| s.view().attributes().iter().any(|k| k.birth.is_some()));
@@ -218,7 +218,7 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
     drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
     window.get_by_label("By birth, as it is now").click_accesskit();
     let first = wait_until_fewer(&mut window, left);
-    assert!(first > 0, "the first frame bore some");
+    assert!(first > 0, "no splat was born in the first frame");
     wait_for_label(&mut window, "Splats born up to frame 1 of 4, in their current state (Edit)");
 }
 
@@ -227,7 +227,7 @@ fn wait_until_fewer(window: &mut Window, than: usize) -> usize {
     window.state().n_drawn()
 }
 
-/// What is shown of the past is what was shown then, however the scene goes on.
+/// The view of an earlier frame equals the picture shown then, even while training continues.
 #[test]
 fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
     let _turn = turn();
@@ -238,7 +238,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         wait(&mut window, "ready", is(RunState::Ready));
         press(&mut window, Key::T);
         step_to(&mut window, 1);
-        // A hand on the camera: it no longer follows training.
+        // Moves the camera, which then no longer follows training.
         drag_between(&mut window, PointerButton::Primary, BOX[0], BOX[1]);
         assert!(!window.state().view().is_guided());
         click(&mut window, "Edit");
@@ -256,7 +256,10 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         window.get_by_label("Scene after frame 1 of 6 (Edit)");
         let past = window.state().view().editor().displayed_past().unwrap().clone();
         assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
-        assert!(settled(&mut window) == first, "the picture of then");
+        assert!(
+            settled(&mut window) == first,
+            "the picture differs from the one shown after frame 1"
+        );
         step_to(&mut window, 4);
         assert!(settled(&mut window) == first, "what is trained is not shown");
         window.get_by_label("Back to now").click_accesskit();
@@ -268,7 +271,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         let editor = window.state().view().editor();
         assert!(
             editor.is_box_selecting && editor.displayed_past().is_none(),
-            "edits are of the scene of now"
+            "selecting must return to the current scene"
         );
         assert_eq!(window.state().view().editor().stored_scenes.moments().len(), 4);
     }

@@ -1,4 +1,4 @@
-//! What a file will look like and what it loses, shown before it is written.
+//! The export preview: appearance and losses of a file before it is written.
 
 use super::harness::{
     PATIENCE, Window, clear_view, click, dataset, enter_path, train, wait, window,
@@ -15,7 +15,7 @@ use vbgs_studio::app::viewer::export_preview::PreviewReport;
 use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::export;
 
-/// Waits for the figure of the view; what is told of the file then.
+/// Waits for the PSNR of the view; returns the file's size in bytes, the PSNR and the losses.
 fn measured(window: &mut Window) -> (u64, f64, Vec<String>) {
     let started = Instant::now();
     loop {
@@ -49,13 +49,13 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     assert_eq!(view.mode(), ViewMode::ModelWipe);
     let shown = view.compared().unwrap().clone();
     assert_eq!(shown.name, "As .ply file");
-    // It is no second model that could be removed.
+    // The preview is not a second model and cannot be removed as one.
     assert!(view.remove_unavailable_reason().is_some_and(|why| why.contains("preview")));
-    assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB of a scene that is no plain one");
+    assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB for a scene with colour gradients");
     assert!(losses.iter().any(|loss| loss.contains("Colour gradients")), "{losses:?}");
     window.get_by_label_contains("PSNR against the scene");
 
-    // Another format is converted anew.
+    // Another format triggers a new conversion.
     enter_path(&mut window, &folder.path().join("scene.spz"));
     wait(&mut window, "the other file", |s| {
         s.view().compared().is_some_and(|model| model.name == "As .spz file")
@@ -64,7 +64,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     assert!(spz_bytes < ply_bytes, "{spz_bytes} after {ply_bytes}");
     assert!(losses.iter().any(|loss| loss.starts_with("SPZ quantises")), "{losses:?}");
 
-    // Switched off, what was compared before is compared again.
+    // Switching the preview off restores the previous view mode.
     click(&mut window, "Preview the file");
     wait(&mut window, "no preview", |s| s.view().export_preview_report().is_none());
     let view = window.state().view();
@@ -77,12 +77,12 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     };
     wait(&mut window, "the preview again", again);
 
-    // What was shown is what the file holds.
+    // The file holds the previewed splats.
     window.get_by_role_and_label(Role::Button, "Export").click();
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
     let file = export::read(&ply).unwrap();
-    assert!(file.splats == shown.splats, "the file holds what was shown");
+    assert!(file.splats == shown.splats, "the file differs from the preview");
     wait(&mut window, "no preview", |s| s.view().export_preview_report().is_none());
     assert_eq!(window.state().view().mode(), ViewMode::Single);
-    assert_eq!(Arc::strong_count(&shown), 1, "nothing keeps it");
+    assert_eq!(Arc::strong_count(&shown), 1, "the preview's splats are still referenced");
 }

@@ -1,4 +1,4 @@
-//! Scenes and runs that are written and opened again.
+//! Writing scenes and runs, and opening them again.
 
 use super::harness::{PATIENCE, click, dataset, is, train, wait, window, write_to};
 use crate::common::adapter::turn;
@@ -72,18 +72,18 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     assert_eq!(viewer.state().snapshot().source, Source::Model);
     let told =
         viewer.state().snapshot().notices.iter().any(|n| n.text.contains("cannot be resumed"));
-    assert!(told, "why it cannot be trained");
+    assert!(told, "no notice explains why the run cannot be resumed");
     wait(&mut viewer, "splats", |s| s.n_drawn() == drawn);
 }
 
-/// The user's wish reaches the writer between two blocks of rows, and an older file stays.
+/// Cancelling takes effect between two blocks of rows and leaves an existing file unchanged.
 #[test]
 fn an_export_is_given_up_when_the_user_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let worker: Arc<Mutex<Weak<Worker>>> = Arc::default();
     let (seen, patient) = (Arc::new(AtomicBool::new(false)), worker.clone());
     let shown = seen.clone();
-    // Called by the thread that writes, whenever there is more to draw.
+    // The writing thread calls the waker whenever its progress changes.
     let waker: Waker = Arc::new(move || {
         let worker = patient.lock().unwrap().upgrade();
         if let Some(worker) = worker.filter(|worker| worker.file_progress().is_some()) {

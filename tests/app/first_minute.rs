@@ -1,4 +1,4 @@
-//! What a stranger meets: the start page, an opened dataset, training that is ridden along with.
+//! First use: the start page, an opened dataset, and a camera that follows training.
 
 use super::harness::{
     PATIENCE, Window, click, dataset, drag, drop_on, is, wait, wait_for_picture, window,
@@ -31,14 +31,14 @@ fn an_opened_dataset_is_never_blank_and_one_button_trains_it() {
     window.run_steps(2);
     window.get_by_label_contains("Recognised as");
     window.get_by_label("train: 3 frames of 64×48, all for training");
-    // Nothing is trained: what is seen are the cameras and their photographs.
+    // Before training the viewport shows the cameras and their photographs.
     wait_for_picture(&mut window);
     click(&mut window, "Train 3 frames");
     wait(&mut window, "the end", is(RunState::Finished));
     assert!(window.query_by_label_contains("Recognised as").is_none(), "the card is gone");
 }
 
-/// Steps until the camera rides along no more, or does again.
+/// Steps until the camera follows training, or no longer does.
 fn wait_for_guide(window: &mut Window, is_guided: bool) {
     let started = Instant::now();
     while window.state().view().is_guided() != is_guided {
@@ -58,7 +58,7 @@ fn the_camera_rides_along_until_it_is_moved() {
     click(&mut window, "Step");
     wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
     window.run_steps(2);
-    // Where the first frame was taken.
+    // The camera is at the pose of the first frame.
     let opened = window.state().snapshot().opened.clone().unwrap();
     let split = opened.plan.as_ref().unwrap().split;
     let taken = opened.dataset.as_ref().unwrap().splits[split].frames[0].camera.pose;
@@ -70,14 +70,14 @@ fn the_camera_rides_along_until_it_is_moved() {
     window.key_press(Key::Space);
     wait(&mut window, "the end", is(RunState::Finished));
     window.run_steps(3);
-    assert_eq!(window.state().view().eye(), left, "the hand's view stays");
+    assert_eq!(window.state().view().eye(), left, "training moves the user's view");
     window.key_press(Key::V);
     wait_for_guide(&mut window, true);
     window.run_steps(2);
     assert_ne!(window.state().view().eye(), left);
 }
 
-/// The card lies below all notices, and its button on it.
+/// Asserts that the card lies below all notices and contains its button.
 fn assert_card_below_notices(window: &mut Window, card: &'static str, button: &str) {
     for size in [Vec2::new(800.0, 600.0), Vec2::new(1600.0, 1000.0)] {
         window.set_size(size);

@@ -1,4 +1,4 @@
-//! The window follows a recording while it is written.
+//! Following a recording while it is written.
 
 use super::harness::{Window, click, drop_on, is, train, wait, wait_for_label, window};
 use crate::common::adapter::turn;
@@ -46,14 +46,14 @@ fn a_recording_is_trained_from_before_its_first_frame_to_its_end() {
     wait(&mut window, "the end", is(RunState::Finished));
     recorder.join().unwrap();
     let snapshot = window.state().snapshot();
-    // Of ten frames the first and the ninth are held out.
+    // The first and the ninth of the ten frames are held out.
     assert_eq!((snapshot.frames_done, snapshot.n_frames), (8, 8));
     assert!(snapshot.skipped.is_empty(), "{:?}", snapshot.skipped);
     assert!(!snapshot.follows && snapshot.followed.is_none(), "the switch is off again");
     assert!(snapshot.notices.iter().any(|n| n.text.contains("The recording has ended")));
     let opened = snapshot.opened.as_ref().unwrap();
     let cameras = opened.dataset.as_ref().unwrap().splits[0].frames.len();
-    assert_eq!(cameras, 10, "the last photograph can be looked at");
+    assert_eq!(cameras, 10, "the camera of the last photograph is available");
     wait(&mut window, "splats", |studio| studio.n_drawn() > 100);
 }
 
@@ -83,7 +83,7 @@ fn the_switch_follows_what_is_open_and_ends_it() {
     assert!(window.query_by_label("following, 8 frames, waiting").is_none());
     assert_eq!(window.state().snapshot().frames_done, 8);
 
-    // From the beginning, since nothing is trained of what is opened next.
+    // Follow the finished run again: the recorder's end marker ends it this time.
     click(&mut window, "Follow");
     wait_for_label(&mut window, "following, 8 frames, waiting");
     click(&mut window, "Pause");
@@ -109,15 +109,15 @@ fn waiting_costs_nothing() {
         })
     };
     wait(&mut window, "the reason", told);
-    // What is published wakes the window, which would draw itself for ever.
+    // Publishing a snapshot wakes the window, so an idle worker must not publish.
     let before = window.state().snapshot();
     std::thread::sleep(Duration::from_millis(500));
-    assert!(Arc::ptr_eq(&before, &window.state().snapshot()), "nothing new is told");
+    assert!(Arc::ptr_eq(&before, &window.state().snapshot()), "waiting publishes snapshots");
     click(&mut window, "Follow");
     wait(&mut window, "nothing", is(RunState::Empty));
 }
 
-/// Those from the sixth on.
+/// Moves the frames from number 6 on.
 fn move_last_frames(from: &Path, to: &Path) {
     for entry in std::fs::read_dir(from).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();

@@ -1,4 +1,4 @@
-//! The strip of frames below the picture.
+//! The frame strip below the viewport.
 
 use super::harness::{PATIENCE, Window, dataset, is, train, wait, wait_for_label, window};
 use super::viewer::{position, press};
@@ -27,11 +27,11 @@ fn point_at(window: &mut Window, at: Pos2, pressed: Option<bool>) {
     }
 }
 
-/// Waits for a text that holds another one, such as of a tooltip.
+/// Waits for a text that contains `part`, such as a tooltip.
 fn wait_for_text(window: &mut Window, part: &str) {
     let started = Instant::now();
     while window.query_all_by_label_contains(part).next().is_none() {
-        assert!(started.elapsed() < PATIENCE, "nothing says `{part}`");
+        assert!(started.elapsed() < PATIENCE, "`{part}` is never shown");
         window.step();
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
@@ -47,11 +47,11 @@ fn a_click_shows_the_camera_and_a_drag_previews_others() {
     wait_for_label(&mut window, "In the dataset's order, every frame");
     window.run_steps(2);
     assert_eq!(position(&window), None);
-    // The first frame is the held-out view, a split of its own.
+    // Frame 1 is the held-out view, which is a split of its own.
     let started = Instant::now();
     while position(&window).is_none() {
         assert!(started.elapsed() < PATIENCE, "a click shows no camera");
-        // What was found of the dataset meanwhile may have moved the strip between press and release.
+        // Results of loading may have moved the strip between press and release, so retry.
         let at = middle(&window, "Frame 3");
         point_at(&mut window, at, Some(true));
         point_at(&mut window, at, Some(false));
@@ -72,7 +72,7 @@ fn a_click_shows_the_camera_and_a_drag_previews_others() {
     }
     point_at(&mut window, to, Some(false));
     window.run_steps(2);
-    assert_eq!(position(&window), Some((1, 1)), "where one stood before");
+    assert_eq!(position(&window), Some((1, 1)), "the camera returns after the drag");
 
     press(&mut window, Key::T);
     assert!(window.query_by_label("Frame 1").is_none());
@@ -98,7 +98,7 @@ fn skipped_frames_tell_their_reason_and_trained_ones_how_well() {
     let at = middle(&window, "Frame 5");
     point_at(&mut window, at, None);
     wait_for_text(&mut window, "Trained, number 4 of the run");
-    // The first is the held-out view, which the Quality tab measures.
+    // Frame 1 is the held-out view, which the Quality tab measures.
     wait(&mut window, "quality", |studio| studio.quality().result().is_some());
     let psnr = window.state().quality().views()[0].psnr;
     let at = middle(&window, "Frame 1");
@@ -115,7 +115,7 @@ fn depth_of(path: &Path, index: usize) -> std::path::PathBuf {
     dataset.splits[split].frames[index].depth_path().unwrap().to_owned()
 }
 
-/// Only what is on screen is laid out and decoded.
+/// Only visible frames are laid out and decoded.
 #[test]
 fn ten_thousand_frames_cost_what_is_on_screen() {
     let _turn = turn();

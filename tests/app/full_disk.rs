@@ -1,5 +1,4 @@
-//! Disks that are full when something is written, by the system's own: whatever goes to `/dev/full` finds no
-//! room.
+//! Writing to a full disk, simulated with `/dev/full`, where every write fails for lack of space.
 #![cfg(target_os = "linux")]
 
 use super::harness::{Window, click, dataset, train, wait, wait_for_label, window, write_to};
@@ -11,7 +10,7 @@ use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::export;
 
-/// A file of this name on a full disk.
+/// Creates a file of this name whose writes fail as on a full disk.
 fn on_a_full_disk(folder: &Path, name: &str) -> PathBuf {
     let file = folder.join(name);
     std::os::unix::fs::symlink("/dev/full", &file).unwrap();
@@ -26,7 +25,7 @@ fn refusals(studio: &Studio, file: &Path) -> usize {
     errors.filter(|notice| is_meant(&notice.text)).count()
 }
 
-/// Writes over what stands there.
+/// Writes over an existing file.
 fn write_over(window: &mut Window, key: Key, button: &str, file: &Path) {
     write_to(window, key, button, file);
     wait_for_label(window, "Replace the existing file?");
@@ -63,7 +62,7 @@ fn what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 2);
-    // Where the file is proposed.
+    // At the path that the dialog proposes.
     let file = on_a_full_disk(folder.path(), "room.vbgs");
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);

@@ -1,4 +1,4 @@
-//! The real window without a display, and what tests do with it.
+//! The application window without a display, and helpers that drive it.
 
 use crate::common::adapter::vulkan;
 use eframe::egui::accesskit::Role;
@@ -20,11 +20,11 @@ use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 
 pub type Window = Harness<'static, Studio>;
 
-/// Longest any condition may take on a loaded machine.
+/// Longest wait for any condition, generous for a loaded machine.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The device of all windows but those that lose theirs, made by the first that has its turn;
-/// `None` where there is no Vulkan and need not be.
+/// Returns the device shared by all windows, except those whose device a test destroys; the first call
+/// creates it. `None` without a Vulkan adapter outside strict mode.
 pub fn device() -> Option<WgpuSetup> {
     static DEVICE: OnceLock<WgpuSetupExisting> = OnceLock::new();
     if DEVICE.get().is_none() {
@@ -37,7 +37,7 @@ pub fn device() -> Option<WgpuSetup> {
     DEVICE.get().cloned().map(WgpuSetup::Existing)
 }
 
-/// The window; `None` where there is no Vulkan and need not be.
+/// Opens the window; `None` without a Vulkan adapter outside strict mode.
 pub fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
     let harness = Harness::builder()
         .with_size(Vec2::new(1000.0, 640.0))
@@ -47,7 +47,6 @@ pub fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
     Some(harness)
 }
 
-/// A file dropped on the window.
 #[derive(Debug)]
 struct Dropped(PathBuf);
 
@@ -65,7 +64,7 @@ pub fn drop_on(window: &mut Window, path: &Path) {
     drop_all_on(window, &[path]);
 }
 
-/// Drops several things at once.
+/// Drops several files or folders at once.
 pub fn drop_all_on(window: &mut Window, paths: &[&Path]) {
     for path in paths {
         window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_path_buf())));
@@ -73,7 +72,7 @@ pub fn drop_all_on(window: &mut Window, paths: &[&Path]) {
     window.step();
 }
 
-/// The window on something to be trained by the paper's preset.
+/// Opens the window with the paper preset and loads a dataset.
 pub fn paper_window(path: &Path, painting: Painting) -> Option<Window> {
     let mut window = window(None, painting)?;
     click(&mut window, "Settings");
@@ -106,36 +105,36 @@ pub fn is(state: RunState) -> impl Fn(&Studio) -> bool {
     move |studio| studio.snapshot().state == state
 }
 
-/// Trains what is open to the end.
+/// Trains the open dataset to the end.
 pub fn train(window: &mut Window) {
     wait(window, "ready", is(RunState::Ready));
     window.key_press(Key::Space);
     wait(window, "the end", is(RunState::Finished));
 }
 
-/// Leaves the room of the window to the picture: closes the card after the end and folds the strip away.
+/// Enlarges the viewport: closes the card shown after training and collapses the frame strip.
 pub fn clear_view(window: &mut Window) {
     click(window, "×");
     window.key_press(Key::T);
     window.run_steps(3);
 }
 
-/// Presses what is labelled so. What the worker published since the last frame is laid out first:
-/// otherwise the press lands where the button was.
+/// Clicks the widget with this label. Two passes lay out the worker's latest snapshot first; otherwise the
+/// click would land where the button was before.
 pub fn click(window: &mut Window, label: &str) {
     window.run_steps(2);
     window.get_by_label(label).click();
     window.run_steps(2);
 }
 
-/// Closes the notice that comes first: the newest.
+/// Closes the first notice, which is the newest.
 pub fn close_notice(window: &mut Window) {
     window.run_steps(2);
     window.query_all_by_label("×").next().unwrap().click();
     window.run_steps(2);
 }
 
-/// Asks for a file by a dialog that a shortcut opens.
+/// Writes a file through the dialog that a shortcut opens.
 pub fn write_to(window: &mut Window, key: Key, button: &str, file: &Path) {
     window.key_press_modifiers(Modifiers::COMMAND, key);
     window.run_steps(2);
@@ -152,7 +151,7 @@ pub fn enter_path(window: &mut Window, path: &Path) {
     window.run_steps(2);
 }
 
-/// A dataset small enough to train in a moment.
+/// Writes a small synthetic dataset that trains quickly.
 pub fn dataset(folder: &Path, n_train: usize) -> PathBuf {
     let path = folder.join("room");
     let params = SyntheticParams {
@@ -168,7 +167,7 @@ pub fn dataset(folder: &Path, n_train: usize) -> PathBuf {
     path
 }
 
-/// Waits until a text is somewhere in the window.
+/// Waits until the window shows a text.
 pub fn wait_for_label(window: &mut Window, text: &str) {
     let started = Instant::now();
     while window.query_all_by_label(text).next().is_none() {
@@ -178,7 +177,7 @@ pub fn wait_for_label(window: &mut Window, text: &str) {
     }
 }
 
-/// Whether the middle of the picture shows more than the background.
+/// True if the middle of the viewport shows more than the background.
 fn picture_has_content(window: &mut Window) -> bool {
     let image = window.render().unwrap();
     let (w, h) = (image.width(), image.height());
@@ -188,11 +187,12 @@ fn picture_has_content(window: &mut Window) -> bool {
             colors.insert(image.get_pixel(x, y).0);
         }
     }
-    // Few frames make few colours of birth; nothing but the background makes one or two.
+    // Few frames give few birth colours; the background alone gives one or two.
     colors.len() > 8
 }
 
-/// Picture or order of the splats come from another thread a moment after the splats themselves.
+/// Waits until the scene is drawn. Another thread delivers the picture or the sort order shortly after the
+/// splats.
 pub fn wait_for_picture(window: &mut Window) {
     let started = Instant::now();
     while !picture_has_content(window) {
@@ -228,7 +228,7 @@ pub fn drag_between(window: &mut Window, button: PointerButton, start: Pos2, end
     window.step();
 }
 
-/// Turns the wheel over a place, by so many points upwards.
+/// Turns the mouse wheel at a position, by `points` upwards.
 pub fn turn_wheel(window: &mut Window, at: Pos2, points: f32) {
     window.event(Event::PointerMoved(at));
     window.step();
@@ -239,14 +239,14 @@ pub fn turn_wheel(window: &mut Window, at: Pos2, points: f32) {
         source: MouseWheelSource::Wheel,
         modifiers: Modifiers::NONE,
     });
-    // egui spreads it over some passes.
+    // egui smooths scrolling over several passes.
     window.run_steps(30);
-    // The harness draws the pointer into its pictures.
+    // Moved off the viewport, since the harness draws the pointer into its pictures.
     window.event(Event::PointerMoved(Pos2::new(5.0, 635.0)));
     window.step();
 }
 
-/// The picture of the scene once it no longer changes.
+/// Returns the pixels of the viewport's middle once they no longer change.
 pub fn settled(window: &mut Window) -> Vec<u8> {
     let started = Instant::now();
     let mut last = Vec::new();
@@ -268,7 +268,7 @@ pub fn settled(window: &mut Window) -> Vec<u8> {
     }
 }
 
-/// What the window copies when the button is pressed.
+/// Presses a button and returns the text it copies.
 pub fn copied(window: &mut Window, label: &str) -> String {
     window.run_steps(2);
     window.get_by_label(label).click_accesskit();

@@ -1,4 +1,4 @@
-//! Picking, the Inspector, what colours a scene, adapters, and a window that loses its device.
+//! Picking, the Inspector, colour modes, adapters, and a lost device.
 
 use super::harness::{PATIENCE, Window, clear_view, dataset, train, wait, window};
 use crate::common::adapter::{turn, vulkan};
@@ -19,7 +19,8 @@ use vbgs_studio::model::splat::splats::Splat;
 /// Middle of the viewport.
 pub const MIDDLE: Pos2 = Pos2::new(325.0, 340.0);
 
-/// The window on a device of its own, to be lost; `None` where there is no Vulkan and need not be.
+/// Opens the window on a device of its own, for tests that destroy it; `None` without a Vulkan adapter
+/// outside strict mode.
 fn window_and_device(subject: Subject, painting: Painting) -> Option<(Window, wgpu::Device)> {
     vulkan()?;
     let device = Arc::new(Mutex::new(None));
@@ -51,7 +52,7 @@ pub fn click_at(window: &mut Window, pos: Pos2) {
     window.step();
 }
 
-/// Colours in the middle of the picture, with how often each is there.
+/// Histogram of the colours in the middle of the picture.
 fn colors(window: &mut Window) -> BTreeMap<[u8; 4], usize> {
     let image = window.render().unwrap();
     let mut colors = BTreeMap::new();
@@ -119,7 +120,7 @@ fn a_splat_of_a_file_is_picked_where_it_is_and_nothing_beside_it() {
     let is_rim = |[r, g, b, _]: [u8; 4]| r > 220 && g < 130 && b > 180;
     let image = window.render().unwrap();
     let rim = image.pixels().filter(|pixel| is_rim(pixel.0)).count();
-    assert!(rim > 50, "the selected splat has its rim drawn: {rim} pixels");
+    assert!(rim > 50, "the rim of the selected splat is missing: {rim} pixels");
     click_at(&mut window, MIDDLE + Vec2::new(0.0, 200.0));
     wait(&mut window, "no selection", |s| s.snapshot().inspected.is_none());
 }
@@ -160,7 +161,7 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
     }
 }
 
-/// Chooses from the menu of the strip above the viewport.
+/// Chooses from the colour menu above the viewport.
 fn choose_color(window: &mut Window, mode: ColorMode) {
     let menu = window.get_all_by_role(Role::ComboBox).nth(1).unwrap();
     menu.click();
@@ -169,7 +170,7 @@ fn choose_color(window: &mut Window, mode: ColorMode) {
     window.run_steps(3);
 }
 
-/// The middle of the picture once it no longer changes.
+/// Returns the colours in the middle of the picture once they no longer change.
 fn settled(window: &mut Window) -> BTreeMap<[u8; 4], usize> {
     let started = Instant::now();
     let mut last = Default::default();
@@ -194,7 +195,7 @@ fn a_lost_device_ends_the_window_and_not_the_training() {
         let Some((mut window, device)) = window_and_device(Subject::Demo, painting) else { return };
         wait(&mut window, "frames", |s| s.snapshot().frames_done >= 2);
         device.destroy();
-        wait(&mut window, "word of the loss", |s| s.exit().reason() == ExitReason::DeviceLost);
+        wait(&mut window, "a report of the loss", |s| s.exit().reason() == ExitReason::DeviceLost);
         let done = window.state().snapshot().frames_done;
         wait(&mut window, "more frames", |s| s.snapshot().frames_done > done);
         assert_eq!(window.state().snapshot().state, RunState::Training);
@@ -231,10 +232,10 @@ fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
     drop(device.create_buffer(&impossible));
     wait(&mut window, "the CPU", |s| s.view().drawn().drawer == ViewRenderer::Cpu);
     let told = |s: &Studio| s.snapshot().notices.iter().any(|n| n.text.contains("CPU renderer is"));
-    wait(&mut window, "word of it", told);
+    wait(&mut window, "a notice", told);
     window.get_by_label("Settings").click();
     window.run_steps(2);
-    // It may lie below the end of the panel.
+    // By accessibility action, since the button may lie below the visible part of the panel.
     window.get_by_label("Retry GPU").click_accesskit();
     wait(&mut window, "the GPU", |s| s.view().drawn().drawer != ViewRenderer::Cpu);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);

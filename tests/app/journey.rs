@@ -1,5 +1,5 @@
-//! One run of the program in a window on a display, by synthetic mouse and keys alone: open, train, orbit,
-//! compare, measure, export, quit. What came of it is read from its log, its title and its file.
+//! One run of the program in a window on a display, driven only by synthetic mouse and key input: open,
+//! train, orbit, compare, measure, export, quit. Results are read from log, title and exported file.
 
 use super::harness::{PATIENCE, dataset};
 use super::window::{Running, display, number_after, xdotool};
@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use vbgs_studio::export;
 
-/// The program and a hand on its mouse and keys.
+/// The running program, driven by synthetic mouse and key input.
 struct Hand {
     running: Running,
     window: String,
@@ -18,7 +18,7 @@ struct Hand {
 }
 
 impl Hand {
-    /// Opens the window on what lies at a path; `None` where windows or hands are missing and may be.
+    /// Starts the program on a path; `None` without a display or `xdotool` outside strict mode.
     fn on(path: &Path, home: &Path) -> Option<Self> {
         display()?;
         xdotool(&["version"])?;
@@ -43,7 +43,7 @@ impl Hand {
         let window = found.lines().last().expect("a window").to_owned();
         let hand = Self { running: Running(child), window, log };
         hand.wait_for("the first pass", |hand| hand.said("window after").is_some());
-        // Nobody manages windows here, who would give it the keyboard.
+        // Without a window manager the window does not get the keyboard focus by itself.
         xdotool(&["windowfocus", "--sync", &hand.window]);
         Some(hand)
     }
@@ -59,12 +59,12 @@ impl Hand {
         }
     }
 
-    /// The latest line of the log that holds these words.
+    /// Returns the latest log line that contains `words`.
     fn said(&self, words: &str) -> Option<String> {
         self.log.lock().unwrap().iter().rev().find(|line| line.contains(words)).cloned()
     }
 
-    /// How many lines of the log hold these words.
+    /// Number of log lines that contain `words`.
     fn times(&self, words: &str) -> usize {
         self.log.lock().unwrap().iter().filter(|line| line.contains(words)).count()
     }
@@ -73,7 +73,7 @@ impl Hand {
         xdotool(&["key", key]);
     }
 
-    /// Enters a path in the dialog that a key opens.
+    /// Enters a path in the dialog that a shortcut opens.
     fn enter(&self, key: &str, path: &Path) {
         self.key(key);
         std::thread::sleep(Duration::from_millis(300));
@@ -95,7 +95,7 @@ impl Hand {
     }
 }
 
-/// Turns the camera by a drag over the picture, after which there are further pictures.
+/// Turns the camera by a drag and waits for further pictures.
 fn orbit(hand: &Hand) {
     let before = hand.times("picture: ");
     xdotool(&["mousemove", "--window", &hand.window, "300", "350", "mousedown", "1"]);
@@ -144,7 +144,7 @@ fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
     hand.wait_for("the file", |hand| hand.said("Wrote ").is_some());
     assert!(export::read(&file).unwrap().splats.len() > 100);
 
-    // By its name in the list of actions: there is no manager of windows whose button could be pressed.
+    // Quits through the list of actions, since without a window manager there is no close button.
     hand.key("ctrl+p");
     std::thread::sleep(Duration::from_millis(300));
     xdotool(&["type", "--delay", "20", "quit"]);
@@ -155,15 +155,15 @@ fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
         if let Some(status) = hand.running.0.try_wait().unwrap() {
             break status;
         }
-        assert!(asked.elapsed() < PATIENCE, "it does not close");
+        assert!(asked.elapsed() < PATIENCE, "the program does not exit");
         std::thread::sleep(Duration::from_millis(10));
     };
     assert!(status.success(), "{status}");
 }
 
-/// Times from Space to the window's word that training is paused, milliseconds, and the trainer's median
-/// for a frame. Of one command: `xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release --test app --
-/// --ignored --nocapture figures_of_one_window`.
+/// Measures the milliseconds from Space to the shown pause, and the median training time of a frame:
+/// `xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release --test app -- --ignored --nocapture
+/// figures_of_one_window`.
 #[test]
 #[ignore = "trains large frames in a window for some ten seconds; figures are of a quiet machine"]
 fn figures_of_one_window() {
@@ -191,7 +191,7 @@ fn figures_of_one_window() {
     println!("window after {shown} ms (target 300)");
     println!("Space to Paused: {pauses:.0?} ms, a frame takes {frame:.0} ms (target: that + 50)");
     println!(
-        "the window's thread, ms of a core a pass while training: median {}, 99 % below {}, of which until all is laid out below {} (target 4)",
+        "window thread, CPU ms per pass while training: median {}, p99 {}, p99 of layout {} (target 4)",
         number_after(&passes, "median_ms ").unwrap(),
         number_after(&passes, " p99_ms ").unwrap(),
         number_after(&passes, "layout_p99_ms ").unwrap()

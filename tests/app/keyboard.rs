@@ -1,4 +1,4 @@
-//! Everything by the keyboard: actions found by their names, and controls reached one after another.
+//! Keyboard control: actions found by name, and controls reached by Tab.
 
 use super::harness::{Window, click, dataset, drop_on, is, train, wait, window};
 use crate::common::adapter::turn;
@@ -37,7 +37,7 @@ fn actions_are_found_by_letters_of_their_names_and_show_their_keys() {
     window.key_press(Key::Escape);
     window.run_steps(2);
     assert!(window.query_by_role(Role::TextInput).is_none(), "nothing is open to export");
-    // The second of those found, by the arrow keys.
+    // The arrow key selects the second match.
     find(&mut window, "tab:");
     window.key_press(Key::ArrowDown);
     window.run_steps(2);
@@ -68,9 +68,9 @@ fn tab_is_the_renderers_until_controls_have_the_keyboard() {
     press(&mut window, Key::Tab);
     let second = focused(&window).expect("the next one has it");
     assert_ne!(second, first);
-    assert_eq!(renderer(&window), Renderer::Exact, "Tab led on");
+    assert_eq!(renderer(&window), Renderer::Exact, "Tab moves only the focus");
     press(&mut window, Key::M);
-    assert!(window.state().view().is_measuring(), "letters still mean the view");
+    assert!(window.state().view().is_measuring(), "letter keys still act on the view");
 
     press(&mut window, Key::F6);
     assert_eq!(focused(&window), None);
@@ -121,7 +121,7 @@ fn a_text_field_keeps_the_keys() {
     assert!(!view.is_measuring() && !settings.shows_grid && !settings.shows_cameras);
     assert!(!settings.shows_points && view.is_guided());
     assert_eq!(view.eye(), eye, "nothing flew");
-    // Once it is left, they mean the view again.
+    // After the field loses the focus, keys act on the view again.
     window.key_press(Key::Enter);
     window.run_steps(2);
     window.key_press(Key::M);
@@ -129,7 +129,7 @@ fn a_text_field_keeps_the_keys() {
     assert!(window.state().view().is_measuring());
 }
 
-/// Controls that screen readers would announce without a name: their kind and place.
+/// Kind and place of controls that screen readers would announce without a name.
 fn nameless(window: &Window) -> Vec<String> {
     use Role::{Button, CheckBox, ComboBox, Link, Slider, SpinButton, TextInput};
     let sliders: Vec<f32> =
@@ -139,7 +139,7 @@ fn nameless(window: &Window) -> Vec<String> {
         .into_iter()
         .flat_map(|role| window.query_all_by_role(role).map(move |node| (role, node)));
     let nameless = controls.filter(|(role, node)| {
-        // The number beside a slider is the slider's.
+        // The number field of a slider is named by the slider.
         let y = node.rect().center().y;
         let is_of_slider = *role == SpinButton && sliders.iter().any(|at| (at - y).abs() < 6.0);
         let name = node.accesskit_node().label().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The real window, driven without a display: every state, every button, both painters.
+//! Tests of the application window without a display: every state, every button, CPU and GPU drawing.
 #![cfg(feature = "gui")]
 #![allow(clippy::unwrap_used)]
 

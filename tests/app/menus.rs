@@ -1,4 +1,4 @@
-//! The menus of the bar: every command by its name, with its keys, and why it is not possible.
+//! The menu bar: every command with its name, its keys, and the reason if it is disabled.
 
 use super::harness::{Window, click, dataset, is, train, wait, window};
 use crate::common::adapter::turn;
@@ -18,11 +18,11 @@ fn close(window: &mut Window) {
     window.run_steps(2);
 }
 
-/// How often a command is named in the window: on buttons, or in the menu that is open.
+/// Number of buttons and menu entries that name a command.
 fn n_named(window: &Window, command: UiCommand) -> usize {
     let keys = command.keys(&window.ctx);
     let names = [command.full_name(), command.label()];
-    // With its keys, as menus show them.
+    // Menus append the keys to the name.
     let is_named =
         |label: &str| names.iter().any(|name| label == *name || label == format!("{name} {keys}"));
     window.query_all_by(|node| node.label().is_some_and(|label| is_named(label.trim_end()))).count()
@@ -55,7 +55,7 @@ fn menus_do_what_they_say_and_tell_why_they_cannot() {
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     train(&mut window);
     open(&mut window, "Run");
-    // Below the button of the same name.
+    // The menu entry is below the toolbar button of the same name.
     let named = window.query_all_by_label_contains("Step");
     let step = named.max_by(|a, b| a.rect().top().total_cmp(&b.rect().top())).unwrap();
     assert!(step.accesskit_node().is_disabled());
@@ -82,7 +82,7 @@ fn menus_do_what_they_say_and_tell_why_they_cannot() {
 fn wait_for_reason(window: &mut Window, text: &str) {
     let started = std::time::Instant::now();
     while window.query_all_by_label(text).next().is_none() {
-        assert!(started.elapsed() < super::harness::PATIENCE, "`{text}` is never said");
+        assert!(started.elapsed() < super::harness::PATIENCE, "`{text}` is never shown");
         window.step();
         std::thread::sleep(std::time::Duration::from_millis(10));
     }

@@ -1,4 +1,4 @@
-//! What is dropped on the window, and what of it cannot be used.
+//! Files and folders dropped on the window, usable and unusable.
 
 use super::harness::{
     Window, click, close_notice, dataset, drop_all_on, drop_on, is, train, wait, window, write_to,
@@ -100,7 +100,7 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
     window.get_by_label("1 frames skipped");
 }
 
-/// A stick that is pulled, a folder that is moved away.
+/// Simulates an unplugged drive or a moved folder.
 #[test]
 fn a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt() {
     let _turn = turn();
@@ -126,7 +126,7 @@ fn a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt() {
     assert!(export::read(&file).unwrap().splats.len() > 100);
 }
 
-/// First file below a folder whose path fits.
+/// Returns the first file below a folder whose path matches.
 fn find(folder: &Path, fits: impl Fn(&str) -> bool + Copy) -> PathBuf {
     let mut folders = vec![folder.join("train"), folder.to_owned()];
     while let Some(next) = folders.pop() {

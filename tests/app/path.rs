@@ -1,4 +1,4 @@
-//! The Path tab: keyframes from the view, a preview that moves the camera, and a file for `render --path`.
+//! The Path tab: keyframes from the view, playback, and a file for `render --path`.
 
 use super::harness::{click, dataset, drag, is, train, wait, wait_for_label, window, write_to};
 use crate::common::adapter::turn;
@@ -53,7 +53,7 @@ fn a_path_is_made_played_saved_and_opened_again() {
     wait_for_label(&mut window, "Play");
     drag(&mut window, PointerButton::Primary);
     window.run_steps(2);
-    assert!(eye(&window).distance(second) > 0.01, "a hand takes over where it stood");
+    assert!(eye(&window).distance(second) > 0.01, "a drag does not move the camera");
     click(&mut window, "Turntable");
     wait_for_label(&mut window, "360 pictures");
 }
@@ -78,7 +78,7 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
     let film = folder.path().join("film");
     let draw = |window: &mut super::harness::Window| {
         click(window, "Draw film…");
-        // The tab has a field of its own; the dialog's has the focus.
+        // The Path tab has a text field too, but the dialog's field has the focus.
         window.run_steps(2);
         window.key_press_modifiers(Modifiers::COMMAND, Key::A);
         window.event(Event::Text(film.display().to_string()));
@@ -94,16 +94,16 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
         s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text.contains(word))
     };
     wait(&mut window, "the end", |s| is_told(s, "cancelled after"));
-    assert!(!has(60), "the last picture was not drawn any more");
+    assert!(!has(60), "the film was rendered to the end despite cancelling");
 
-    // Into the same folder again, about which the user is asked.
+    // Rendering into the same folder again needs confirmation.
     draw(&mut window);
     wait_for_label(&mut window, "Replace the pictures in this folder?");
     click(&mut window, "Replace");
     wait(&mut window, "all pictures", |s| is_told(s, "Wrote 61 pictures"));
     assert!(has(60));
 
-    // The same picture as the command line's of the saved path.
+    // The command line renders the same picture from the saved path.
     click(&mut window, "Scene");
     let model = folder.path().join("scene.vbgs");
     write_to(&mut window, Key::S, "Save", &model);

@@ -1,4 +1,4 @@
-//! Poses that mean something else than their layout says are told in the window too.
+//! The window warns if poses do not follow the layout's convention.
 
 use super::harness::{click, dataset, is, wait, window};
 use crate::common::adapter::turn;
@@ -14,7 +14,7 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
         let folder = tempfile::tempdir().unwrap();
         let room = dataset(folder.path(), 8);
         if is_wrong {
-            // Camera axes y down and z forward, where the layout has y up and z back.
+            // Camera axes with y down and z forward; the layout has y up and z back.
             edit_json(&room.join("transforms_train.json"), |json| {
                 for frame in json["frames"].as_array_mut().unwrap() {
                     for row in frame["transform_matrix"].as_array_mut().unwrap() {
@@ -36,7 +36,7 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
         let told: Vec<&str> = told.map(|n| n.text.as_str()).collect();
         let doubted = told.iter().any(|text| text.contains("poses seem opencv, not opengl"));
         assert_eq!(doubted, is_wrong, "{told:?}");
-        // In the panel, and over the viewport until it is dismissed.
+        // Shown in the panel, and over the viewport until dismissed.
         let shown = window.query_all_by_label_contains("poses seem opencv, not opengl").count();
         assert!(if is_wrong { shown >= 2 } else { shown == 0 }, "{shown}");
     }

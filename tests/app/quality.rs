@@ -1,4 +1,4 @@
-//! Quality while it is trained and after, and what the card at the end offers.
+//! Quality during and after training, and the card shown at the end.
 
 use super::harness::{click, dataset, is, train, wait, wait_for_label, window};
 use super::viewer::{evaluated_on_black, position, session};
@@ -21,7 +21,7 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     let path = dataset(folder.path(), 3);
     let subject = Some(Subject::Path(path.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
-    // While it is opened panels appear, and a tab that moves between press and release is not clicked.
+    // Panels appear while loading, and a tab that moves between press and release is not clicked.
     wait(&mut window, "ready", is(RunState::Ready));
     click(&mut window, "Quality");
     train(&mut window);
@@ -57,14 +57,14 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     let drawn = window.state().view().attributes().iter().filter(|k| k.evidence.is_some()).count();
     window.get_by_label_contains(&format!("{drawn} components. The Edit tab"));
     let name = window.state().quality().views()[0].frame.clone();
-    // It may lie below the end of the panel.
+    // By accessibility action, since the entry may lie below the visible part of the panel.
     window.get_by_label(&name).click_accesskit();
     window.run_steps(2);
     assert_eq!(position(&window), Some(held_out));
     assert!(window.state().view().mode().has_photo());
 }
 
-/// True pictures from free viewpoints are measured once training rests, beside the new views.
+/// Ground-truth pictures from free viewpoints are measured when training pauses, beside the held-out views.
 #[test]
 fn views_from_the_side_have_a_line_beside_the_new_ones() {
     let _turn = turn();
@@ -83,14 +83,14 @@ fn views_from_the_side_have_a_line_beside_the_new_ones() {
     let side = window.state().quality().side_result().unwrap();
     assert!((side.psnr - expected.psnr).abs() < 1e-9, "{side:?}");
     assert_eq!(window.state().quality().side_progress(3), (1, 1));
-    // The same picture: both groups have the same figures.
+    // Both groups contain the same picture, so their figures agree.
     for name in ["New views", "From the side"] {
         let line = format!("{name}: {:.2} dB, SSIM {:.3} (views: 1)", side.psnr, side.ssim);
         wait_for_label(&mut window, &line);
     }
 }
 
-/// Moves the poses of a recording by up to 2 cm along x, as a loose tracker does.
+/// Shifts the poses of a recording by up to 2 cm along x, as an inaccurate tracker does.
 fn sway(poses: &Path) {
     let text = fs::read_to_string(poses).unwrap();
     let lines = text.lines().enumerate().map(|(i, line)| {
@@ -165,7 +165,7 @@ fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
     };
     let [coarse, fine] = [&before, &now].map(|s| scale(s.opened.as_ref().unwrap()));
     assert!((fine / coarse - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-9);
-    // To the last bits: angles are taken from the camera and back.
+    // Equal up to rounding, since the camera is converted to angles and back.
     let moved = window.state().view().eye().unwrap().distance(eye.unwrap());
     assert!(moved < 1e-9, "by {moved}");
     click(&mut window, "×");

@@ -1,11 +1,10 @@
-//! Any commands in any state of the window: keys, clicks, drags, text, files and sizes in a seeded random
-//! order, with a watchdog that ends the process where a step never returns.
+//! Random input in any state of the window: keys, clicks, drags, text, files and sizes from a seed. A
+//! watchdog aborts the process if a step never returns.
 //!
 //! `VBGS_WINDOW_MINUTES=120 cargo test --release --test app -- --nocapture random` is the long run, or
-//! `VBGS_WINDOW_INPUTS=100000` in place of minutes. After every so many inputs it opens the same dataset
-//! again and measures the process there, where the window holds the same things each time: what a state
-//! in between holds says nothing about what is never given back. Memory is what the program's own
-//! allocations hold; what is resident follows the drivers and the system's allocator as well.
+//! `VBGS_WINDOW_INPUTS=100000` in place of minutes. After every [`INPUTS`] inputs it reopens the same dataset
+//! and measures memory there, since only equal states of the window show a leak. Memory means the program's
+//! own allocations; resident memory also depends on drivers and the system's allocator.
 
 use super::crash::attached;
 use super::harness::{PATIENCE, Window, dataset, drop_on, is, paper_window, wait};
@@ -25,28 +24,27 @@ use vbgs_studio::app::{Exit, ExitReason, Painting};
 use vbgs_studio::eval::report::rss_bytes;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
-/// Inputs between two measurements of memory; all there are in CI.
+/// Inputs between two measurements of memory, and total number of inputs in CI.
 const INPUTS: usize = 400;
-/// Inputs between two pictures: until one is drawn, the harness and the device keep every texture that was
-/// sent to them, which a window's next frame takes.
+/// Inputs between two pictures. Until one is rendered, harness and device retain every uploaded texture; a
+/// real window renders every frame.
 const DRAWN: usize = 20;
-/// Measurements from which on memory must be flat: of fewer the medians scatter by more than it may rise, as
-/// one window in rest holds 5 % more or less than another.
+/// Measurements needed to check that memory is flat. Idle windows differ by 5 %, so with fewer measurements
+/// the medians scatter by more than [`MAX_RISE`].
 const MIN_MEASURED: usize = 100;
-/// The largest size of the window.
 const LARGEST: Vec2 = Vec2::new(1600.0, 1000.0);
-/// Rounds that a window is given to come to rest.
+/// Maximum number of rounds until the window is idle.
 const MAX_ROUNDS: usize = 100;
-/// By how much memory may rise after warm-up.
+/// Largest relative rise of memory after warm-up.
 const MAX_RISE: f64 = 0.03;
 
-/// What is not pressed: dialogs of the desktop, which no test can close, and the demo, whose files would
-/// be proposed in the current folder.
+/// True if a button may be pressed. Excludes desktop dialogs, which no test can close, and the demo, whose
+/// files would go to the current folder.
 fn is_pressed(label: &str) -> bool {
     !(label.starts_with("Browse") || label.contains("emo"))
 }
 
-/// Ends the process unless it hears something every now and then.
+/// Starts a thread that aborts the process if no message arrives for [`PATIENCE`].
 fn watchdog() -> Sender<String> {
     let (alive, signs) = channel::<String>();
     std::thread::spawn(move || {
@@ -65,7 +63,7 @@ fn watchdog() -> Sender<String> {
     alive
 }
 
-/// Presses one of the controls of a role, and says which.
+/// Presses a random control of a role; returns its description.
 fn press_any(window: &Window, role: Role, rng: &mut Rng) -> String {
     let of_role: Vec<_> = window.query_all_by_role(role).collect();
     let label = |node: &egui_kittest::Node<'_>| {
@@ -154,7 +152,7 @@ fn any_input(window: &mut Window, files: &[PathBuf], rng: &mut Rng) -> String {
     }
 }
 
-/// Opens a dataset whatever the window is at, and trains it.
+/// Brings the window from any state to the dataset, opened and untrained.
 fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String>) {
     window.set_size(Vec2::new(1000.0, 640.0));
     let (started, threads_before) = (Instant::now(), threads());
@@ -167,7 +165,7 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
             let buttons = window.query_all_by_role(Role::Button);
             let shown: Vec<_> = buttons.filter_map(|node| node.accesskit_node().label()).collect();
             let notices: Vec<_> = snapshot.notices.iter().map(|n| n.text.as_str()).collect();
-            // Who has worked meanwhile tells a thread that waits from one that others keep off the cores.
+            // CPU times distinguish a blocked thread from one that gets no core.
             panic!(
                 "cannot be brought back from {:?} at frame {} of {}: {shown:?}, {notices:?}, threads \
                  before {threads_before:?}, now {:?}",
@@ -180,7 +178,7 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
         alive.send("coming back".to_owned()).unwrap();
         window.key_press(Key::Escape);
         window.run_steps(3);
-        // What is followed is trained as soon as it is there: it never rests before.
+        // A followed dataset trains as soon as it is open, so it would never be Ready.
         let follow = snapshot.follows.then(|| window.query_all_by_label("Follow").next()).flatten();
         if let Some(button) = follow {
             button.click();
@@ -198,7 +196,7 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
     }
 }
 
-/// Name, state and nanoseconds on a core of every thread, as far as the system tells.
+/// Name, state and CPU nanoseconds of every thread, as far as the system reports them.
 fn threads() -> Vec<String> {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let told = tasks.map(|task| {
@@ -211,12 +209,12 @@ fn threads() -> Vec<String> {
     told.collect()
 }
 
-/// A number that a long run is asked for by.
+/// Reads a number from an environment variable.
 pub fn asked(variable: &str) -> Option<u64> {
     std::env::var(variable).ok().and_then(|n| n.parse().ok())
 }
 
-/// Whether a run is over: after so many minutes, or so many inputs.
+/// True if the requested minutes or inputs are over.
 fn is_over(started: Instant, inputs: usize) -> bool {
     match asked("VBGS_WINDOW_MINUTES") {
         Some(minutes) => started.elapsed() >= Duration::from_secs(60 * minutes),
@@ -224,14 +222,14 @@ fn is_over(started: Instant, inputs: usize) -> bool {
     }
 }
 
-/// The dataset opened in a window whose panels and settings are those of a first start: what inputs switched
-/// on, such as a renderer with buffers of its own, would be taken for what is never given back.
+/// Opens the dataset with the panels and settings of a first start. Otherwise features that inputs switched
+/// on, such as a renderer with its own buffers, would count as leaks.
 fn as_at_first(window: &mut Window, path: &std::path::Path, alive: &Sender<String>) {
     comes_back(window, path, alive);
     let started = Instant::now();
     while window.query_by_label("Reset all").is_none() {
-        assert!(started.elapsed() < PATIENCE, "the settings are not to be found");
-        // What is asked or open covers the panels.
+        assert!(started.elapsed() < PATIENCE, "the Settings panel cannot be opened");
+        // Dialogs and questions cover the panels.
         window.key_press(Key::Escape);
         window.run_steps(3);
         window.key_press_modifiers(Modifiers::COMMAND, Key::P);
@@ -247,16 +245,17 @@ fn as_at_first(window: &mut Window, path: &std::path::Path, alive: &Sender<Strin
     }
     window.get_by_label("Reset all").click_accesskit();
     window.run_steps(3);
-    // Settings hold for what is opened after them; the other preset has its components before any frame.
+    // Settings apply to datasets opened later. The paper preset allocates its components before any frame, so
+    // the model's size shows which preset is active.
     drop_on(window, path);
-    wait(window, "ready by the scene's preset", |studio| {
+    wait(window, "ready with the scene preset", |studio| {
         let snapshot = studio.snapshot();
         snapshot.state == RunState::Ready && snapshot.model_bytes < 1_000_000
     });
 }
 
-/// A window that has drawn the most components there are as large as it gets, beside a photograph too, and is as
-/// at first again: what draws has room for so much from then on, which inputs would otherwise ask for one day.
+/// Opens a window, draws the largest model at the largest size beside a photograph, and resets the window.
+/// Buffers then have their final capacity, so later inputs do not grow them.
 fn roomy_window(path: &std::path::Path, alive: &Sender<String>) -> Option<Window> {
     let mut window = paper_window(path, Painting::Auto)?;
     window.key_press(Key::Space);
@@ -270,12 +269,12 @@ fn roomy_window(path: &std::path::Path, alive: &Sender<String>) -> Option<Window
     Some(window)
 }
 
-/// Megabytes held once the threads beside the window have done what opening gave them to do: thumbnails, a first
-/// look, a check of poses, a picture. The least of the last moments, which a picture on its way does not raise.
+/// Allocated megabytes once background work after opening is done: thumbnails, frame sampling, pose check,
+/// picture. Takes the minimum of the last rounds, since a picture in progress allocates more.
 fn held_at_rest(window: &mut Window) -> f64 {
     let mut last = [f64::INFINITY; 8];
     for round in 0..=MAX_ROUNDS {
-        // Until a picture is drawn, textures wait to be sent.
+        // Pending textures are released only when a picture is rendered.
         drop(window.render());
         window.run_steps(2);
         std::thread::sleep(Duration::from_millis(20));
@@ -288,7 +287,7 @@ fn held_at_rest(window: &mut Window) -> f64 {
     last.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Says how memory went, and holds a long run to a flat one.
+/// Prints the course of memory; panics if it rises in a long run.
 fn memory_is_flat(measured: &[f64]) {
     let n = measured.len();
     if n < MIN_MEASURED {
@@ -302,7 +301,7 @@ fn memory_is_flat(measured: &[f64]) {
     let (warm, end) = (median(&measured[n / 10..n / 2]), median(&measured[n - 2 * n / 5..]));
     let rise = end / warm - 1.0;
     eprintln!("memory {warm:.2} MB after warm-up, {end:.2} MB at the end: {:+.2} %", 100.0 * rise);
-    assert!(rise <= MAX_RISE, "memory of the window rises by {rise}");
+    assert!(rise <= MAX_RISE, "memory of the window rises by {rise}, at most {MAX_RISE} allowed");
 }
 
 #[test]
@@ -328,7 +327,7 @@ fn the_window_survives_any_input_in_any_state() {
         states.insert(format!("{:?}", window.state().snapshot().state));
         inputs += 1;
         if inputs % DRAWN == 0 {
-            // On a machine that others keep busy a picture may not be done in time; the next one is.
+            // On a busy machine a picture may time out; the next one then releases the textures.
             drop(window.render());
         }
         if inputs % INPUTS == 0 {
@@ -343,16 +342,16 @@ fn the_window_survives_any_input_in_any_state() {
         }
     }
     eprintln!("states {states:?}, the longest pause {worst:.2} s");
-    assert!(states.len() >= 3, "the inputs reach hardly any state: {states:?}");
+    assert!(states.len() >= 3, "the inputs reach too few states: {states:?}");
     comes_back(&mut window, &room, &alive);
     memory_is_flat(&measured);
 }
 
-/// Inputs before a device is lost, at most.
+/// Maximum number of inputs before a device is lost.
 const BEFORE_LOSS: usize = 40;
 
-/// Whatever the window is at when its device goes, it leaves in order, and the next one, on another device,
-/// takes up the same worker and can be used.
+/// If the device is lost in any state, the window exits in order, and the next window on another device
+/// attaches to the same worker and is usable.
 #[test]
 fn a_device_may_be_lost_at_any_moment() {
     let _turn = turn();
@@ -381,7 +380,10 @@ fn a_device_may_be_lost_at_any_moment() {
         device.destroy();
         let started = Instant::now();
         while exit.reason() != ExitReason::DeviceLost {
-            assert!(started.elapsed() < PATIENCE, "round {round}: not noticed after {inputs:?}");
+            assert!(
+                started.elapsed() < PATIENCE,
+                "round {round}: loss not detected after {inputs:?}"
+            );
             alive.send(format!("round {round}: lost after {inputs:?}")).unwrap();
             window.step();
         }

@@ -1,5 +1,5 @@
-//! The application in a window of a display server, run by eframe's own loop and watched from inside: what the
-//! window's own painter leaves on the screen, and a device that is lost while it draws.
+//! The application in a window of a display server, run by eframe's event loop: screen content drawn by the
+//! window's own painter, and a device lost while drawing.
 #![cfg(target_os = "linux")]
 
 use super::harness::{PATIENCE, dataset, is};
@@ -18,7 +18,7 @@ use winit::platform::x11::EventLoopBuilderExtX11;
 
 const SIZE: [usize; 2] = [1000, 640];
 
-/// Passes that were left to the window's own painter.
+/// Counts the passes that the window's own painter drew instead of egui's.
 #[derive(Clone, Default)]
 struct TakenOver(Arc<AtomicUsize>);
 
@@ -36,7 +36,7 @@ impl Plugin for TakenOver {
     }
 }
 
-/// The application, whose screen is looked at once and whose device is lost then.
+/// Wraps the application: takes one screenshot, then destroys the device.
 struct Watched {
     studio: Studio,
     device: wgpu::Device,
@@ -51,7 +51,10 @@ impl eframe::App for Watched {
     }
 
     fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {
-        assert!(self.started.elapsed() < PATIENCE, "no screen, or a device that is not missed");
+        assert!(
+            self.started.elapsed() < PATIENCE,
+            "no screenshot was taken, or the device loss was not detected"
+        );
         ui.ctx().request_repaint();
         if self.screen.lock().unwrap().is_some() {
             self.device.destroy();
@@ -70,7 +73,7 @@ impl Watched {
     }
 }
 
-/// Runs one window until its device is lost; what was on its screen before.
+/// Runs one window until its device is lost; returns the screenshot taken before.
 fn screen_of_a_window(
     worker: &Arc<Worker>,
     exit: &Exit,
@@ -85,7 +88,7 @@ fn screen_of_a_window(
         let started = Instant::now();
         let studio =
             Studio::attach(context, own, vec![first], word, Painting::Auto, started).unwrap();
-        // After the window's painter, to see what it leaves.
+        // Added after the window's painter, so that it sees the painter's output.
         context.egui_ctx.add_plugin(seen);
         let watched = Watched { studio, device, is_asked: false, screen: found, started };
         Ok(Box::new(watched) as Box<dyn eframe::App>)
@@ -93,7 +96,7 @@ fn screen_of_a_window(
     let size = Vec2::from(SIZE.map(|side| side as f32));
     let options = || eframe::NativeOptions {
         viewport: ViewportBuilder::default().with_inner_size(size),
-        // Tests have threads of their own.
+        // Tests do not run on the main thread.
         event_loop_builder: Some(Box::new(|builder| {
             builder.with_x11().with_any_thread(true);
         })),
@@ -102,11 +105,11 @@ fn screen_of_a_window(
     };
     run_window(worker, exit, options, create).unwrap();
     let n_taken = taken_over.0.load(Ordering::Relaxed);
-    assert!(n_taken > 2, "egui draws the window by itself, but {n_taken} passes");
-    screen.lock().unwrap().take().expect("the window ended before its screen was seen")
+    assert!(n_taken > 2, "the window's painter drew only {n_taken} passes");
+    screen.lock().unwrap().take().expect("the window closed before a screenshot was taken")
 }
 
-/// How many colours there are in a part of the screen.
+/// Number of colours in a part of the screen.
 fn n_colors(screen: &ColorImage, columns: std::ops::Range<usize>) -> usize {
     let rows = 150..450;
     let places = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
@@ -127,7 +130,7 @@ fn a_screen_shows_the_window_and_a_lost_device_the_next_one() {
         exit = exit.for_next_window();
         if window == 0 {
             let trains = worker.clone();
-            // As a hand would, once there is something.
+            // Starts training as a user would, once the dataset is open.
             std::thread::spawn(move || {
                 while !matches!(trains.snapshot().state, RunState::Ready) {
                     std::thread::sleep(std::time::Duration::from_millis(20));

@@ -1,4 +1,4 @@
-//! Names that are proposed for files, files that exist already, and what waits for a file.
+//! Proposed file names, existing files, and actions that wait for a file to be written.
 
 use super::harness::{
     PATIENCE, Window, click, dataset, drop_on, enter_path, is, train, wait, wait_for_label, window,
@@ -23,12 +23,12 @@ fn control(window: &mut Window, key: Key) {
     window.run_steps(3);
 }
 
-/// What the open dialog proposes.
+/// Path proposed by the open dialog.
 fn proposed(window: &Window) -> PathBuf {
     window.get_by_role(Role::TextInput).accesskit_node().value().unwrap().into()
 }
 
-/// A second dataset, in a folder of its own.
+/// Writes a second dataset into a folder of its own.
 fn other_dataset(folder: &Path) -> PathBuf {
     let folder = folder.join("elsewhere");
     std::fs::create_dir(&folder).unwrap();
@@ -41,14 +41,13 @@ fn name(studio: &Studio) -> String {
     studio.snapshot().opened.as_ref().map_or_else(String::new, |opened| opened.name.clone())
 }
 
-/// Answers the question about unsaved training; the dialog that follows needs pictures to find its
-/// size and place.
+/// Answers the question about unsaved training. The next dialog needs some passes to find its size and place.
 fn answer(window: &mut Window, choice: &str) {
     click(window, choice);
     window.run_steps(4);
 }
 
-/// The window asked to close; whether it does.
+/// Requests the window to close; true if it does.
 fn close(window: &mut Window) -> bool {
     let root = window.input_mut().viewports.entry(ViewportId::ROOT).or_default();
     root.events.push(ViewportEvent::Close);
@@ -56,8 +55,7 @@ fn close(window: &mut Window) -> bool {
     !commands(window).contains(&ViewportCommand::CancelClose)
 }
 
-/// The minimised window asked to close, as eframe does it: without a pass of the interface. What
-/// it answers.
+/// Requests the minimised window to close as eframe does, without a UI pass; returns the viewport commands.
 fn close_minimised(window: &mut Window) -> Vec<ViewportCommand> {
     let mut input = RawInput::default();
     let root = input.viewports.entry(ViewportId::ROOT).or_default();
@@ -88,7 +86,7 @@ fn names_come_from_what_is_open() {
     assert_eq!(proposed(&window), root.join("room.ply"));
     press(&mut window, Key::Escape);
 
-    // The dialogs have named something else in between.
+    // Dialogs for another dataset were open in between.
     drop_on(&mut window, &kitchen);
     click(&mut window, "Discard");
     wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
@@ -132,7 +130,7 @@ fn an_older_file_is_replaced_only_when_the_user_says_so() {
         click(&mut window, "Replace");
         wait(&mut window, "the file", |_| std::fs::read(&file).unwrap() != b"older");
     }
-    // A folder is no file to replace.
+    // A folder cannot be replaced by a file.
     write_to(&mut window, Key::E, "Export", folder.path());
     let problem = format!("{} is a folder: add the name of a file", folder.path().display());
     wait_for_label(&mut window, &problem);
@@ -170,13 +168,13 @@ fn what_waits_is_given_up_where_no_file_was_written() {
     let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
     train(&mut window);
 
-    // Cancelled: nothing else is opened, neither now nor after a later save.
+    // Cancelled: nothing is opened, neither now nor after a later save.
     drop_on(&mut window, &kitchen);
     answer(&mut window, "Save first…");
     press(&mut window, Key::Escape);
     assert_eq!(name(window.state()), "room");
 
-    // Failed: the same, and it is said.
+    // Failed: the same, with an error notice.
     let nowhere = folder.path().join("missing/room.vbgs");
     drop_on(&mut window, &kitchen);
     answer(&mut window, "Save first…");
@@ -212,9 +210,9 @@ fn closing_goes_on_after_the_file_was_written() {
     click(&mut window, "Cancel");
     assert!(window.query_by_label(QUESTION).is_none());
 
-    assert!(!close(&mut window), "asked again");
+    assert!(!close(&mut window), "closing needs confirmation again");
     answer(&mut window, "Save first…");
-    assert!(!close(&mut window), "while the name is asked for");
+    assert!(!close(&mut window), "the window stays open while the dialog is open");
     window.get_by_role_and_label(Role::Button, "Save").click();
     let started = Instant::now();
     while !commands(&window).contains(&ViewportCommand::Close) {

@@ -1,5 +1,5 @@
-//! What the scene preset brings to the window: components that become more, what preparation makes
-//! of photographs, settings of training, export to plain splats.
+//! The scene preset in the window: growing number of components, the preparation overlay, training settings,
+//! export to plain splats.
 
 use super::harness::{
     click, close_notice, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
@@ -129,7 +129,7 @@ fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
     assert_eq!(export::read(&file).unwrap().splats.len(), 4 * one.len());
 }
 
-/// The depth codes of a dataset, times ten.
+/// Multiplies the depth codes of a dataset by ten.
 fn spoil_unit(path: &Path) {
     for split in std::fs::read_dir(path).unwrap() {
         let Ok(files) = std::fs::read_dir(split.unwrap().path()) else { continue };

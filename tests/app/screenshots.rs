@@ -1,8 +1,8 @@
-//! Pictures of the window: those of README, and every panel in both themes and several sizes, to be looked at.
+//! Screenshots of the window: those of README, and every panel in both themes and several sizes for review.
 //!
-//! `VBGS_SCREENSHOTS=screenshots cargo test --release --test app -- --ignored pictures_of_readme` renews README's;
-//! `VBGS_SCREENSHOTS=/tmp/panels … -- --ignored pictures_of_every_panel` writes the panels. Without the variable nothing is
-//! kept, and little is trained and drawn: it is seen then that every picture can be made and shows something.
+//! `VBGS_SCREENSHOTS=screenshots cargo test --release --test app -- --ignored pictures_of_readme` renews
+//! README's; `VBGS_SCREENSHOTS=/tmp/panels … -- --ignored pictures_of_every_panel` writes the panels. Without
+//! the variable, a small run only checks that every screenshot can be made and is not blank.
 
 use super::harness::{
     PATIENCE, Window, click, close_notice, dataset, drop_on, enter_path, is, train, turn_wheel,
@@ -24,19 +24,18 @@ use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::RunState;
 
-/// Size of README's pictures of a whole window.
+/// Window size of README's screenshots.
 const README_SIZE: Vec2 = Vec2::new(1280.0, 800.0);
-/// The tabs beside the picture.
 const TABS: [&str; 7] = ["Latency", "Quality", "Scene", "Inspector", "Edit", "Path", "Settings"];
-/// Sizes that every panel is looked at in, points, and pixels a point.
+/// Window sizes for the panels: width and height in points, and pixels per point.
 const SIZES: [(f32, f32, f32); 3] =
     [(800.0, 600.0, 1.0), (1600.0, 1000.0, 1.0), (1920.0, 1080.0, 2.0)];
 
-/// What pictures are made of, and where they go.
+/// Datasets for the screenshots and the folder they are written to.
 struct Album {
     folder: PathBuf,
     is_kept: bool,
-    /// Of what is thrown away.
+    /// Temporary folder, used if screenshots are not retained.
     own: tempfile::TempDir,
 }
 
@@ -48,7 +47,7 @@ impl Album {
         Self { folder: asked.unwrap_or_else(|| own.path().join("pictures")), is_kept, own }
     }
 
-    /// A recording, or a small one in its stead.
+    /// Returns a recording, or a small synthetic one if screenshots are not retained.
     fn recording(&self, name: &str) -> Option<PathBuf> {
         if self.is_kept {
             return shared(name);
@@ -66,7 +65,7 @@ impl Album {
         if self.is_kept { &[Theme::Dark, Theme::Light] } else { &[Theme::Light] }
     }
 
-    /// Writes a picture, which must show something.
+    /// Writes a screenshot; panics if it is blank.
     fn save(&self, image: &RgbaImage, name: &str) {
         let colors: BTreeSet<[u8; 4]> = image.pixels().step_by(7).map(|pixel| pixel.0).collect();
         assert!(colors.len() > 30, "{name} has {} colours", colors.len());
@@ -90,7 +89,7 @@ fn opened(dataset: Option<&Path>, size: Vec2) -> Option<Window> {
     Some(window)
 }
 
-/// egui makes another size of another scale, so that comes first.
+/// Sets the scale before the size, since egui changes the size with the scale.
 fn resize(window: &mut Window, size: Vec2, scale: f32) {
     window.set_pixels_per_point(scale);
     window.run_steps(2);
@@ -98,9 +97,9 @@ fn resize(window: &mut Window, size: Vec2, scale: f32) {
     window.run_steps(4);
 }
 
-/// The window once it no longer changes.
+/// Returns the window's picture once it no longer changes.
 fn still(window: &mut Window) -> RgbaImage {
-    // Neither a button that lights up nor a tooltip.
+    // Without a pointer there is neither a highlighted button nor a tooltip.
     window.event(Event::PointerGone);
     let started = Instant::now();
     let mut last = RgbaImage::new(1, 1);
@@ -132,7 +131,7 @@ fn smaller(image: &RgbaImage, numerator: u32, denominator: u32) -> RgbaImage {
     imageops::resize(image, width, height, imageops::FilterType::Lanczos3)
 }
 
-/// Closes the card at the end and all notices.
+/// Closes the card shown after training and all notices.
 fn close_all(window: &mut Window) {
     window.run_steps(2);
     while window.query_all_by_label("×").next().is_some() {
@@ -140,11 +139,11 @@ fn close_all(window: &mut Window) {
     }
 }
 
-/// Selects a splat at a place of the picture, or as near below as there is one.
+/// Selects a splat at a position, or the nearest one below it.
 fn select(window: &mut Window, at: Pos2) {
     for step in 0..20 {
         click_at(window, at + Vec2::new(0.0, 8.0 * step as f32));
-        // Some of them find none, which is told by no sign.
+        // A click that hits no splat changes nothing, so the wait is bounded.
         for _ in 0..20 {
             window.step();
             if window.state().snapshot().inspected.is_some() {
@@ -157,7 +156,7 @@ fn select(window: &mut Window, at: Pos2) {
 }
 
 #[test]
-#[ignore = "trains the demo, and Lego and a Kinect's room for pictures that are kept"]
+#[ignore = "trains the demo, and Lego and a Kinect recording if screenshots are retained"]
 fn pictures_of_readme() {
     let _turn = turn();
     let album = Album::new();
@@ -165,7 +164,7 @@ fn pictures_of_readme() {
     let [Some(lego), Some(kinect)] = recordings else { return };
     let Some(mut window) = opened(None, README_SIZE) else { return };
     click(&mut window, "Try the synthetic scene");
-    // Paused before its first frame, it would have none.
+    // Pausing before the first frame would leave the scene empty.
     wait(&mut window, "a frame", |s| s.snapshot().frames_done > 0);
     if is(RunState::Training)(window.state()) {
         window.key_press(Key::Space);
@@ -194,7 +193,7 @@ fn pictures_of_readme() {
     album.save(&smaller(&still(&mut window), 5, 8), "kinect-room-light.png");
 }
 
-/// The demo after one frame and at its end, beside each other; both renderers.
+/// Saves the demo after one frame beside its end, and the wipe between the renderers.
 fn demo(window: &mut Window, album: &Album) {
     wait(window, "a frame", |s| s.snapshot().frames_done > 0 && s.n_drawn() > 100);
     let halves = [still(window), {
@@ -217,7 +216,7 @@ fn demo(window: &mut Window, album: &Album) {
 }
 
 #[test]
-#[ignore = "draws a window of every panel, some eighty that are kept"]
+#[ignore = "draws every panel, about eighty screenshots if they are retained"]
 fn pictures_of_every_panel() {
     let _turn = turn();
     let album = Album::new();
@@ -273,7 +272,7 @@ fn panels(window: &mut Window, album: &Album, theme: Theme) {
     });
 }
 
-/// Pictures of what `show` brings up, by Escape gone again, in every size.
+/// Saves a screenshot of what `show` opens in every size; Escape closes overlays.
 fn in_all_sizes(
     window: &mut Window,
     album: &Album,

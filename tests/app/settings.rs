@@ -1,4 +1,4 @@
-//! Where the program keeps its settings, and what it does with those of a later version.
+//! Location of the settings file, and handling of settings from a later version.
 
 use super::harness::dataset;
 use super::window::{Running, display};
@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Opens the window on a dataset and closes it; what it has logged until it was seen.
+/// Opens the window on a dataset and closes it; returns the log until the dataset was shown.
 fn start_and_end(home: &Path, room: &Path) -> Vec<String> {
     let mut child = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
         .arg(room)
@@ -22,9 +22,9 @@ fn start_and_end(home: &Path, room: &Path) -> Vec<String> {
     let mut running = Running(child);
     let mut log = Vec::new();
     while log.last().is_none_or(|line: &String| !line.contains("shown: Ready")) {
-        log.push(lines.next().unwrap_or_else(|| panic!("it ended: {log:#?}")));
+        log.push(lines.next().unwrap_or_else(|| panic!("the program exited: {log:#?}")));
     }
-    // Whoever does not read what it says keeps it from ending.
+    // A full pipe would keep the program from exiting, so the rest of the log is read too.
     std::thread::spawn(move || lines.for_each(drop));
     let status = running.ask_to_end();
     assert!(status.success(), "{status}: {log:#?}");
@@ -54,8 +54,8 @@ fn settings_lie_in_the_config_folder_and_a_newer_file_is_set_aside() {
     }
     assert!(parts["recent"].contains("room"), "{text}");
     assert!(folder.join("settings.ron.good").exists());
-    assert!(!home.path().join(".local/share/vbgs-studio").exists(), "settings of old");
-    // And is read by the next window without a word.
+    assert!(!home.path().join(".local/share/vbgs-studio").exists(), "written to the old place");
+    // The next window reads the file without a warning.
     let log = start_and_end(home.path(), &room);
     assert!(!log.iter().any(|line| line.contains("settings.ron")), "{log:#?}");
 }

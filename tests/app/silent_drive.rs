@@ -1,4 +1,4 @@
-//! Folders on a drive that does not answer.
+//! Folders on a drive that does not respond.
 #![cfg(target_os = "linux")]
 
 use super::harness::{
@@ -19,24 +19,24 @@ use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 
-/// Longest that one pass of the window may take here: far less than anybody waits for a drive.
+/// Longest duration of one pass in these tests, far below the timeout of a drive.
 const PASS: Duration = Duration::from_secs(2);
 
-/// A dataset, one file of which does not answer until the end of the test.
+/// A dataset with one file that blocks until the end of the test.
 struct Silent {
     folder: PathBuf,
     _file: SilentFile,
 }
 
 impl Silent {
-    /// One that cannot be opened; `None` where files cannot be held and need not be.
+    /// Writes a dataset that blocks while opening; `None` if files cannot be blocked outside strict mode.
     fn new(scratch: &Path) -> Option<Self> {
         let network = scratch.join("network");
         std::fs::create_dir(&network).unwrap();
         Self::of(scratch, dataset(&network, 2), "transforms_train.json")
     }
 
-    /// A dataset whose file of this name does not answer from now on.
+    /// Blocks a file of a dataset from now on.
     fn of(scratch: &Path, folder: PathBuf, file: &str) -> Option<Self> {
         let file = SilentFile::hold(scratch, &folder.join(file))?;
         Some(Self { folder, _file: file })
@@ -49,7 +49,7 @@ fn told(studio: &Studio, kind: NoticeKind, parts: &[&str]) -> bool {
     snapshot.notices.iter().any(|notice| notice.kind == kind && has(&notice.text))
 }
 
-/// Drops the folder on a window that has a trained scene, which may be discarded.
+/// Drops the folder on the window, confirms discarding a trained scene, and waits for loading to start.
 fn waits_for(window: &mut Window, silent: &Silent) {
     drop_on(window, &silent.folder);
     window.run_steps(3);
@@ -77,7 +77,7 @@ fn a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost() {
     let is_said = |s: &Studio| told(s, NoticeKind::Warning, &[&name, "expected", "found", "check"]);
     let started = Instant::now();
     while !is_said(window.state()) {
-        assert!(started.elapsed() < PATIENCE, "nothing is said");
+        assert!(started.elapsed() < PATIENCE, "no warning names the drive");
         let pass = Instant::now();
         drag(&mut window, PointerButton::Primary);
         assert!(pass.elapsed() < 10 * PASS, "the window waits: {:?}", pass.elapsed());
@@ -149,14 +149,14 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     let subject = Some(Subject::Path(path.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    wait(&mut window, "the look at frames", |s| s.snapshot().sample.is_some());
-    // Far behind those that are decoded ahead, and with no thumbnail on screen.
+    wait(&mut window, "frame sampling", |s| s.snapshot().sample.is_some());
+    // A frame far beyond the decoded ones, without a visible thumbnail.
     let file = "train/r_28_depth_0001.png";
     let Some(_silent) = Silent::of(folder.path(), path, file) else { return };
     window.key_press(Key::Space);
     let started = Instant::now();
     while window.query_by_label_contains("still reading after").is_none() {
-        assert!(started.elapsed() < PATIENCE, "nothing is said");
+        assert!(started.elapsed() < PATIENCE, "no label names the unread frame");
         let pass = Instant::now();
         window.step();
         assert!(pass.elapsed() < PASS, "the window waits: {:?}", pass.elapsed());
@@ -169,7 +169,7 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
-    // One more frame is wanted, and not to be had either.
+    // Requests one more frame, which cannot be read either.
     window.key_press(Key::Period);
     window.run_steps(3);
     let ended = Instant::now();
@@ -177,8 +177,8 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
 }
 
-/// To ask for a folder is to wait for its drive: whoever trains does not, so a folder that is gone is found
-/// to be so by a look, which somebody else waits for.
+/// Querying a folder can block on its drive, so the worker does not query it before following. The poll on
+/// another thread detects that the folder is missing.
 #[test]
 fn a_folder_that_is_gone_is_followed_all_the_same_until_it_is_back() {
     let _turn = turn();
@@ -231,7 +231,7 @@ fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
     assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
 }
 
-/// A session looks at some of its frames before it begins, those that were found long before among them.
+/// A session samples some frames before it begins, also frames that were listed long before.
 #[test]
 fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
     let _turn = turn();
@@ -240,7 +240,7 @@ fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
     let params =
         SyntheticParams { width: 64, height: 48, n_train: 3, n_eval: 0, ..SyntheticParams::demo() };
     write(&params, &path, SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
-    // The first is held out. The second shows nothing, so that nothing can begin with it alone.
+    // The first frame is held out. The second contains only holes, so a session cannot start with it alone.
     let hole = "train/frame-000001.depth.png";
     std::fs::write(path.join(hole), image_of_holes(64, 48)).unwrap();
     std::fs::create_dir(&later).unwrap();

@@ -1,4 +1,4 @@
-//! Every state of a run, and what the window shows in it.
+//! Every state of a run, as shown in the window.
 
 use super::harness::{
     PATIENCE, click, dataset, is, wait, wait_for_label, wait_for_picture, window,
@@ -51,7 +51,7 @@ fn a_dataset_goes_through_every_state() {
     assert_eq!(window.state().snapshot().frames_done, 4);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
 
-    // Unsaved training is never dropped unasked.
+    // Discarding unsaved training needs confirmation.
     click(&mut window, "Reset");
     window.get_by_label("Discard the trained scene?");
     click(&mut window, "Cancel");
@@ -95,18 +95,18 @@ fn help_lists_every_shortcut_and_tabs_switch() {
 fn the_status_line_tells_state_pace_components_and_memory() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
-    // Enough to be trained while the window is told of it several times.
+    // Enough frames for several snapshots during training.
     let subject = Subject::Path(super::waiting::large(folder.path(), 60));
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
     wait_for_label(&mut window, "Ready");
     window.key_press(Key::Space);
     let started = Instant::now();
-    // What the pass has drawn: the newest snapshot may be newer.
+    // Checks the drawn label, since the latest snapshot may be newer than the last pass.
     while window.query_by_label_contains("frames/s").is_none() {
         let snapshot = window.state().snapshot();
         let (state, frames) = (snapshot.state, snapshot.frames_done);
-        assert!(started.elapsed() < PATIENCE, "no pace is told: {state:?} after {frames} frames");
+        assert!(started.elapsed() < PATIENCE, "no pace is shown: {state:?} after {frames} frames");
         window.step();
     }
     window.get_by_label("Training");

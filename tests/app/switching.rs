@@ -1,4 +1,4 @@
-//! One thing opened after the other, from everywhere a camera can stand.
+//! Opening datasets and files one after another, from every kind of camera position.
 
 use super::harness::{Window, click, dataset, drag, drop_on, wait, window};
 use super::viewer::{choose, press};
@@ -19,7 +19,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
-/// Ways to stand at the dataset's last camera, and to stand elsewhere.
+/// Camera positions: at the dataset's last camera in every comparison mode, and elsewhere.
 const STANDS: [Stand; 8] = [
     Stand::Free,
     Stand::At(ViewMode::Single),
@@ -33,15 +33,15 @@ const STANDS: [Stand; 8] = [
 
 #[derive(Clone, Copy, Debug)]
 enum Stand {
-    /// Steered by hand; no camera of the dataset was visited.
+    /// Moved by the user; no camera of the dataset was visited.
     Free,
-    /// At the last camera, comparing so.
+    /// At the last camera, in this view mode.
     At(ViewMode),
     /// Turned away from the last camera.
     Left,
 }
 
-/// A dataset of one split, which has fewer splits and frames than every other one.
+/// Writes a dataset with a single split, fewer splits and frames than the others.
 fn one_split(folder: &Path) -> PathBuf {
     let path = folder.join("kitchen");
     let params = SyntheticParams {
@@ -57,7 +57,7 @@ fn one_split(folder: &Path) -> PathBuf {
     path
 }
 
-/// The demo and a file of every kind, with the number of cameras of each.
+/// The demo and a file of every kind, each with its number of cameras.
 fn subjects(folder: &Path) -> Vec<(Subject, usize)> {
     let room = dataset(folder, 3);
     let kitchen = one_split(folder);
@@ -80,7 +80,7 @@ fn subjects(folder: &Path) -> Vec<(Subject, usize)> {
     ]
 }
 
-/// A round of numbers below `n` in which every number follows every number, itself included.
+/// Cyclic sequence of the numbers below `n` in which every ordered pair occurs, equal numbers included.
 fn every_pair(n: usize) -> Vec<usize> {
     let round = (0..n).flat_map(|a| [a].into_iter().chain((a + 1..n).flat_map(move |b| [a, b])));
     round.chain([0]).collect()
@@ -90,7 +90,7 @@ fn serial(studio: &Studio) -> u64 {
     studio.snapshot().opened.as_ref().map_or(0, |opened| opened.serial)
 }
 
-/// Opens something; whatever is drawn until it is there is drawn too.
+/// Opens a subject and draws every pass until it is loaded.
 fn open(window: &mut Window, subject: &Subject) {
     let before = serial(window.state());
     match subject {
@@ -99,9 +99,9 @@ fn open(window: &mut Window, subject: &Subject) {
     }
     let is_open = |s: &Studio| serial(s) > before && s.snapshot().state != RunState::Loading;
     wait(window, "something else", is_open);
-    window.run_steps(2); // what is there may be newer than what was drawn last
+    window.run_steps(2); // the snapshot may be newer than the last pass
     if *subject == Subject::Demo {
-        press(window, Key::Space); // it trains at once, which only takes time here
+        press(window, Key::Space); // the demo trains at once, which only costs time here
     }
 }
 

@@ -1,4 +1,4 @@
-//! Flying, turning about a place, measuring, and what lies over the picture.
+//! Flying, setting the pivot, measuring, and overlays of the viewport.
 
 use super::harness::{
     Window, clear_view, click, dataset, drop_on, is, train, wait, wait_for_picture, window,
@@ -50,8 +50,8 @@ fn keys_fly_and_with_ctrl_they_fly_slowly_instead_of_saving() {
     assert_eq!(flown(&mut window, 3), 0.0);
 }
 
-/// Clicks twice within one pass: between two passes of a test lies nearly the time in which egui takes
-/// clicks for a double one.
+/// Clicks twice within one pass, since two passes of a test take nearly as long as egui's double-click
+/// interval.
 fn double_click_at(window: &mut Window, pos: Pos2) {
     window.event(Event::PointerMoved(pos));
     window.step();
@@ -79,9 +79,9 @@ fn a_double_click_turns_about_the_surface_where_it_is() {
     double_click_at(&mut window, MIDDLE + Vec2::new(60.0, 40.0));
     wait(&mut window, "another pivot", |s| s.view().target() != Some(target));
     let (stays, pivot) = view(&window);
-    assert!((stays - eye).length() < 1e-9, "the camera turns where it stands");
-    // On the surface: what is in the middle of the view now is found at about the same depth by a click
-    // there, which may meet another one of the coarse splats.
+    assert!((stays - eye).length() < 1e-9, "the camera turns without moving");
+    // The pivot lies on the surface: another click at the middle finds about the same depth. It may hit
+    // another of the coarse splats.
     double_click_at(&mut window, MIDDLE);
     wait(&mut window, "the same pivot", |s| s.view().target() != Some(pivot));
     let (_, again) = view(&window);
@@ -118,7 +118,7 @@ fn timings_are_written_beside_the_dataset_and_never_over_a_file() {
     let Some(mut window) = trained(folder.path()) else { return };
     window.get_by_label_contains("of frames within it");
     for name in ["room.latency.csv", "room.latency-2.csv"] {
-        // It may lie below the end of the panel.
+        // By accessibility action, since the button may lie below the visible part of the panel.
         window.run_steps(2);
         window.get_by_label("Write CSV").click_accesskit();
         let file = folder.path().join(name);
@@ -150,7 +150,7 @@ fn the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file()
     }
     let [width, height] = window.state().view().size_px();
     assert_eq!(pictures[0].dimensions(), (width, height));
-    assert!(pictures[0] == pictures[1], "nobody has moved");
+    assert!(pictures[0] == pictures[1], "the camera has not moved, so both pictures agree");
     let colors: std::collections::BTreeSet<[u8; 3]> = pictures[0].pixels().map(|p| p.0).collect();
     assert!(colors.len() > 1000, "{} colours", colors.len());
 }
@@ -183,7 +183,7 @@ fn the_points_of_the_current_frame_are_drawn_and_follow_it() {
     window.run_steps(2);
     let with = window.render().unwrap();
     assert_ne!(before.as_raw(), with.as_raw());
-    // A frame that is looked through shows its own.
+    // Viewing through a frame's camera shows that frame's points.
     let mut frames = Vec::new();
     for _ in 0..2 {
         window.key_press(Key::CloseBracket);

@@ -1,4 +1,4 @@
-//! The viewport's renderers, comparisons, colours and dataset cameras, with both painters.
+//! The viewport's renderers, comparisons, colours and dataset cameras, drawn by CPU and GPU.
 
 use super::harness::{
     Window, click, dataset, drag, drag_between, train, wait, wait_for_label, wait_for_picture,
@@ -25,7 +25,7 @@ use vbgs_studio::render::{Lens, RenderMethod, RenderOptions, Renderer};
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 
-/// The window on a small trained dataset that lies in `folder`.
+/// Opens the window on a small dataset in `folder` and trains it.
 fn trained(folder: &Path, painting: Painting) -> Option<Window> {
     let path = folder.join("room");
     let path = if path.exists() { path } else { dataset(folder, 3) };
@@ -36,7 +36,7 @@ fn trained(folder: &Path, painting: Painting) -> Option<Window> {
     Some(window)
 }
 
-/// Presses a key and lets the window act on it.
+/// Presses a key and runs two passes.
 pub fn press(window: &mut Window, key: Key) {
     window.key_press(key);
     window.run_steps(2);
@@ -63,7 +63,7 @@ fn tab_toggles_the_renderer_and_leaves_the_focus_alone() {
         press(&mut window, Key::Tab);
         assert_eq!(renderer(&window), Renderer::Exact);
         wait_for_picture(&mut window);
-        // Were the focus on a button now, this key would not come through.
+        // This key would have no effect if Tab had moved the focus to a button.
         press(&mut window, Key::Tab);
         assert_eq!(renderer(&window), Renderer::Projected);
     }
@@ -114,7 +114,7 @@ fn renderers_are_compared_and_the_divider_is_dragged() {
         window.set_size(Vec2::new(700.0, 420.0));
         window.run_steps(3);
         window.render().unwrap();
-        // No room is left for the viewport: nothing to draw, and nothing wrong.
+        // Without room for the viewport nothing is drawn, and no error occurs.
         window.set_size(Vec2::new(240.0, 60.0));
         window.run_steps(3);
         assert!(window.state().snapshot().notices.is_empty());
@@ -144,7 +144,7 @@ fn every_colour_mode_is_offered_or_says_what_is_missing() {
     }
 }
 
-/// The scene that the window trains, and its dataset.
+/// Trains the same scene as the window, without a window.
 pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
     let mut session = Session::new(dataset, overrides, Selection::all_frames()).unwrap();
@@ -152,17 +152,17 @@ pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
     session
 }
 
-/// Split and index of the dataset's camera that is looked through.
+/// Split and index of the dataset camera of the view, if any.
 pub fn position(window: &Window) -> Option<(usize, usize)> {
     window.state().view().frame_ref().map(|frame| frame.position())
 }
 
-/// What `eval` prints for a view, given by its split and index, with the window's settings.
+/// PSNR label that `eval` would print for a view (split and index) with these render options.
 pub fn evaluated(session: &Session, view: (usize, usize), render: RenderOptions) -> String {
     format!("PSNR {:.2} dB", measured(session, view, render).psnr)
 }
 
-/// What `eval` measures of a view unless it is asked otherwise.
+/// Measures a view with the default settings of `eval`.
 pub fn evaluated_on_black(session: &Session, view: (usize, usize)) -> ViewReport {
     measured(session, view, RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]))
 }

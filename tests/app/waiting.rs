@@ -1,4 +1,4 @@
-//! Nobody waits for anybody: the window for no trainer and no file, the trainer for no window.
+//! Nothing blocks: the window waits neither for the trainer nor for files, the trainer not for the window.
 
 use super::harness::{
     PATIENCE, Window, dataset, drag, drag_between, drop_on, is, settled, train, wait,
@@ -15,7 +15,7 @@ use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 
-/// A dataset whose frames take long enough to be waited for.
+/// Writes a dataset whose frames take noticeable time to train.
 pub fn large(folder: &Path, n_train: usize) -> PathBuf {
     let path = folder.join("large");
     let params = SyntheticParams {
@@ -31,7 +31,7 @@ pub fn large(folder: &Path, n_train: usize) -> PathBuf {
     path
 }
 
-/// A dataset of so many entries that opening it takes a while: all of them are the same frame.
+/// Writes a dataset that takes a while to open: `n_frames` entries of the same frame.
 fn long(folder: &Path, n_frames: usize) -> PathBuf {
     let path = dataset(folder, 2);
     for name in ["transforms_train.json", "transforms_test.json"] {
@@ -66,8 +66,8 @@ fn the_window_is_drawn_and_steered_while_a_frame_is_trained() {
         }
     }
     assert_eq!(window.state().snapshot().frames_done, 6);
-    // A window that waited for frames would have one pass for each.
-    assert!(most >= 3, "at most {most} passes within one frame");
+    // A window that waited for frames would have one pass per frame.
+    assert!(most >= 3, "only {most} passes within one frame");
     super::harness::drag(&mut window, PointerButton::Primary);
 }
 
@@ -80,7 +80,7 @@ fn frames_are_trained_while_the_window_does_nothing() {
     wait(&mut window, "ready", is(RunState::Ready));
     window.key_press(Key::Space);
     window.run_steps(2);
-    // Not a pass more: what the window would draw piles up in nobody's way.
+    // The window runs no further passes: undrawn updates must not block the trainer.
     let started = Instant::now();
     while window.state().snapshot().state != RunState::Finished {
         assert!(started.elapsed() < PATIENCE, "the trainer waits for the window");
@@ -100,7 +100,7 @@ fn the_last_picture_stays_while_something_is_opened() {
     }
     let (shown, next) = (dataset(&a, 2), long(&b, 20_000));
     let Some(mut window) = window(Some(Subject::Demo), Painting::Auto) else { return };
-    // The demo may be left unasked.
+    // The demo is replaced without a question.
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
     window.key_press(Key::Space);
     wait(&mut window, "pause", is(RunState::Paused));
@@ -113,18 +113,18 @@ fn the_last_picture_stays_while_something_is_opened() {
     }
     let drawn = window.state().n_drawn();
     window.step();
-    // The pass is over, and what is opened is not there yet: nobody waited for it.
+    // The pass ended before the dataset was open, so the window did not wait for it.
     assert_eq!(window.state().snapshot().state, RunState::Loading);
     assert!(drawn > 100 && window.state().n_drawn() == drawn, "the scene stays");
     wait_for_picture(&mut window);
     wait(&mut window, "the next", |s| s.snapshot().state == RunState::Ready);
     drop_on(&mut window, &shown);
-    // The one before is ready too, and must not be trained in its place.
+    // The previous dataset is Ready too, so wait for the new one's number of frames.
     wait(&mut window, "the shown one", |s| s.snapshot().n_frames == 2);
     train(&mut window);
 }
 
-/// Splats go to the GPU once: a camera that moves sends none of them again, and what changes goes alone.
+/// Splats are uploaded to the GPU once: a moving camera uploads none, a change uploads only changed splats.
 #[test]
 fn only_splats_that_changed_are_uploaded() {
     let _turn = turn();
@@ -137,7 +137,7 @@ fn only_splats_that_changed_are_uploaded() {
     let all = uploaded(&window, usize::MAX);
     assert!(all > 0, "the scene was uploaded");
     drag(&mut window, PointerButton::Primary);
-    assert_eq!(uploaded(&window, 5), 0, "by a camera that moves");
+    assert_eq!(uploaded(&window, 5), 0, "a moving camera uploads splats");
     press(&mut window, Key::B);
     let corners = [-60.0, 60.0].map(|side| MIDDLE + Vec2::splat(side));
     drag_between(&mut window, PointerButton::Primary, corners[0], corners[1]);
@@ -145,14 +145,14 @@ fn only_splats_that_changed_are_uploaded() {
     let n_selected = window.state().view().editor().edits().selected.len();
     let n_all = window.state().view().learned().len();
     assert!(0 < n_selected && 4 * n_selected < n_all, "{n_selected} of {n_all}");
-    // The latest pictures alone: selecting renews the set of what is shown once.
+    // Only the latest pictures count, since selecting uploads the shown set once.
     press(&mut window, Key::K);
     settled(&mut window);
     let hidden = uploaded(&window, 3);
     assert!(hidden < all / 2, "{hidden} of {all} bytes for {n_selected} of {n_all} splats");
 }
 
-/// Bytes of splats that went to the GPU for the latest pictures.
+/// Bytes of splats uploaded to the GPU for the latest `n_pictures`.
 fn uploaded(window: &Window, n_pictures: usize) -> u64 {
     let bytes = window.state().view().drawn().samples().map(|sample| sample.uploaded_bytes);
     let bytes: Vec<u64> = bytes.collect();

@@ -1,5 +1,5 @@
-//! Figures of the real window on a display: start-up, and what it costs the trainer. They start the
-//! program several times, so they are run by name or with `--ignored`.
+//! Measurements of the window on a display: start-up time and slowdown of training. They start the program
+//! several times, so they are run by name or with `--ignored`.
 
 use crate::common::skip::skip;
 use std::ffi::OsString;
@@ -9,18 +9,18 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest a demo may take on a loaded machine.
+/// Longest time for a demo run, generous for a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Runs of which the median is quoted.
+/// Runs per reported median.
 const RUNS: usize = 3;
 
-/// A display; `None` where there is none and may be none.
+/// Returns the display; `None` without one outside strict mode.
 pub fn display() -> Option<OsString> {
     let found = std::env::var_os("DISPLAY").filter(|display| !display.is_empty());
     found.or_else(|| skip("no DISPLAY", "use xvfb-run"))
 }
 
-/// Ends the window with the test.
+/// Kills the program at the end of the test.
 pub struct Running(pub Child);
 
 impl Drop for Running {
@@ -32,7 +32,7 @@ impl Drop for Running {
 
 #[cfg(unix)]
 impl Running {
-    /// Asks the program to end, as a system does that shuts down; how it ends.
+    /// Sends SIGTERM, as at a system shutdown; returns the exit status.
     pub fn ask_to_end(&mut self) -> ExitStatus {
         let kill = format!("kill -TERM {}", self.0.id());
         assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
@@ -41,13 +41,13 @@ impl Running {
             if let Some(status) = self.0.try_wait().unwrap() {
                 return status;
             }
-            assert!(asked.elapsed() < PATIENCE, "it does not close");
+            assert!(asked.elapsed() < PATIENCE, "the program does not exit");
             std::thread::sleep(Duration::from_millis(10));
         }
     }
 }
 
-/// The window on the demo, with a log of what it does.
+/// Starts the program on the demo; returns it with the lines of its log.
 fn open_demo(folder: &Path) -> (Running, impl Iterator<Item = String> + use<>) {
     open_demo_with(folder, "info")
 }
@@ -64,8 +64,8 @@ fn open_demo_with(folder: &Path, log: &str) -> (Running, impl Iterator<Item = St
     (Running(child), lines.map_while(Result::ok))
 }
 
-/// Milliseconds to the first pass of the window and to the first visible splats, and the trainer's median per
-/// frame, of one demo run.
+/// Runs the demo once. Returns milliseconds to the first pass of the window, milliseconds to the first
+/// visible splats, and median training milliseconds per frame.
 fn demo_in_a_window(folder: &Path) -> (f64, f64, f64) {
     let (_running, lines) = open_demo(folder);
     let started = Instant::now();
@@ -78,8 +78,8 @@ fn demo_in_a_window(folder: &Path) -> (f64, f64, f64) {
             first = Some(ms);
         }
         if let Some(ms) = number_after(&line, "train_ms_median ") {
-            let shown = shown.expect("the window was there before the end");
-            return (shown, first.expect("splats were seen before the end"), ms);
+            let shown = shown.expect("the log has no line about the window's start");
+            return (shown, first.expect("the log has no line about the first splats"), ms);
         }
         assert!(started.elapsed() < PATIENCE, "the demo does not finish");
     }
@@ -91,7 +91,7 @@ pub fn number_after(line: &str, words: &str) -> Option<f64> {
     rest.split_whitespace().next()?.parse().ok()
 }
 
-/// The trainer's median per frame of the same demo without a display.
+/// Median training milliseconds per frame of the demo without a display.
 fn demo_headless(folder: &Path) -> f64 {
     let status = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
         .current_dir(folder)
@@ -136,11 +136,11 @@ fn figures_of_start_up_and_cost() {
         median(ratios.clone())
     );
     assert!(median(starts) <= 2000.0, "first splats later than 2 s");
-    // Twice would mean that the window takes a whole core from the trainer; noise stays below.
+    // A ratio of 2 would mean that the window takes a whole core from the trainer; noise stays below.
     assert!(median(ratios) < 2.0, "the window slows the trainer");
 }
 
-/// Whether the pointer can be moved; not where there is no `xdotool` and need be none.
+/// Runs `xdotool`; true if it succeeds, `None` if it is not installed outside strict mode.
 pub fn xdotool(arguments: &[&str]) -> Option<bool> {
     match Command::new("xdotool").args(arguments).stdout(Stdio::null()).status() {
         Ok(status) => Some(status.success()),
@@ -148,18 +148,18 @@ pub fn xdotool(arguments: &[&str]) -> Option<bool> {
     }
 }
 
-/// What one run of the demo takes in a window.
+/// Measurements of one demo run in a window.
 #[derive(Clone, Copy, Debug)]
 struct DemoRun {
     trained_s: f64,
     train_ms_median: f64,
-    /// Pictures of the scene a second of training.
+    /// Pictures of the scene per second of training.
     pictures_per_s: f64,
-    /// Below which 99 % of the passes take of the window's thread, milliseconds.
+    /// 99th percentile of a pass on the window's thread, milliseconds.
     pass_p99_ms: f64,
 }
 
-/// The demo in a window, with a hand that turns its camera all the while or none.
+/// Runs the demo in a window, with the camera dragged all the time if `orbits`.
 fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
     let (_running, lines) = open_demo_with(folder, "debug");
     xdotool(&["version"])?;
@@ -167,7 +167,7 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
     std::thread::scope(|scope| {
         scope.spawn(|| {
             let at = |x: usize| (300 + x).to_string();
-            // A press before there is a scene to turn is none.
+            // A press before the scene is drawn would not start a drag.
             while !is_seen.load(Ordering::Relaxed) && !done.load(Ordering::Relaxed) {
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -175,7 +175,7 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
             if orbits {
                 xdotool(&["mousedown", "1"]);
             }
-            // As often as a mouse tells where it is.
+            // About as often as a mouse reports its position.
             for step in 0.. {
                 if done.load(Ordering::Relaxed) {
                     break;
@@ -204,7 +204,7 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
                 let pass_p99_ms = f64::NAN;
                 run = Some(DemoRun { trained_s, train_ms_median, pictures_per_s, pass_p99_ms });
             }
-            // Told by the window, once it shows the end.
+            // Logged by the window once it shows the end.
             if let (Some(p99_ms), Some(run)) = (number_after(&line, "p99_ms "), &mut run) {
                 run.pass_p99_ms = p99_ms;
                 break;
@@ -218,7 +218,7 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
     })
 }
 
-/// What steering the camera costs training where the cores draw the window. The figures of one command:
+/// Measures how much moving the camera slows training if the CPU draws the window:
 /// `xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release --test app -- --ignored --nocapture
 /// orbiting`.
 #[test]
@@ -226,12 +226,12 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
 fn figures_of_orbiting() {
     let Some(_) = display() else { return };
     let Some(_) = xdotool(&["version"]) else { return };
-    // A display server without any client begins anew, and refuses who comes just then.
+    // Without a client the display server resets and refuses connections meanwhile.
     let _client = Running(Command::new("xdotool").args(["sleep", "3600"]).spawn().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let mut ratios = Vec::new();
     for _ in 0..RUNS {
-        // In turn, so that what else the machine does falls on both.
+        // Runs alternate, so that other load on the machine affects both.
         let Some(still) = demo_with_a_hand(folder.path(), false) else { return };
         let Some(moved) = demo_with_a_hand(folder.path(), true) else { return };
         for (hand, run) in [("hands off", still), ("orbiting", moved)] {
@@ -245,11 +245,11 @@ fn figures_of_orbiting() {
     println!("training time while orbiting / hands off: {ratios:.3?} (target 1.25)");
     let ratio = median(ratios);
     println!("median {ratio:.3}");
-    // A noisy machine may exceed the target by far.
+    // A busy machine can far exceed the target.
     assert!(ratio < 2.0, "orbiting costs training {ratio:.2} times the time");
 }
 
-/// Whoever logs out or shuts the machine down waits for programs that were asked to end.
+/// SIGTERM, as at logout or shutdown, closes the window in order.
 #[cfg(unix)]
 #[test]
 fn a_window_that_is_asked_to_end_closes_in_order() {
@@ -261,21 +261,21 @@ fn a_window_that_is_asked_to_end_closes_in_order() {
     assert!(status.success(), "{status}: {:?}", lines.collect::<Vec<_>>());
 }
 
-/// Seconds of processor time that a process has taken so far.
+/// CPU time of a process so far, seconds.
 #[cfg(target_os = "linux")]
 fn cpu_s(process: u32) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
-    // The name may hold blanks; times follow it, in hundredths.
+    // The name may contain spaces; the times after it are in hundredths of a second.
     let fields: Vec<&str> = text.rsplit_once(')').unwrap().1.split_whitespace().collect();
     fields[11..13].iter().map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / 100.0
 }
 
-/// How often the threads of a process were woken so far.
+/// Number of times the threads of a process were woken so far.
 #[cfg(target_os = "linux")]
 fn n_wakes(process: u32) -> usize {
     let tasks = std::fs::read_dir(format!("/proc/{process}/task")).unwrap();
     let of = |task: std::fs::DirEntry| {
-        // A thread may have ended meanwhile.
+        // The thread may have ended since the listing.
         let text = std::fs::read_to_string(task.path().join("status")).unwrap_or_default();
         let line = text.lines().find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"));
         line.map_or(0, |n| n.trim().parse::<usize>().unwrap())
@@ -283,7 +283,7 @@ fn n_wakes(process: u32) -> usize {
     tasks.map(|task| of(task.unwrap())).sum()
 }
 
-/// The window on a small dataset, there to be looked at.
+/// Opens a visible window on a small dataset.
 #[cfg(target_os = "linux")]
 fn open_small(folder: &Path) -> Option<Running> {
     display()?;
@@ -301,7 +301,7 @@ fn open_small(folder: &Path) -> Option<Running> {
     Some(running)
 }
 
-/// What seconds of a window take: of a core, and how often a second a thread is woken.
+/// Measures a window for some seconds; returns the share of a core and wakes per second.
 #[cfg(target_os = "linux")]
 fn at_rest(running: &Running, seconds: u32) -> (f64, f64) {
     let id = running.0.id();
@@ -311,8 +311,7 @@ fn at_rest(running: &Running, seconds: u32) -> (f64, f64) {
     ((cpu_s(id) - before.0) / seconds, n_wakes(id).saturating_sub(before.1) as f64 / seconds)
 }
 
-/// A window at rest takes nothing of the cores, whether it is seen or not, since nothing in it looks again and
-/// again.
+/// An idle window uses no CPU, visible or hidden, since nothing in it polls.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_window_at_rest_costs_nothing_shown_or_hidden() {
@@ -321,23 +320,23 @@ fn a_window_at_rest_costs_nothing_shown_or_hidden() {
     let id = running.0.id().to_string();
     for action in ["windowraise", "windowunmap"] {
         xdotool(&["search", "--onlyvisible", "--pid", &id, action]);
-        // Thumbnails and the first pictures come first.
+        // Thumbnails and the first pictures take CPU time at first.
         let started = Instant::now();
         let (mut share, mut wakes) = (f64::INFINITY, f64::INFINITY);
         while share > 0.005 || wakes > 5.0 {
             assert!(
                 started.elapsed() < PATIENCE,
-                "{action}: {share:.3} of a core at rest, {wakes} wakes a second"
+                "{action}: {share:.3} of a core at rest, {wakes} wakes per second"
             );
             (share, wakes) = at_rest(&running, 2);
         }
-        println!("{action}: {:.1} % of a core at rest, {wakes} wakes a second", 100.0 * share);
+        println!("{action}: {:.1} % of a core at rest, {wakes} wakes per second", 100.0 * share);
     }
 }
 
-/// The share of a core that a window at rest takes, shown and hidden, over as many seconds as are asked for.
-/// Figures of one command: `VBGS_REST_SECONDS=60 xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release
-/// --test app -- --ignored --nocapture minutes_at_rest`.
+/// Measures the CPU share of an idle window, visible and hidden, over `VBGS_REST_SECONDS`:
+/// `VBGS_REST_SECONDS=60 xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release --test app -- --ignored
+/// --nocapture minutes_at_rest`.
 #[cfg(target_os = "linux")]
 #[test]
 #[ignore = "watches a window for a minute or more"]
@@ -349,10 +348,10 @@ fn figures_of_minutes_at_rest() {
     let id = running.0.id().to_string();
     for action in ["windowraise", "windowunmap"] {
         xdotool(&["search", "--onlyvisible", "--pid", &id, action]);
-        // What is read and drawn at first is none of it, nor notes, which go after 20 s.
+        // Excludes loading, the first pictures, and notices, which disappear after 20 s.
         std::thread::sleep(Duration::from_secs(25));
         let (share, wakes) = at_rest(&running, seconds);
-        println!("{action}: {:.3} % of a core at rest, {wakes:.2} wakes a second", 100.0 * share);
+        println!("{action}: {:.3} % of a core at rest, {wakes:.2} wakes per second", 100.0 * share);
         assert!(share < 0.01, "{action}: {share:.3} of a core");
     }
 }

@@ -1,9 +1,9 @@
-//! Views scored from where their own photographs say that their cameras stood.
+//! `eval --align-poses`: refines each view's camera pose against its photograph before scoring.
 
 use super::runner::Scratch;
 use serde_json::Value;
 
-/// Moves the cameras of the evaluation views by some world units along x.
+/// Shifts the cameras of the evaluation views along x, in world units.
 fn move_views(scratch: &Scratch, by: f64) {
     let path = scratch.path("room/transforms_eval.json");
     let mut list: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
@@ -26,8 +26,8 @@ fn wrong_poses_are_told_from_wrong_pictures() {
     let number = |found: &Value, name: &str| found["eval"][0][name].as_f64().unwrap();
     let aligned =
         |found: &Value, name: &str| found["eval"][0]["pose_aligned_mean"][name].as_f64().unwrap();
-    assert_eq!(number(&plain, "psnr_mean"), number(&right, "psnr_mean"), "plain figures stay");
-    assert!(plain["eval"][0].get("pose_aligned_mean").is_none(), "only where it is asked for");
+    assert_eq!(number(&plain, "psnr_mean"), number(&right, "psnr_mean"), "plain scores stay");
+    assert!(plain["eval"][0].get("pose_aligned_mean").is_none(), "only with --align-poses");
     move_views(&scratch, 0.06);
     let wrong = eval("--align-poses");
     assert!(number(&wrong, "psnr_mean") < number(&right, "psnr_mean") - 0.5, "{wrong}");

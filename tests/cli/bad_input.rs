@@ -1,6 +1,5 @@
-//! Damaged datasets through the binary: one message that names the file, what was expected, what
-//! was found and what to do; a bad frame costs that frame, a dataset without a usable one is an
-//! error.
+//! Damaged datasets through the binary. One message states the file, what was expected, what was
+//! found and what to do. A bad frame is skipped; a dataset without a usable frame is an error.
 
 use super::runner::Scratch;
 use crate::common::scratch::{edit_json, edit_pose, tiny, tiny_blender, tiny_seven_scenes};
@@ -13,7 +12,7 @@ use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
 const LIST: &str = "transforms_train.json";
 const DEPTH: &str = "train/r_1_depth_0001.png";
 
-/// Trains on three frames of which the middle one is damaged: it is left out, said and counted.
+/// Trains on three frames, the middle one damaged: it is skipped with a warning and counted.
 #[track_caller]
 fn skips_one(data: &TempDir, parts: &[&str]) {
     let scratch = Scratch::empty();
@@ -31,14 +30,14 @@ fn skips_one(data: &TempDir, parts: &[&str]) {
         assert!(message.contains(part), "`{part}` is missing from: {message}");
         assert!(warnings[0].contains(part), "`{part}` is missing from: {}", warnings[0]);
     }
-    assert!(!scratch.model("out/scene.ply").splats.is_empty(), "the other frames are learnt");
+    assert!(!scratch.model("out/scene.ply").splats.is_empty(), "the other frames are trained");
     let info = scratch.run_args(&["info", path, "--json"]).succeeds().json();
     let defects = info["defects"].as_array().unwrap();
     assert_eq!(defects.len(), 1, "{defects:?}");
     assert!(defects[0].as_str().unwrap().contains(message), "{defects:?}");
 }
 
-/// Nothing can be trained.
+/// Asserts that training fails and writes no output.
 #[track_caller]
 fn refuses(data: &TempDir, parts: &[&str]) {
     let scratch = Scratch::empty();
@@ -192,7 +191,7 @@ fn absurd_field_of_view() {
     refuses(&data, &["camera-intrinsics.txt", "expected a horizontal field", "correct"]);
 }
 
-/// Every frame is damaged in a way that only shows when it is loaded.
+/// Damages every frame in a way that only loading detects.
 #[test]
 fn no_usable_frame() {
     let data = tiny_seven_scenes();
@@ -254,7 +253,7 @@ fn splits_that_do_not_exist() {
     assert!(!scratch.path("new").exists());
 }
 
-/// Views that cannot be measured are left out and counted; a scene outlives them all.
+/// Views that cannot be evaluated are skipped and counted; the scene is still written.
 #[test]
 fn damaged_views_do_not_cost_the_scene() {
     let scratch = Scratch::with_room();

@@ -1,4 +1,4 @@
-//! `bench` and `precision-search` as a user runs them.
+//! `bench` and `precision-search` through the binary.
 
 use super::runner::Scratch;
 
@@ -20,7 +20,7 @@ fn a_bench_writes_three_files_and_prints_its_table() {
     assert_eq!(printed["bench"], "pareto");
 }
 
-/// What was measured once is not measured again, unless it was asked otherwise.
+/// `bench paper` reuses stored results, unless the settings differ.
 #[test]
 fn the_papers_protocol_goes_on_where_it_stopped() {
     let scratch = Scratch::with_room();
@@ -43,13 +43,13 @@ fn the_papers_protocol_goes_on_where_it_stopped() {
     scratch.run(&format!("{bench} 2")).succeeds();
     let again = scratch.json("found/paper.json");
     assert_eq!(again["rows"][0], rows[0], "times of another run would differ");
-    assert_ne!(again["rows"][2]["drawn"], rows[2]["drawn"], "read from what was kept");
+    assert_ne!(again["rows"][2]["drawn"], rows[2]["drawn"], "read from the stored results");
     scratch.run(&format!("{bench} 1")).succeeds();
     assert_eq!(scratch.json("found/paper.json")["rows"][2]["frames"], 1);
     scratch.run("bench paper --data found").fails(1, &["found: expected folders of scenes"]);
 }
 
-/// Recordings are judged from three poses, order by order, and nothing is measured twice.
+/// `bench real` scores recorded and aligned poses for each frame order and reuses stored results.
 #[test]
 fn recordings_are_judged_from_recorded_and_aligned_poses() {
     let scratch = Scratch::with_room();
@@ -71,11 +71,11 @@ fn recordings_are_judged_from_recorded_and_aligned_poses() {
         std::fs::read_to_string(&kept).unwrap().replace("\"views\": 3,\n", "\"views\": 7,\n");
     std::fs::write(&kept, marked).unwrap();
     scratch.run(bench).succeeds();
-    assert_eq!(scratch.json("found/real.json")["summary"]["orders"][1]["views"], 7, "kept");
+    assert_eq!(scratch.json("found/real.json")["summary"]["orders"][1]["views"], 7, "stored");
     scratch.run("bench real --data found").fails(1, &["found: expected folders of scenes"]);
 }
 
-/// Every configuration looks at the same frames again, and says what became of them.
+/// `bench retention` scores trained frames after training on them and again at the end.
 #[test]
 fn retention_is_of_frames_and_held_out_views() {
     let scratch = Scratch::with_room();
@@ -98,7 +98,7 @@ fn retention_is_of_frames_and_held_out_views() {
     scratch.run("bench retention room --repeats 2").fails(2, &["--repeats: "]);
 }
 
-/// The preset stands in every table, and what changes nothing on the dataset in none.
+/// Every table contains the preset; no table contains a change that has no effect on the dataset.
 #[test]
 fn accuracy_is_taken_apart() {
     let scratch = Scratch::with_room();
@@ -121,19 +121,19 @@ fn accuracy_is_taken_apart() {
     for (more, fewer) in budgets.iter().zip(&budgets[1..]) {
         assert!(more["drawn"].as_f64() > fewer["drawn"].as_f64(), "{more} {fewer}");
         let [more, fewer] = [more, fewer].map(|row| row["psnr"].as_f64().unwrap());
-        assert!(fewer < more + 0.1, "fewer components show no more: {fewer} {more}");
+        assert!(fewer < more + 0.1, "fewer components must not score better: {fewer} {more}");
     }
     let preset = [steps[steps.len() - 1], changes[0], scales[0]];
     assert!(
         preset.iter().all(|row| row["psnr"] == preset[0]["psnr"] && row["h"] == preset[0]["h"])
     );
-    // Exact depth, registered colour, one exposure: nothing to calibrate, tighten or fit.
+    // Exact depth, registered colour and constant exposure leave nothing to calibrate or fit.
     let names: Vec<&str> = rows.iter().map(|row| row["configuration"].as_str().unwrap()).collect();
     assert!(!names.iter().any(|name| name.contains("calibration") || name.contains("gain")));
     assert_eq!((steps.len(), scales.len()), (9, 8), "{names:?}");
     for row in scales {
         let range = row["psnr_high"].as_f64().unwrap() - row["psnr_low"].as_f64().unwrap();
-        assert!(range == 0.0 || row["births"] == "seeds", "lattices know no order: {row}");
+        assert!(range == 0.0 || row["births"] == "seeds", "lattices ignore the order: {row}");
         assert!(row["drawn"].as_f64() <= row["born"].as_f64() && row["drawn"] != 0.0, "{row}");
         assert!((0.0..=1.0).contains(&row["cracks_half_01"].as_f64().unwrap()), "{row}");
     }
@@ -194,5 +194,5 @@ fn wrong_usage_is_said_before_any_work() {
         scratch.run("bench render --device gpu").fails(2, &["'gpu'", "--device"]);
         scratch.run("bench render --adapter arc").fails(2, &["--adapter"]);
     }
-    assert!(!scratch.path("vbgs-bench").exists(), "nothing is made before the dataset is there");
+    assert!(!scratch.path("vbgs-bench").exists(), "no output before the dataset is found");
 }

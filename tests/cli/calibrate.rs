@@ -1,4 +1,4 @@
-//! `calibrate` finds what is wrong with a recording, and leaves alone what is right.
+//! `calibrate` corrects a wrong calibration and leaves a correct one unchanged.
 
 use super::runner::Scratch;
 use crate::common::shared;
@@ -11,7 +11,7 @@ use vbgs_studio::math::camera::Intrinsics;
 
 const FRAMES: usize = 16;
 
-/// With a dataset `room` in the layout of 7-Scenes, whose colours are registered.
+/// Creates a dataset `room` in the 7-Scenes layout with colour registered to depth.
 fn with_recording() -> Scratch {
     let scratch = Scratch::empty();
     let synth = format!(
@@ -21,7 +21,7 @@ fn with_recording() -> Scratch {
     scratch
 }
 
-/// Takes the recording's photographs again, by a camera of their own.
+/// Replaces the recording's photographs by those of a separate colour camera.
 fn photograph(scratch: &Scratch, camera: &ColorCamera, seed: u64, gain: impl Fn(usize) -> f64) {
     let params = SyntheticParams {
         width: 160,
@@ -44,7 +44,7 @@ fn photograph(scratch: &Scratch, camera: &ColorCamera, seed: u64, gain: impl Fn(
     }
 }
 
-/// Writes the recording's depth as a camera would that needs this correction.
+/// Writes depth with the error that this correction removes.
 fn spoil_depth(scratch: &Scratch, offset_mm: f64, scale: f64) {
     for i in 0..FRAMES {
         let path = scratch.path(&format!("room/train/frame-{i:06}.depth.png"));
@@ -113,14 +113,14 @@ fn a_colour_camera_is_found() {
     let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
     let best = file.color_camera.unwrap();
     assert!((best.focal[0] / camera.focal[0] - 1.0).abs() < 0.005, "{found}");
-    // What an offset as large hides from the colour camera is compared all the same.
+    // Points that such a large offset hides from the colour camera must not bias the estimate.
     assert!((best.offset[0] - 0.1).abs() < 0.015, "{found}");
     assert_eq!(value(&found, "focal")["determined"], true);
     let variance = |when: &str| found[when]["color_variance"].as_f64().unwrap();
     assert!(variance("after") < 0.7 * variance("before"), "{found}");
 }
 
-/// Photographs are made smaller and keep the calibration of the large ones.
+/// The photographs are smaller than those that were calibrated.
 #[test]
 fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
     let scratch = with_recording();
@@ -162,7 +162,7 @@ fn a_calibration_of_other_photographs_is_scaled_or_refused_as_the_run_begins() {
     scratch.run(calibrate).fails(1, &parts[1..]);
 }
 
-/// Focal length, both offsets, depth scale and exposure wrong at once, in six rooms.
+/// Wrong focal length, offsets, depth scale and exposure at once, in six rooms.
 #[test]
 #[ignore = "six calibrations: two minutes"]
 fn all_that_is_wrong_comes_back_within_its_standard_errors() {
@@ -206,22 +206,22 @@ fn all_that_is_wrong_comes_back_within_its_standard_errors() {
             within += usize::from(off.abs() <= 3.0 * error);
             taken += usize::from(value["determined"] == true);
             println!("room {seed} {name}: {off:+.5} of {truth:.4}, standard error {error:.5}");
-            // What is taken is right: never a number that lies far off with certainty.
+            // An estimate may be undetermined, but never far off with a small standard error.
             assert!(off.abs() <= 4.0 * error, "room {seed}: {value}");
         }
         let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
         for pair in file.exposure.chunks(2) {
-            // The evaluation frame comes first.
+            // Exposures list the evaluation frame first.
             let ratio = pair[1].gain[1] / pair[0].gain[1];
             assert!((ratio / 0.9 - 1.0).abs() < 0.05, "room {seed}: {ratio}");
         }
     }
-    println!("{within} of {n} within three standard errors, {taken} taken");
+    println!("{within} of {n} within three standard errors, {taken} determined");
     assert!(within * 20 >= n * 19, "{within} of {n}");
     assert!(2 * taken > n, "{taken} of {n}");
 }
 
-/// The Kinect room begun with a focal length 3 % off, an offset of 1 cm and depth 2 % and 1 cm off.
+/// The Kinect room, started from a focal length 3 % off, an offset of 1 cm, and depth off by 2 % and 1 cm.
 #[test]
 #[ignore = "24 frames of 640x480: half a minute"]
 fn a_real_recording_comes_back_from_wrong_values() {

@@ -1,4 +1,4 @@
-//! What `info` says of blurred frames, jumps of brightness and gaps in time, made on purpose.
+//! Capture warnings of `info`: blurred frames, brightness jumps and gaps in time.
 
 use super::runner::Scratch;
 use image::RgbImage;
@@ -14,7 +14,7 @@ fn edit(scratch: &Scratch, file: &str, edit: impl FnOnce(RgbImage) -> RgbImage) 
     edit(image::open(&path).unwrap().into_rgb8()).save(&path).unwrap();
 }
 
-/// Names of what was found, kind by kind.
+/// Frame names in the capture report of one kind.
 fn found(info: &Value, kind: &str) -> Vec<String> {
     let list = info["splits"][0]["capture"][kind].as_array().unwrap();
     list.iter().map(|one| one["frame"].as_str().unwrap().to_owned()).collect()

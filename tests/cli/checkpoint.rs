@@ -1,4 +1,4 @@
-//! Runs that stop and go on, shards that are merged, and checkpoints as models.
+//! Resumed runs, merged shards, and checkpoints used as models.
 
 use super::runner::Scratch;
 use std::fs;
@@ -82,7 +82,7 @@ fn another_dataset_needs_force() {
     let train = "train more --out on --resume out/checkpoint.vbgs --max-frames 5";
     let parts = ["out/checkpoint.vbgs", "number of frames (expected 8, found 9)", "--force"];
     scratch.run(train).fails(1, &parts);
-    assert!(!scratch.path("on").exists(), "nothing is made");
+    assert!(!scratch.path("on").exists(), "no output is written");
     scratch.run(&format!("{train} --force")).succeeds();
     assert_eq!(scratch.json("on/report.json")["frames"].as_array().unwrap().len(), 5);
 }
@@ -104,7 +104,7 @@ fn scenes_are_merged_onto_the_run_they_went_on_from() {
     assert!(said.stderr.is_empty(), "{}", said.stderr);
     scratch.run("info all.vbgs").succeeds();
     scratch.run(&format!("merge {a} {b} -o m.vbgs")).fails(1, &["no frame in both", "--start"]);
-    // Runs that began apart become one, not without a word.
+    // Runs without a common start are merged, with a warning.
     for k in 1..=2 {
         let shard = format!("--set births=seeds --shard {k}/2 --out own{k}");
         scratch.run(&format!("train room {shard}")).succeeds();
@@ -162,7 +162,7 @@ fn a_checkpoint_is_a_model() {
             let run = scratch.run(&format!("eval {model} room --json")).succeeds();
             run.json()["eval"][0]["psnr_mean"].as_f64().unwrap()
         };
-        // Scales and opacities of a PLY are logarithms and logits.
+        // A PLY stores scales as logarithms and opacities as logits.
         assert!((eval("scene.glb") - eval("out/scene.ply")).abs() < 1e-3);
     }
 }
@@ -230,7 +230,7 @@ fn autosaves_keep_the_one_before() {
         info["frames"].as_u64().unwrap()
     };
     assert_eq!(frames("out/checkpoint.vbgs"), 7);
-    // Which one depends on the disk: what is due while a save runs is put off.
+    // The frame count depends on disk speed: an autosave that is due during a save is postponed.
     assert!((3..=7).contains(&frames("out/checkpoint.vbgs.bak")));
     assert_eq!(fs::read_dir(scratch.path("out")).unwrap().count(), 4);
 }

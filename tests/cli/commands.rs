@@ -1,4 +1,4 @@
-//! Every command does its work on a small room, in both layouts.
+//! Every command on a small room, in both layouts.
 
 use super::runner::Scratch;
 use vbgs_studio::export::ModelKind;
@@ -22,7 +22,7 @@ fn train_writes_a_scene_and_a_report() {
         );
         assert!(run.stdout.contains("PSNR"), "{}", run.stdout);
         let notes = run.stderr.lines().all(|line| line.starts_with("note: "));
-        assert!(notes, "nothing to warn about, and no bar without a terminal: {}", run.stderr);
+        assert!(notes, "no warning, and no progress bar without a terminal: {}", run.stderr);
         let report = scratch.json(&format!("{layout}-out/report.json"));
         assert_eq!(report["dataset"]["layout"], layout);
         assert_eq!(report["frames"].as_array().unwrap().len(), 6);
@@ -48,7 +48,7 @@ fn a_second_run_replaces_the_first() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["checkpoint.vbgs", "report.json", "scene.ply"], "no temporary stays behind");
+    assert_eq!(names, ["checkpoint.vbgs", "report.json", "scene.ply"], "no temporary file is left");
 }
 
 #[test]
@@ -150,7 +150,7 @@ fn synth_overwrites_nothing() {
     assert_eq!(scratch.bytes("room/transforms_train.json"), list);
 }
 
-/// `-o` onto what is no file writes to it; a link keeps naming its file.
+/// `-o` writes through symbolic links, FIFOs and devices and does not replace them.
 #[cfg(unix)]
 #[test]
 fn outputs_go_through_links_and_fifos() {

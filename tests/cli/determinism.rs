@@ -1,4 +1,4 @@
-//! The same input gives the same bytes, whatever the machine's threads do.
+//! The same input gives the same bytes for any number of threads.
 
 use super::runner::Scratch;
 
@@ -30,7 +30,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
     }
 }
 
-/// The instructions that a machine has change the time a frame takes and nothing else.
+/// The CPU's instruction set changes the time per frame and nothing else.
 #[test]
 fn any_instruction_set_gives_the_same_bytes() {
     let scratch = room();

@@ -1,9 +1,9 @@
-//! What trains and what compares photographs, chosen on the command line.
+//! Devices for training and for comparing photographs, chosen on the command line.
 
 use super::runner::Scratch;
 use serde_json::Value;
 
-/// The report's word of photographs, and the console's.
+/// `comparer` section of the report, and stdout.
 fn trained(arguments: &str) -> (Value, String) {
     let (report, said) = report(&Scratch::with_room(), "out", arguments);
     (report["comparer"].clone(), said)
@@ -36,7 +36,7 @@ fn a_gpu_compares_where_it_is_asked_to() {
     assert!(said.contains(&format!("{name} compared photographs")), "{said}");
     if adapter.get_info().device_type == wgpu::DeviceType::Cpu {
         let (auto, _) = trained("--photometric full");
-        assert_eq!(auto["device"], Value::Null, "software is never taken unasked");
+        assert_eq!(auto["device"], Value::Null, "auto never selects a software adapter");
     }
 }
 
@@ -90,7 +90,7 @@ fn a_gpu_trains_to_the_same_files() {
         let (report_of_gpu, said) = report(&scratch, "gpu", &format!("{arguments} --device gpu"));
         report(&scratch, "cpu", &format!("{arguments} --device cpu"));
         let used = &report_of_gpu[word];
-        // The first frame is fitted by both and compared.
+        // The first frame is fitted on both devices and compared; it counts as the CPU's.
         assert_eq!((&used["device_frames"], &used["processor_frames"]), (&2.into(), &1.into()));
         assert!(said.contains(&format!("{} fitted 2 frames", used["device"].as_str().unwrap())));
         assert!(scratch.bytes("gpu/scene.ply") == scratch.bytes("cpu/scene.ply"));

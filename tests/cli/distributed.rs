@@ -1,4 +1,4 @@
-//! The recipe for many machines (`examples/distributed`), on this one.
+//! The recipe for many machines (`examples/distributed`), run on this one.
 
 use super::common::skip::skip;
 use super::runner::{Run, Scratch};
@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 
-/// Runs the recipe with the tested program; `None` where there is no Python and need not be.
+/// Runs the recipe with the tested binary; `None` if Python is missing and not required.
 fn distribute(scratch: &Scratch, arguments: &str) -> Option<Run> {
     if Command::new("python3").arg("--version").output().is_err() {
         return skip("no python3", "install it");
@@ -29,7 +29,7 @@ fn shards_and_their_tree_of_merges_are_one_run() {
     assert!(scratch.bytes("tree/scene.ply") == scratch.bytes("whole/scene.ply"), "other splats");
     let read = |name: &str| SavedRun::read(&scratch.path(name)).unwrap().content;
     let (tree, whole) = (read("tree/checkpoint.vbgs"), read("whole/checkpoint.vbgs"));
-    assert!(tree.model == whole.model, "other bits");
+    assert!(tree.model == whole.model, "different bits");
     assert_eq!((tree.config, tree.cursor.frames), (whole.config, whole.cursor.frames));
 }
 
@@ -45,7 +45,7 @@ fn one_shard_needs_no_merge_and_options_go_to_every_shard() {
     assert!(scratch.bytes("one/scene.ply") == scratch.bytes("whole/scene.ply"));
 }
 
-/// Scenes whose components are born from points go on from a start, which counts once.
+/// Shards of a scene with seed births resume from one common start, which is counted once.
 #[test]
 fn shards_of_the_default_scene_go_on_from_one_start() {
     let scratch = Scratch::with_room();

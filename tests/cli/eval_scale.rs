@@ -1,4 +1,4 @@
-//! Comparing at a fraction of the photographs' size.
+//! Evaluation at a fraction of the photographs' size.
 
 use super::runner::Scratch;
 use vbgs_studio::dataset::{self, LoadOptions};
@@ -6,7 +6,7 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-/// PSNR of the first evaluation view at half its size, found without what is tested.
+/// PSNR of the first evaluation view at half size, computed without the code under test.
 fn psnr_at_half(scratch: &Scratch) -> f64 {
     let room = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap();
     let split = room.splits.iter().position(|split| split.name == "eval").unwrap();
@@ -41,7 +41,7 @@ fn views_are_compared_at_a_fraction_of_their_size_and_say_so() {
     let found = half["views"][0]["psnr"].as_f64().unwrap();
     let expected = psnr_at_half(&scratch);
     assert!((found - expected).abs() < 1e-3, "{found}, expected {expected}");
-    // Depth is carried into the smaller image, not compared pixel by pixel with the larger one.
+    // Depth is resampled to the smaller image, not compared pixel by pixel with the larger one.
     let depth = |report: &serde_json::Value| report["eval"][0]["depth_mae_mean"].as_f64().unwrap();
     assert!((0.5..1.5).contains(&(depth(&half) / depth(&full))), "{full} {half}");
 

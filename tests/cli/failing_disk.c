@@ -1,13 +1,12 @@
-/* A disk that fails, loaded before the program (LD_PRELOAD): no seam in the program can be forgotten.
+/* Makes system calls of the tested program fail (LD_PRELOAD), so no code path in the program can be missed.
  *
- * FAILING_UNDER   files below this folder are concerned
+ * FAILING_UNDER   only files below this folder are affected
  * FAILING_CALL    read, open or stat
- * FAILING_FROM    the first of these calls that fails, counted from 0; none without it
- * FAILING_UNTIL   the first that does not fail any more; all fail without it
- * FAILING_EVERY   of those every so-manieth fails
- * FAILING_BY      the errno; 0 for reads that give at most FAILING_SHORT bytes
- * FAILING_TOLD    a file that is told at the end how many calls there were, and of which file the first
- *                 was that failed
+ * FAILING_FROM    index of the first failing call, from 0; none fails without it
+ * FAILING_UNTIL   index of the first call that succeeds again; without it all later calls fail
+ * FAILING_EVERY   every n-th call of that range fails
+ * FAILING_BY      errno; 0 for reads of at most FAILING_SHORT bytes
+ * FAILING_TOLD    output file: number of matching calls, and the file of the first failed one
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -37,7 +36,7 @@ static int is_concerned(const char *call, const char *path) {
     return under && which && !strcmp(which, call) && !strncmp(path, under, strlen(under));
 }
 
-/* Whether this call, if it is a concerned one, fails; it is counted. */
+/* Counts this call if it matches; true if it has to fail. */
 static int fails_at(const char *call, const char *path) {
     if (!is_concerned(call, path)) return 0;
     long now = atomic_fetch_add(&calls, 1), from = number("FAILING_FROM", LONG_MAX);

@@ -1,5 +1,5 @@
-//! Disks that fail while a recording or a model is read: the system's own calls fail under the real program,
-//! one after the other (`failing_disk.c`). Whatever happens, it is told, or it changes nothing.
+//! Disk errors while a recording or a model is read. A preloaded library (`failing_disk.c`) makes
+//! the binary's system calls fail. Each failure is reported or leaves the result unchanged.
 #![cfg(target_os = "linux")]
 
 use super::runner::{Run, Scratch};
@@ -29,19 +29,19 @@ const EIO: i32 = 5;
 const EINTR: i32 = 4;
 const EMFILE: i32 = 24;
 
-/// What goes wrong: calls of one kind about files of one folder.
+/// System calls that fail: one kind of call on the files of one folder.
 #[derive(Clone, Copy)]
 struct Failing {
     call: &'static str,
     from: Option<usize>,
     until: Option<usize>,
     every: usize,
-    /// An errno, or 0 for reads that give a few bytes only.
+    /// An errno, or 0 for short reads.
     by: i32,
 }
 
 impl Failing {
-    /// Nothing: calls are counted.
+    /// No call fails; calls are only counted.
     const fn not(call: &'static str) -> Self {
         Self { call, from: None, until: None, every: 1, by: 0 }
     }
@@ -59,7 +59,7 @@ impl Failing {
     }
 }
 
-/// The library that is loaded before the program.
+/// Builds the LD_PRELOAD library once.
 fn library() -> &'static Path {
     static BUILT: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
     let built = BUILT.get_or_init(|| {
@@ -74,7 +74,7 @@ fn library() -> &'static Path {
     &built.1
 }
 
-/// How a run on such a disk ended, how many calls there were, and the file of the first that failed.
+/// Result of a run: the process, the number of matching calls, and the file of the first failed call.
 struct Ended {
     run: Run,
     calls: usize,
@@ -102,7 +102,7 @@ fn run(scratch: &Scratch, under: &str, failing: Failing, arguments: &str) -> End
     Ended { run, calls: calls.parse().unwrap(), file: name.to_str().unwrap().to_owned() }
 }
 
-/// Four frames and one held out, in a layout, and the scene of a disk that is well.
+/// Records four frames and one held-out frame, and trains the reference scene without disk errors.
 fn recorded(layout: &str) -> (Scratch, Vec<u8>) {
     let scratch = Scratch::empty();
     let size = "--size 64x48 --frames 4 --eval-frames 1";
@@ -118,18 +118,18 @@ fn reads_that_give_little_or_are_interrupted_give_the_same_scene() {
         let (scratch, scene) = recorded(layout);
         for failing in [Failing::every("read", 1, 0), Failing::every("read", 2, EINTR)] {
             let ended = run(&scratch, "room", failing, TRAIN);
-            assert!(!ended.file.is_empty(), "{layout}: no read was short");
+            assert!(!ended.file.is_empty(), "{layout}: no read was shortened");
             ended.run.succeeds();
             assert!(
                 scratch.bytes("out/scene.ply") == scene,
-                "{layout}, {}: another scene",
+                "{layout}, {}: the scene differs",
                 failing.by
             );
         }
     }
 }
 
-/// Trains while a call fails. Either the file is named, and what is left out with it, or nothing changed.
+/// Trains while calls fail. Either stderr names the file that cannot be read, or the scene is unchanged.
 fn told_or_harmless(layout: &str, (scratch, scene): &(Scratch, Vec<u8>), failing: Failing) {
     let _ = std::fs::remove_dir_all(scratch.path("out"));
     let Ended { run, file, .. } = run(scratch, "room", failing, TRAIN);
@@ -141,24 +141,24 @@ fn told_or_harmless(layout: &str, (scratch, scene): &(Scratch, Vec<u8>), failing
     let errors: Vec<&str> = run.stderr.lines().filter(|line| line.starts_with("error: ")).collect();
     match run.code {
         0 => {
-            // Where all fail from there on, the first may be a look at when a file was written, which tells
-            // nobody; then what is read next is named.
+            // If every call from here on fails, the first may be a `stat` for the modification
+            // time. That failure has no message; the next file read is named instead.
             let reason = format!("(os error {})", failing.by);
             let is_named = |line: &str| line.starts_with("warning: ") && line.contains(&reason);
             let is_told = run.stderr.contains(&file)
                 || failing.until.is_none() && run.stderr.lines().any(is_named);
             let is_same = scratch.bytes("out/scene.ply") == *scene;
-            assert!(is_told || is_same, "another scene without a word; {said}");
+            assert!(is_told || is_same, "the scene differs without a warning; {said}");
         }
         1 => {
             assert!(errors.len() == 1 && errors[0].contains("room"), "{said}");
-            assert!(!scratch.path("out/scene.ply").exists(), "a scene all the same; {said}");
+            assert!(!scratch.path("out/scene.ply").exists(), "a scene was written; {said}");
         }
         _ => panic!("{said}"),
     }
 }
 
-/// Lets some of the calls fail, evenly spaced, each by itself and with all behind it.
+/// Makes evenly spaced calls fail: each one alone, and each one with all later calls.
 fn fail_some(calls: &[(&'static str, i32)], most: usize) {
     LAYOUTS.par_iter().for_each(|layout| {
         let recorded = recorded(layout);
@@ -174,8 +174,8 @@ fn fail_some(calls: &[(&'static str, i32)], most: usize) {
     });
 }
 
-/// Five calls of a kind; every single one where `VBGS_EVERY_CALL` is set, some 8,000 runs of the program in
-/// half an hour of a core.
+/// Five calls of each kind. With `VBGS_EVERY_CALL` every call fails once: about 8,000 runs, half an
+/// hour on one core.
 #[test]
 fn whichever_file_cannot_be_read_it_is_told_or_changes_nothing() {
     match std::env::var_os("VBGS_EVERY_CALL") {
@@ -208,6 +208,6 @@ fn a_model_that_cannot_be_read_to_its_end_is_none() {
         }
         begin();
         run(&scratch, "out", Failing::every("read", 1, 0), arguments).run.succeeds();
-        assert!(scratch.bytes(whole) == scene, "{arguments}: short reads give another file");
+        assert!(scratch.bytes(whole) == scene, "{arguments}: short reads change the output");
     }
 }

@@ -1,4 +1,4 @@
-//! `train --follow` beside a recorder, and `synth --live`, which is one.
+//! `train --follow` beside a recorder (`synth --live`).
 
 use super::runner::{Run, Scratch};
 use crate::common::silent::{SilentFile, image_of_holes};
@@ -9,10 +9,9 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest that the end of a program may take here: far less than anybody waits for a drive.
+/// Longest time a program may take to end after a signal; far shorter than a drive's timeout.
 const AT_ONCE: Duration = Duration::from_secs(10);
 
-/// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 const TRAIN: &str = "train room --out out --preset paper --set components=500";
@@ -30,14 +29,14 @@ fn end(child: Child) -> Run {
 fn wait_for(path: &Path) {
     let started = Instant::now();
     while !path.exists() {
-        assert!(started.elapsed() < PATIENCE, "{} never comes", path.display());
+        assert!(started.elapsed() < PATIENCE, "{} was not written in time", path.display());
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
 #[cfg(unix)]
 fn interrupt(child: &Child) {
-    // `kill` is built into every shell, but not every system has the program.
+    // `kill` is a builtin of every shell, but not every system has it as a program.
     let kill = format!("kill -INT {}", child.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
@@ -47,7 +46,7 @@ fn names(report: &Value) -> Vec<&str> {
     frames.iter().map(|frame| frame["frame"].as_str().unwrap()).collect()
 }
 
-/// Moves the frames from the `first` one on out of a 7-Scenes folder, or back.
+/// Moves the frames from number `first` on out of a 7-Scenes folder, or back.
 fn move_frames(from: &Path, to: &Path, first: usize) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -62,7 +61,7 @@ fn move_frames(from: &Path, to: &Path, first: usize) {
 #[test]
 fn a_recording_is_learnt_while_it_is_written() {
     let scratch = Scratch::empty();
-    // Before there is a folder.
+    // Starts before the folder exists.
     let train = start(&scratch, &format!("{TRAIN} --follow --eval held-out"));
     let size = "--size 48x36 --frames 20 --eval-frames 0";
     let synth = scratch.run(&format!("synth room --layout tum --live 30 {size}")).succeeds();
@@ -80,7 +79,8 @@ fn a_recording_is_learnt_while_it_is_written() {
     assert!(
         report["frames"].as_array().unwrap().iter().all(|f| f["behind_ms"].as_f64() > Some(0.0))
     );
-    // As if it had been opened at the end; only a look at more frames places the model otherwise.
+    // Training after the recording ended uses the same frames. Only the centre of the model
+    // differs, because more frames are known.
     scratch.run(&TRAIN.replace("out out", "out after")).succeeds();
     let after = scratch.json("after/report.json");
     assert_eq!(names(&report), names(&after));
@@ -102,10 +102,10 @@ fn ctrl_c_ends_it_and_a_later_run_goes_on() {
     let run = end(train);
     assert_eq!(run.code, 130, "{}", run.stderr);
     let report = scratch.json("out/report.json");
-    assert_eq!(names(&report).len(), 6, "all but the first of seven");
+    assert_eq!(names(&report).len(), 6, "all but the first of seven frames");
     assert!(scratch.path("out/scene.ply").exists());
 
-    // The recording has grown: a run that was followed goes on with it, followed or not.
+    // The recording has grown: a followed run resumes on it, with or without `--follow`.
     move_frames(&later, &frames, 0);
     let go_on = "train room --resume out/checkpoint.vbgs";
     scratch.run(&format!("{go_on} --out opened")).succeeds();
@@ -116,14 +116,14 @@ fn ctrl_c_ends_it_and_a_later_run_goes_on() {
     assert_eq!(names(&scratch.json("followed/report.json")), names(&opened));
     assert_eq!(scratch.bytes("followed/scene.ply"), scratch.bytes("opened/scene.ply"));
 
-    // Another recording is none that has grown.
+    // A different recording is not a grown one.
     scratch.run(&format!("synth other --layout seven-scenes --seed 5 {size}")).succeeds();
     fs::write(scratch.path("other/recording.done"), "").unwrap();
     let other = "train other --resume out/checkpoint.vbgs --out no --follow";
     scratch.run(other).fails(1, &["expected the dataset it was trained on"]);
 }
 
-/// Before the first frame is learnt there is nothing to save, so nothing to wait for.
+/// Without a trained frame there is nothing to save, so Ctrl-C ends the run at once.
 #[test]
 #[cfg(target_os = "linux")]
 fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
@@ -131,14 +131,14 @@ fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
     let size = "--size 48x36 --frames 6 --eval-frames 0";
     scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
     let (frames, later) = (scratch.path("room/train"), scratch.path("later"));
-    // The first is held out. The second shows nothing, so that nothing can begin with it alone.
+    // The first frame is held out and the second has no depth, so training cannot begin.
     move_frames(&frames, &later, 2);
     let hole = frames.join("frame-000001.depth.png");
     fs::write(&hole, image_of_holes(48, 36)).unwrap();
     let mut followed = start(&scratch, "train room --out out --follow");
     let mut said = BufReader::new(followed.stderr.take().unwrap()).lines();
     let is_waiting = said.any(|line| line.unwrap().starts_with("note: waiting: "));
-    assert!(is_waiting, "nothing is said of a frame that shows nothing");
+    assert!(is_waiting, "no note about a frame without depth");
     let Some(_silent) = SilentFile::hold(&scratch.path("."), &hole) else {
         interrupt(&followed);
         end(followed);
@@ -148,7 +148,7 @@ fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
     let opened = start(&scratch, "train room --out out");
     std::thread::sleep(Duration::from_secs(2));
     for mut child in [followed, opened] {
-        assert!(child.try_wait().unwrap().is_none(), "it waits for the drive");
+        assert!(child.try_wait().unwrap().is_none(), "it ended too early");
         interrupt(&child);
         let asked = Instant::now();
         let run = end(child);
@@ -174,7 +174,7 @@ fn frames_without_a_surface_are_waited_over() {
     let scratch = Scratch::empty();
     let size = "--size 48x36 --frames 12 --eval-frames 0";
     scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
-    // A lens that is covered at first: every pixel is a hole.
+    // A covered lens at first: every pixel is a hole.
     let (frames, later) = (scratch.path("room/train"), scratch.path("later"));
     move_frames(&frames, &later, 4);
     let hole = image_of_holes(48, 36);
@@ -187,7 +187,7 @@ fn frames_without_a_surface_are_waited_over() {
     fs::write(scratch.path("room/recording.done"), "").unwrap();
     end(train).succeeds();
     let report = scratch.json("out/report.json");
-    assert_eq!(names(&report).len(), 7, "all but those of holes and the ninth");
+    assert_eq!(names(&report).len(), 7, "all but the frames of holes and the ninth");
     assert_eq!(report["skipped"].as_array().unwrap().len(), 3);
 }
 
@@ -201,7 +201,7 @@ fn what_cannot_be_followed_is_refused() {
     fs::write(scratch.path("file"), "").unwrap();
     let file = "train file --out out --follow";
     scratch.run(file).fails(1, &["expected a dataset folder, found a file"]);
-    // An end without a recording.
+    // An end marker without a recording.
     fs::create_dir(scratch.path("empty")).unwrap();
     fs::write(scratch.path("empty/recording.done"), "").unwrap();
     scratch.run("train empty --out out --follow").fails(1, &["expected a dataset in one of"]);
@@ -211,11 +211,11 @@ fn what_cannot_be_followed_is_refused() {
     scratch.run("synth live --live 0").fails(2, &["--live", "expected a number above 0"]);
 }
 
-/// However far behind the recorder the learner falls, it learns every frame. How far is for a machine
-/// with nothing else to do, and is printed:
+/// Training follows a recorder of 30 frames/s and uses every frame, however late. The delay depends
+/// on the machine and is only printed; run it on an idle one:
 /// `cargo test --release --test cli thirty_frames -- --ignored --nocapture`
 #[test]
-#[ignore = "records and learns 450 frames: half a minute"]
+#[ignore = "records and trains 450 frames: half a minute"]
 fn figures_of_thirty_frames_a_second() {
     let n = 150_usize;
     for layout in ["tum", "seven-scenes", "scannet"] {
@@ -231,7 +231,7 @@ fn figures_of_thirty_frames_a_second() {
         behind.sort_by(f64::total_cmp);
         let at = |share: f64| behind[((behind.len() - 1) as f64 * share) as usize];
         println!(
-            "{layout}: {} frames of {n} learnt, {} held out, train median {} ms; from complete to learnt: median {:.0} ms, 95 % {:.0} ms, most {:.0} ms",
+            "{layout}: {} frames of {n} trained, {} held out, train median {} ms; from recorded to trained: median {:.0} ms, 95 % {:.0} ms, most {:.0} ms",
             frames.len(),
             n.div_ceil(8),
             report["summary"]["train_ms_median"],
@@ -262,8 +262,8 @@ fn figures_of_ten_thousand_frames() {
     }
 }
 
-/// A recording of `n` frames: every file of a frame linked, every line of a list written again, with
-/// the number that the frame has.
+/// Makes a recording of `n` frames from a few: files are hard links, and lines of lists are
+/// repeated with the number of the frame.
 fn multiply(few: &Path, out: &Path, layout: &str, n_few: usize, n: usize) {
     let link = |from: String, to: String| {
         let to = out.join(to);

@@ -1,4 +1,4 @@
-//! Without a display the demo is trained all the same.
+//! Without a display the demo still trains.
 
 use super::runner::{Run, Scratch};
 
@@ -10,7 +10,7 @@ fn run_without_display(scratch: &Scratch, arguments: &[&str]) -> Run {
     Run::from(command.output().unwrap())
 }
 
-/// A path asks for a window; where there can be none the message names the ways without.
+/// A path on the command line opens a window; without a display the error names the commands to use.
 #[test]
 fn a_path_needs_a_display() {
     let scratch = Scratch::empty();
@@ -39,5 +39,5 @@ fn the_demo_trains_without_a_display() {
     let preview = image::open(scratch.path("vbgs-demo/preview.png")).unwrap().into_rgb8();
     assert_eq!(preview.dimensions(), (320, 240));
     let dark = preview.pixels().filter(|p| p.0.iter().all(|&v| v < 8)).count();
-    assert!(dark * 10 < 320 * 240, "{dark} pixels of the preview show nothing");
+    assert!(dark * 10 < 320 * 240, "{dark} pixels of the preview are dark");
 }

@@ -1,4 +1,4 @@
-//! `render` writes pictures of the right size with something in them.
+//! `render` writes pictures of the right size with visible content.
 
 use super::runner::Scratch;
 use image::RgbImage;
@@ -48,7 +48,7 @@ fn a_turntable_goes_around() {
     assert_eq!(std::fs::read_dir(scratch.path("turn")).unwrap().count(), 4);
     assert!(views[1..].iter().all(|view| *view != views[0]));
     scratch.run("render out/scene.ply -o still.png --size 64x48").succeeds();
-    assert_eq!(picture(&scratch, "still.png", (64, 48)), views[0], "the turn starts at the still");
+    assert_eq!(picture(&scratch, "still.png", (64, 48)), views[0], "it starts at the still view");
 }
 
 const WAY: &str = r#"{"version": 1, "fps": 4, "keyframes": [
@@ -77,7 +77,7 @@ fn a_path_is_followed_picture_by_picture() {
     both.fails(2, &["--orbit", "--path"]);
 }
 
-/// Stands in for ffmpeg, which a machine need not have: keeps the pictures that it is given.
+/// A script replaces ffmpeg, which may not be installed, and stores the frames that it receives.
 #[cfg(unix)]
 #[test]
 fn a_video_is_what_ffmpeg_makes_of_the_pictures() {
@@ -99,14 +99,14 @@ fn a_video_is_what_ffmpeg_makes_of_the_pictures() {
     for part in ["way.mp4", "expected ffmpeg", "install ffmpeg"] {
         assert!(said.contains(part), "`{part}` is missing from: {said}");
     }
-    assert_eq!(files(), before, "nothing is left of what failed");
+    assert_eq!(files(), before, "a failed video leaves no file");
     let fake = scratch.path("bin/ffmpeg");
     let ffmpeg = |text: &str| {
         std::fs::write(&fake, text).unwrap();
         std::fs::set_permissions(&fake, std::fs::Permissions::from_mode(0o755)).unwrap();
     };
     ffmpeg("#!/bin/sh\nfor last; do :; done\necho $* > ${0%/*}/asked\n/bin/cat > \"$last\"\n");
-    // Those that ffmpeg 5.1 made a video of which has every picture, of its size and at its pace.
+    // Arguments with which ffmpeg 5.1 produced a video with all frames, the right size and frame rate.
     let codecs = [("mp4", "-c:v libx264"), ("webm", "-c:v libvpx-vp9"), ("webp", "-c:v libwebp")];
     for (form, codec) in codecs {
         let name = format!("way.{form}");
@@ -123,7 +123,7 @@ fn a_video_is_what_ffmpeg_makes_of_the_pictures() {
     assert_eq!(failed.status.code(), Some(1));
     let said = String::from_utf8(failed.stderr).unwrap();
     assert!(said.contains("no such encoder") && said.contains("other.webm"), "{said}");
-    assert_eq!(files(), before + codecs.len(), "the first videos alone");
+    assert_eq!(files(), before + codecs.len(), "only the first videos are left");
 }
 
 #[test]
@@ -144,7 +144,7 @@ fn both_renderers_write_a_picture_each() {
     assert_eq!(std::fs::read_dir(scratch.path("turn")).unwrap().count(), 4);
 }
 
-/// A dataset view looks like its photograph.
+/// The render of a dataset view has the same PSNR against its photograph as `eval` reports.
 #[test]
 fn a_dataset_view_is_the_photographs() {
     let scratch = Scratch::with_scene();
@@ -157,7 +157,7 @@ fn a_dataset_view_is_the_photographs() {
     let psnr = 10.0 * (255.0 * 255.0 / mse).log10();
     let measured = scratch.run("eval out/scene.ply room --json").succeeds().json();
     let measured = measured["views"][1]["psnr"].as_f64().unwrap();
-    // Half an 8-bit step of rounding on every pixel.
+    // Tolerance for half an 8-bit step of rounding per pixel.
     assert!((psnr - measured).abs() < 0.02, "the file {psnr} dB, `eval` {measured} dB");
 }
 

@@ -4,13 +4,12 @@ use super::runner::{Run, Scratch};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest wait for the first frame.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
 fn ctrl_c_keeps_the_scene() {
     let scratch = Scratch::empty();
-    // Dense and large: about a second a frame, so that there is something to interrupt.
+    // Dense candidates and many components: about a second a frame, enough time to interrupt.
     scratch.run("synth room --size 64x48 --frames 100 --eval-frames 1").succeeds();
     let run = interrupted_after_the_first_frame(&scratch);
     assert_eq!(run.code, 130, "{}", run.stderr);
@@ -32,7 +31,7 @@ fn ctrl_c_keeps_the_scene() {
     assert_eq!(frames.as_array().unwrap().len(), n_frames + 1);
 }
 
-/// The first autosave says that a frame is trained and that the handler is in place.
+/// The first autosave shows that a frame is trained and that the signal handler is installed.
 fn interrupted_after_the_first_frame(scratch: &Scratch) -> Run {
     let train = "train room --out out --preset paper --set components=20000 --set candidates=dense";
     let arguments = format!("{train} --eval eval --set autosave=1");
@@ -44,7 +43,7 @@ fn interrupted_after_the_first_frame(scratch: &Scratch) -> Run {
         assert!(started.elapsed() < PATIENCE, "no frame was trained");
         std::thread::sleep(Duration::from_millis(20));
     }
-    // `kill` is built into every shell, but not every system has the program.
+    // `kill` is a builtin of every shell, but not every system has it as a program.
     let kill = format!("kill -INT {}", child.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     Run::from(child.wait_with_output().unwrap())

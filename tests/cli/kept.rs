@@ -1,5 +1,4 @@
-//! Nothing is lost and nothing silently wrong: what signals, full disks, odd names and changed folders
-//! do to a run and its files.
+//! No data loss and no silent errors: signals, full disks, unusual file types and changed folders.
 #![cfg(unix)]
 
 use super::runner::{Run, Scratch};
@@ -15,7 +14,7 @@ const PAPER: &str = "--preset paper --set components=300";
 /// Longest wait for a run to have begun or to end.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Runs with stdout at the end of a full device.
+/// Runs with stdout on `/dev/full`, a device without free space.
 fn to_full(scratch: &Scratch, arguments: &str) -> Run {
     let arguments: Vec<&str> = arguments.split_whitespace().collect();
     let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
@@ -30,8 +29,8 @@ fn output_that_does_not_arrive_is_a_failure() {
     }
     let run = to_full(&scratch, &format!("train room --out new {PAPER}"));
     run.fails(1, &["stdout", "expected", "No space left", "send it elsewhere"]);
-    assert!(scratch.path("new/report.json").exists(), "the work is done all the same");
-    // Wrong usage stays wrong usage, and a closed pipe is nobody's fault.
+    assert!(scratch.path("new/report.json").exists(), "outputs are written anyway");
+    // A usage error keeps status 2, and a closed pipe is not an error.
     assert_eq!(to_full(&scratch, "info").code, 2);
     let shell = format!("{} info room | true", env!("CARGO_BIN_EXE_vbgs-studio"));
     let closed = Command::new("bash")
@@ -54,7 +53,7 @@ fn exports_go_through_devices_and_fifos_and_keep_modes() {
     scratch.run("export out/scene.ply --format ply -o /dev/full").fails(1, &["disk is full"]);
 }
 
-/// FIFOs that nobody writes to, and devices without an end.
+/// FIFOs without a writer, and devices without an end.
 #[test]
 fn what_never_ends_is_no_model_and_no_settings() {
     let scratch = Scratch::with_room();
@@ -75,7 +74,7 @@ fn what_never_ends_is_no_model_and_no_settings() {
         let run = scratch.run(&format!("train room --out out --calibration {path}"));
         assert!(run.code > 0 && run.stderr.contains(path), "{}", run.stderr);
     }
-    // A list and an image of a dataset.
+    // The same for a frame list and an image of a dataset.
     fs::rename(scratch.path("fifo"), scratch.path("room/transforms_more.json")).unwrap();
     scratch.run("info room").succeeds();
     fs::remove_file(scratch.path("room/train/r_1.png")).unwrap();
@@ -85,7 +84,7 @@ fn what_never_ends_is_no_model_and_no_settings() {
     assert_eq!(run.json()["skipped"].as_array().unwrap().len(), 1);
 }
 
-/// A small file that says it holds four hundred million pixels is refused by its header.
+/// A small file whose header declares four hundred million pixels is refused before decoding.
 #[test]
 fn an_enormous_image_is_not_decoded() {
     let scratch = Scratch::with_room();
@@ -133,13 +132,13 @@ fn folders_in_the_place_of_files_are_found_before_training() {
     }
 }
 
-/// `kill` is built into every shell, but not every system has the program.
+/// `kill` is a builtin of every shell, but not every system has it as a program.
 fn kill(signal: &str, process: u32) {
     let kill = format!("kill -{signal} {process}");
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
-/// Trains a room of many frames and sends a signal once a file is there.
+/// Runs a training command and sends a signal once the `awaited` file exists.
 fn signalled(scratch: &Scratch, signal: &str, arguments: &str, awaited: &str) -> Run {
     let arguments: Vec<&str> = arguments.split_whitespace().collect();
     let mut command = scratch.command(&arguments);
@@ -175,15 +174,15 @@ fn sigterm_and_sighup_are_as_ctrl_c() {
     }
 }
 
-/// Signals of a process, the first in the lowest bit, by a line of what the system says of it.
+/// Signal mask of a process, the first signal in the lowest bit, from a line of `/proc/PID/status`.
 fn signals(process: &str, line: &str) -> u64 {
     let status = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
     let mask = status.lines().find_map(|text| text.strip_prefix(line));
     mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
 }
 
-/// A run that is stopped before its first frame leaves what an earlier one made; the next one removes
-/// what a killed one left.
+/// A run stopped before its first frame leaves the files of an earlier run unchanged. The next run
+/// removes the temporary files of killed runs.
 #[cfg(target_os = "linux")]
 #[test]
 fn files_of_an_earlier_run_stay_until_there_are_newer_ones() {
@@ -197,10 +196,10 @@ fn files_of_an_earlier_run_stay_until_there_are_newer_ones() {
     let arguments: Vec<&str> = train.split_whitespace().collect();
     let mut command = scratch.command(&arguments);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    // It listens before it opens anything.
+    // The signal handler is installed before any file is opened; 14 is the bit of SIGTERM.
     let (started, process) = (Instant::now(), child.id().to_string());
     while signals(&process, "SigCgt:") >> 14 & 1 == 0 {
-        assert!(started.elapsed() < PATIENCE, "it does not listen");
+        assert!(started.elapsed() < PATIENCE, "the signal handler was not installed");
         std::thread::yield_now();
     }
     kill("TERM", child.id());
@@ -241,11 +240,11 @@ fn views_that_were_trained_on_are_counted() {
     assert_eq!(counted("--split train"), (json!(6), true));
     assert_eq!(counted("--split train --max-frames 2"), (json!(2), true));
     assert_eq!(counted(""), (json!(0), false));
-    // Splats do not say.
+    // A splat file does not record which views were trained.
     let run = scratch.run("eval out/scene.ply room").succeeds();
     assert!(run.stderr.contains("does not state which of these views"), "{}", run.stderr);
 
-    // A split that was named is trained on whole, although every eighth frame is held out otherwise.
+    // A split chosen by name is trained whole; without it every eighth frame is held out.
     scratch.run("synth one --layout open3d --size 64x48 --frames 9 --eval-frames 1").succeeds();
     scratch.run(&format!("train one --out whole {PAPER} --split all")).succeeds();
     let run = scratch.run("eval whole/checkpoint.vbgs one").succeeds();
@@ -290,7 +289,7 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
     ] {
         scratch.run(arguments).fails(2, parts);
     }
-    // One cause, the true one: such depths are no millimetres.
+    // The message names the real cause only: such depths are not millimetres.
     let run = scratch.run("train room --out o --depth-scale 1e30");
     assert!(run.code > 0 && !run.stderr.contains("millimetres"), "{}", run.stderr);
     fs::write(scratch.path("bad.ron"), "(").unwrap();
@@ -298,7 +297,7 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
     scratch.run("train room --out o --config bad.ron").fails(1, &parts);
 }
 
-/// Rooms are reserved by it, so that a large one would end the process.
+/// The setting sizes an allocation, so a huge value would abort the process.
 #[test]
 fn a_checkpoint_that_asks_for_all_memory_is_refused() {
     use vbgs_studio::export::checkpoint;

@@ -1,4 +1,4 @@
-//! Runs that are killed while they save: whatever the moment, a file that goes on is left.
+//! Runs killed while they save: a checkpoint that resumes is left at any moment.
 #![cfg(unix)]
 
 use super::runner::Scratch;
@@ -6,9 +6,8 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 
-/// Longest wait for the first save.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Between the moments of two kills. A save takes several times as long, and no whole number of them.
+/// Step between the times of successive kills. A save takes several steps, and not a whole number of them.
 const STEP: Duration = Duration::from_micros(4_700);
 /// Saves of some megabytes one after the other, for some seconds.
 const TRAIN: &str = "train room --preset paper --set components=60000 --set autosave=1";
@@ -19,8 +18,7 @@ fn room() -> Scratch {
     scratch
 }
 
-/// Trains into `out` and kills the process so long after its first save. SIGKILL: nothing of the
-/// program runs any more.
+/// Trains into `out` and sends SIGKILL this long after the first save, so no cleanup code runs.
 fn killed(scratch: &Scratch, out: &str, after: Duration) {
     let arguments = format!("{TRAIN} --out {out}");
     let arguments: Vec<&str> = arguments.split_whitespace().collect();
@@ -37,7 +35,7 @@ fn killed(scratch: &Scratch, out: &str, after: Duration) {
     child.wait().unwrap();
 }
 
-/// Frames in the newest file, after it and the one before were read.
+/// Frames of the newest checkpoint; also reads the backup.
 fn frames(scratch: &Scratch, out: &str) -> u64 {
     let read = |name: &str| {
         let run = SavedRun::read(&scratch.path(out).join(name));
@@ -45,13 +43,13 @@ fn frames(scratch: &Scratch, out: &str) -> u64 {
     };
     let newest = read("checkpoint.vbgs");
     if scratch.path(out).join("checkpoint.vbgs.bak").exists() {
-        // Equal where it was killed between the second name and the new file.
+        // Equal if the kill came between linking the backup and renaming the new file.
         assert!(read("checkpoint.vbgs.bak") <= newest);
     }
     newest
 }
 
-/// Kills so many runs, each a little later; what the last one left goes on to the same scene.
+/// Kills `n` runs, each a little later, then resumes the last one and compares its scene.
 fn kill(n: u32) {
     let scratch = room();
     let mut seen = Vec::new();
@@ -60,7 +58,7 @@ fn kill(n: u32) {
         killed(&scratch, &out, i * STEP);
         seen.push(frames(&scratch, &out));
     }
-    // A busy machine may kill one only after it was done.
+    // On a busy machine a run may finish before it is killed.
     let n_cut_short = seen.iter().filter(|frames| (1..400).contains(*frames)).count();
     assert!(seen.iter().all(|frames| *frames >= 1) && 2 * n_cut_short > seen.len(), "{seen:?}");
 
@@ -69,10 +67,10 @@ fn kill(n: u32) {
     scratch.run(&format!("{resume} --set autosave=0.1s")).succeeds();
     scratch.run(&format!("{TRAIN} --out whole")).succeeds();
     let (went_on, whole) = (format!("{last}/scene.ply"), "whole/scene.ply");
-    assert!(scratch.bytes(&went_on) == scratch.bytes(whole), "another scene");
+    assert!(scratch.bytes(&went_on) == scratch.bytes(whole), "the resumed scene differs");
     let left = std::fs::read_dir(scratch.path(&last)).unwrap();
     let left = left.filter(|f| f.as_ref().unwrap().path().extension().is_some_and(|e| e == "tmp"));
-    assert_eq!(left.count(), 0, "the run that went on has removed what the killed one left");
+    assert_eq!(left.count(), 0, "the resumed run removes temporary files of the killed one");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The command line as a user meets it: the real binary in a scratch folder.
+//! The command line through the real binary, in a temporary folder.
 #![cfg(all(feature = "cli", feature = "bench"))]
 #![allow(clippy::unwrap_used)]
 

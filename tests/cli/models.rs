@@ -1,5 +1,5 @@
-//! Models travel between formats; files that hold none are refused, and so are places that take no
-//! files.
+//! Conversion between model formats; files that are not models and output places that take no files
+//! are refused.
 
 use super::runner::Scratch;
 use std::fs;
@@ -7,7 +7,7 @@ use vbgs_studio::export::{ModelFormat, ModelKind, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// The largest difference between two models, splat by splat.
+/// Largest difference between two models, splat by splat.
 fn difference(a: &[Splat], b: &[Splat]) -> f32 {
     assert_eq!(a.len(), b.len());
     let largest =
@@ -36,7 +36,7 @@ fn exports_read_back_equal() {
         assert!(said.contains(&format!("wrote {} splats", original.len())), "{said}");
         let model = scratch.model(to);
         assert_eq!(model.kind, ModelKind::Splats);
-        // Logarithms, logits and sRGB curves in f32, there and back.
+        // Round trip of logarithms, logits and sRGB curves in f32.
         let worst = difference(&original, &model.splats);
         assert!(worst < 2e-5, "{from} to {to}: {worst:e}");
     }
@@ -97,7 +97,7 @@ fn exports_are_chosen_turned_scaled_and_meshed() {
     {
         assert!(comments.contains(said), "{said} is missing in: {comments}");
     }
-    // What is up goes to y, and reading takes y for up again.
+    // Export with `--up -y` makes y the up axis; reading takes y as up again.
     scratch.run("export all.ply -o turned.glb --up -y --unit-scale 10").succeeds();
     let (before, after) = (scratch.model("all.ply").splats, scratch.model("turned.glb").splats);
     for (a, b) in before.iter().zip(after.iter()) {
@@ -145,7 +145,7 @@ fn view_dependent_colour_passes_through() {
     assert_eq!(scratch.run("info c.ply --json").succeeds().json()["sh_degree"], 1);
     let said = scratch.run("info c.ply").succeeds().stdout;
     assert!(said.contains("harmonics of degree 1"), "{said}");
-    // Seen along x and along −x the splat differs in red by 1, and in blue.
+    // Between the views along x and −x the splat's red and blue differ by 1.
     let side = |name: &str, azimuth: u32| {
         let view = format!("render c.ply -o {name} --orbit {azimuth},0,8 --size 9x9");
         scratch.run(&view).succeeds();
@@ -170,7 +170,7 @@ fn a_legacy_scene_says_so() {
         assert_eq!(said.matches("vbgs legacy-cov").count(), 1, "{said}");
         assert!(said.matches("Vertical axis").count() <= 1, "{said}");
     }
-    assert_eq!(scratch.model("b.ply").splats.len(), 2000, "unused components are kept");
+    assert_eq!(scratch.model("b.ply").splats.len(), 2000, "unused components are exported");
 }
 
 #[test]
@@ -238,7 +238,7 @@ fn places_that_take_no_files() {
         scratch.run(&format!("synth {out}")).fails(1, &[out, "expected to write", "check"]);
     }
     if cfg!(target_os = "linux") {
-        // Nobody, not even root, makes files here.
+        // Nobody, not even root, can create files here.
         for out in ["/proc", "/proc/new"] {
             let parts = [&[out][..], &folder].concat();
             scratch.run(&format!("train room --out {out}")).fails(1, &parts);

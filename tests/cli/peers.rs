@@ -1,4 +1,4 @@
-//! `bench peers` beside a program that stands in for others.
+//! `bench peers` with a script in place of the other programs.
 #![cfg(unix)]
 
 use super::runner::{Run, Scratch};
@@ -27,15 +27,15 @@ fn other_programs_learn_the_same_frames_in_turns() {
     let expected =
         ["vbgs-studio", "vbgs-studio, padded", "published, dense", "Open3D TSDF", "mine"];
     assert_eq!(names, expected);
-    // The script, then a checkout or none, then the folder: what the stand-in's times tell.
+    // Times that the script prints: for the script alone, then without or with a checkout, then for a folder.
     let ms: Vec<f64> = rows[2..].iter().map(|row| row["ms"].as_f64().unwrap()).collect();
     assert_eq!(ms, [400.0, 300.0, 50.0]);
     for row in rows {
-        assert_eq!(row["frames"], 3, "one of four warms up");
+        assert_eq!(row["frames"], 3, "the first of four frames is a warm-up");
     }
     assert_eq!(rows[0]["ratio"], 1.0);
     let [published, mine] = [&rows[2], &rows[4]].map(|row| row["ratio"].as_f64().unwrap());
-    assert!((published / mine - 8.0).abs() < 1e-9, "{published} and {mine} of the same frames");
+    assert!((published / mine - 8.0).abs() < 1e-9, "{published} and {mine} on the same frames");
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn programs_that_are_not_there_are_named() {
     peers(&scratch, &absent).fails(1, &["Open3D TSDF", "`./nowhere` does not start"]);
     let refusing = format!("mine={STAND_IN} refuses");
     peers(&scratch, &["--peer", &refusing]).fails(1, &["mine: no licence today"]);
-    peers(&scratch, &["--peer", "mine=true"]).fails(1, &["mine: expected", "its end"]);
+    peers(&scratch, &["--peer", "mine=true"]).fails(1, &["mine: expected", "end of its output"]);
     let lost = format!("mine={STAND_IN} -1");
     peers(&scratch, &["--peer", &lost]).fails(1, &["{\"ms\": 12.5}", "Ms(-1.0)"]);
 }

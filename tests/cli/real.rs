@@ -36,7 +36,7 @@ fn kinect_trains_and_evaluates() {
     assert_eq!(report["dataset"]["split"], "train");
     assert_eq!(report["dataset"]["layout"], "seven-scenes");
     let frames = report["frames"].as_array().unwrap();
-    // A point of a large frame stands for four pixels.
+    // In large frames one point covers four pixels.
     assert!(frames.iter().all(|f| f["points"].as_u64().unwrap() > 100_000 / 4));
     let eval = scratch.run_args(&["eval", "out/scene.ply", data, "--max-frames", "1", "--json"]);
     let eval = eval.succeeds().json();
@@ -72,7 +72,8 @@ fn the_kinects_colour_camera_is_found_from_scratch() {
     };
     near(&camera["focal"][0], 522.0, 6.0);
     near(&camera["offset"][0], 0.023, 0.004);
-    // Offset y and principal point y make up for each other: where the axis is seen 2 m away.
+    // Offset y and principal point y compensate each other, so this compares the image row of the
+    // axis 2 m away.
     let number = |value: &Value| value.as_f64().unwrap();
     let below = 0.5 * number(&camera["focal"][1]) * number(&camera["offset"][1]);
     near(&(number(&camera["principal"][1]) - below).into(), 238.1, 2.0);

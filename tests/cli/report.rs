@@ -1,12 +1,11 @@
-//! The JSON that other programs read: every field, its type and whether its numbers make sense.
+//! JSON output: every field, its type, and plausible values.
 
 use super::runner::Scratch;
 use serde_json::Value;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// Every field of `report.json` with one evaluated split; the names of the product's contract and
-/// what this version adds.
+/// Fields of `report.json` with one evaluated split: the documented names and those this version adds.
 const REPORT: &str = "
 config.camera_convention string
 config.batch string
@@ -133,7 +132,7 @@ summary.used number
 summary.wall_s number
 ";
 
-/// Fields of a view in `eval --json`, and what names the groups of views there.
+/// Fields of a view in `eval --json`, and the field that names its group.
 const VIEW: &str = "
 eval[].group string
 views[].coverage number
@@ -153,7 +152,7 @@ views[].ssim number
 views[].ssim_aligned number
 ";
 
-/// Every path of a document with its type; the elements of a list share one path.
+/// Collects every path of a document with its type; elements of a list share one path.
 fn fields(value: &Value, path: &str, found: &mut Vec<String>) {
     match value {
         Value::Object(map) => {
@@ -202,7 +201,7 @@ fn the_report_has_its_fields() {
     let eval = scratch.run("eval out/scene.ply room --json").succeeds().json();
     let of_eval: String = REPORT
         .lines()
-        // Splats do not say what they were trained on.
+        // A splat file does not record which views were trained.
         .filter(|l| l.starts_with("eval[]") && !l.contains("learnt_views"))
         .fold(String::new(), |text, line| text + line + "\n");
     assert_fields(&eval, &[&of_eval, VIEW]);
@@ -211,7 +210,7 @@ fn the_report_has_its_fields() {
     assert!((number(a) - number(b)).abs() < 1e-3, "in the run {a} dB, from the file {b} dB");
 }
 
-/// One entry per renderer, with the settings that the exact one has.
+/// One entry per renderer, with the options of the exact renderer.
 #[test]
 fn the_report_names_every_renderer() {
     let scratch = Scratch::with_room();
@@ -317,7 +316,7 @@ fn the_reports_numbers_make_sense() {
     }
 }
 
-/// A scene that covers nothing has no covered PSNR; the report says null, not a made-up number.
+/// A scene that covers no pixel has no covered PSNR; the report contains null.
 #[test]
 fn what_cannot_be_measured_is_null() {
     let scratch = Scratch::with_room();

@@ -1,4 +1,4 @@
-//! Runs the binary in a folder of its own and judges how it ended.
+//! Runs the binary in a temporary folder and checks how it ended.
 
 use crate::common::scratch::Files;
 use serde_json::Value;
@@ -9,10 +9,10 @@ use std::sync::OnceLock;
 use tempfile::TempDir;
 use vbgs_studio::export::Imported;
 
-/// A folder that is gone after the test.
+/// A temporary folder, removed after the test.
 pub struct Scratch(TempDir);
 
-/// What a run left behind.
+/// Exit code and output of a run.
 pub struct Run {
     pub code: i32,
     pub stdout: String,
@@ -20,12 +20,11 @@ pub struct Run {
 }
 
 impl Scratch {
-    /// Empty.
     pub fn empty() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// With a dataset `room` of 8 training and 3 evaluation frames of 64×48, written by `synth`.
+    /// Creates a dataset `room` of 8 training and 3 evaluation frames of 64×48 with `synth`.
     pub fn with_room() -> Self {
         static ROOM: OnceLock<Files> = OnceLock::new();
         Self::copy_of(&ROOM, || {
@@ -35,7 +34,7 @@ impl Scratch {
         })
     }
 
-    /// With the room and a small scene `out/scene.ply` trained on it.
+    /// Creates the room and a small scene `out/scene.ply` trained on it.
     pub fn with_scene() -> Self {
         static SCENE: OnceLock<Files> = OnceLock::new();
         Self::copy_of(&SCENE, || {
@@ -45,7 +44,7 @@ impl Scratch {
         })
     }
 
-    /// With files that the first test makes and every test gets a copy of.
+    /// Makes files once and gives each test a copy.
     fn copy_of(kept: &OnceLock<Files>, make: impl FnOnce() -> Self) -> Self {
         let files = kept.get_or_init(|| Files::read(make().0.path()));
         let scratch = Self::empty();
@@ -69,14 +68,14 @@ impl Scratch {
         vbgs_studio::export::read(&self.path(relative)).unwrap()
     }
 
-    /// The binary, in this folder, without a terminal.
+    /// Command of the binary in this folder.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"));
         command.args(arguments).current_dir(self.0.path()).stdin(std::process::Stdio::null());
         command
     }
 
-    /// Runs with arguments that hold no spaces.
+    /// Runs with arguments that contain no spaces.
     pub fn run(&self, arguments: &str) -> Run {
         self.run_args(&arguments.split_whitespace().collect::<Vec<_>>())
     }
@@ -88,7 +87,7 @@ impl Scratch {
 
 impl From<Output> for Run {
     fn from(output: Output) -> Self {
-        // A signal is not an exit status: somebody or something ended the process from outside.
+        // A signal has no exit status: another process ended this one.
         let code = output.status.code().unwrap_or_else(|| panic!("ended by {}", output.status));
         Self {
             code,
@@ -105,7 +104,7 @@ impl Run {
         self
     }
 
-    /// Ends with a status, nothing on stdout and exactly one error on stderr that says all parts.
+    /// Asserts this exit code, an empty stdout, and exactly one error on stderr that contains all parts.
     #[track_caller]
     pub fn fails(self, code: i32, parts: &[&str]) -> Self {
         assert_eq!(self.code, code, "{}{}", self.stdout, self.stderr);
@@ -120,7 +119,7 @@ impl Run {
         self
     }
 
-    /// Stdout is one JSON document.
+    /// Parses stdout as one JSON document.
     #[track_caller]
     pub fn json(&self) -> Value {
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {}", self.stdout))

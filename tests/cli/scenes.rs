@@ -1,4 +1,4 @@
-//! Checkpoints of scenes: runs that stop and go on, shards that are merged, models for every command.
+//! Checkpoints of scenes: resumed runs, merged shards, and checkpoints as input of every command.
 
 use super::runner::Scratch;
 use std::fs;
@@ -98,7 +98,7 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
 fn a_stored_scene_is_a_model() {
     let scratch = Scratch::with_room();
     scratch.run(&format!("{TRAIN} --out out")).succeeds();
-    // By content, not by name.
+    // Checkpoints are recognised by content, not by name.
     fs::copy(scratch.path("out/checkpoint.vbgs"), scratch.path("scene.glb")).unwrap();
     scratch.run("export scene.glb -o again.ply").succeeds();
     assert!(scratch.bytes("again.ply") == scratch.bytes("out/scene.ply"));
@@ -110,7 +110,7 @@ fn a_stored_scene_is_a_model() {
         let run = scratch.run(&format!("eval {model} room --json")).succeeds();
         run.json()["eval"][0]["psnr_mean"].as_f64().unwrap()
     };
-    // Plain files lose the flat tops and colour gradients that a checkpoint keeps.
+    // PLY files lose the flat tops and colour gradients that a checkpoint stores.
     let (native, plain) = (eval("scene.glb"), eval("out/scene.ply"));
     assert!(native > 15.0 && native != plain, "{native} {plain}");
 }
@@ -156,14 +156,14 @@ fn autosaves_keep_the_one_before() {
         info["frames"].as_u64().unwrap()
     };
     assert_eq!(frames("out/checkpoint.vbgs"), 7);
-    // Which one depends on the disk: what is due while a save runs is put off.
+    // The frame count depends on disk speed: an autosave that is due during a save is postponed.
     assert!((3..=7).contains(&frames("out/checkpoint.vbgs.bak")));
     let resume = "train room --out on --resume out/checkpoint.vbgs.bak --max-frames 7";
     scratch.run(resume).succeeds();
     assert!(model(&scratch, "on") == model(&scratch, "out"));
 }
 
-/// The structural scale is found in frames all over the dataset, as far as they can be read.
+/// The structural scale is estimated from readable frames all over the dataset.
 #[test]
 fn the_first_frames_train_where_the_others_are_lost() {
     let scratch = Scratch::with_room();
@@ -182,7 +182,7 @@ fn the_first_frames_train_where_the_others_are_lost() {
     assert!(read("on/scene.ply") == read("two/scene.ply"));
 }
 
-/// Merging moves sums to other seeds: rounding must not leave moments that no points have.
+/// Merging moves sums to other seeds: rounding must not produce moments that no points can have.
 #[test]
 fn what_a_small_budget_writes_is_read_back() {
     let scratch = Scratch::empty();

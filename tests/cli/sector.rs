@@ -1,18 +1,18 @@
-//! Quality off the camera's way: `--hold-out sector`.
+//! Evaluation away from the camera path: `--hold-out sector`.
 
 use super::runner::Scratch;
 use serde_json::Value;
 
 const TRAIN: &str = "train room --preset paper --set components=500";
 
-/// With a recording `room` of 20 training and 3 evaluation frames.
+/// Creates a recording `room` of 20 training and 3 evaluation frames.
 fn recording() -> Scratch {
     let scratch = Scratch::empty();
     scratch.run("synth room --size 64x48 --frames 20 --eval-frames 3").succeeds();
     scratch
 }
 
-/// Group, split and views of every entry.
+/// Group, split and number of views of every entry.
 fn groups(entries: &Value) -> Vec<(&str, &str, u64)> {
     let mut found = Vec::new();
     for entry in entries.as_array().unwrap() {
@@ -40,7 +40,7 @@ fn both_groups_are_measured_at_the_end_and_again_by_eval() {
         (10, BOTH.to_vec())
     );
 
-    // By the checkpoint without an option, and by splats with it.
+    // A checkpoint stores the rule; splats need the option.
     let of_run = scratch.run("eval out/checkpoint.vbgs room --json").succeeds().json();
     let of_splats = scratch.run("eval out/scene.ply room --hold-out sector --json").succeeds();
     for found in [&of_run, &of_splats.json()] {
@@ -56,7 +56,7 @@ fn both_groups_are_measured_at_the_end_and_again_by_eval() {
     let other = "eval out/checkpoint.vbgs room --hold-out every-8th --json";
     let other = scratch.run(other).succeeds().json();
     assert_eq!(groups(&other["eval"]), [("new views", "eval", 3)]);
-    // Beside a split that is named.
+    // Together with a split that is chosen by name.
     let named = format!("{TRAIN} --out named --hold-out sector --eval eval");
     scratch.run(&named).succeeds();
     let named = scratch.json("named/report.json");
@@ -91,14 +91,14 @@ fn what_leaves_too_few_views_is_refused() {
     scratch.run(&format!("{train} --hold-out half")).fails(2, &["'half'", "--hold-out"]);
     let parts = ["hold-out", "every-8th with follow", "found sector"];
     scratch.run(&format!("{train} --follow --hold-out sector")).fails(2, &parts);
-    assert!(!scratch.path("out").exists(), "nothing is made");
+    assert!(!scratch.path("out").exists(), "no output is written");
     scratch.run("synth other --size 64x48 --frames 8 --eval-frames 1").succeeds();
     scratch.run("train other --preset paper --set components=100 --out out").succeeds();
     let both = "eval out/scene.ply other --split eval --hold-out sector";
     scratch.run(both).fails(2, &["--hold-out", "--split"]);
 }
 
-/// A row of each group, kept apart from those of another rule.
+/// One row per group, stored apart from results of another hold-out rule.
 #[test]
 fn recordings_have_a_row_of_each_group() {
     let scratch = recording();

@@ -35,7 +35,7 @@ fn a_file_sets_and_the_command_line_wins() {
     assert_eq!(config["seed"], 9);
     assert_eq!(config["candidates"], "dense");
     assert_eq!(config["init"], "random");
-    assert_eq!(config["components"], 700, "what the command line does not name stays");
+    assert_eq!(config["components"], 700, "other settings are unchanged");
     fs::write(scratch.path("dense.ron"), "(candidates: \"dense\", components: 500)").unwrap();
     assert_eq!(config_of(&scratch, "--config dense.ron")["candidates"], "dense");
 }
@@ -70,7 +70,7 @@ fn files_that_are_no_settings_are_refused() {
     }
     let parts = ["none.ron", "expected a RON file", "No such file"];
     scratch.run("train room --out out --config none.ron").fails(1, &parts);
-    assert!(!scratch.path("out").exists(), "nothing is made before the settings are right");
+    assert!(!scratch.path("out").exists(), "no output before the settings are valid");
 }
 
 #[test]
@@ -78,7 +78,7 @@ fn the_kinects_calibration_is_taken_unless_another_is_given() {
     let scratch = Scratch::empty();
     let synth = "synth room --layout seven-scenes --size 640x480 --frames 1 --eval-frames 1";
     scratch.run(synth).succeeds();
-    // The published intrinsics hold where the folder names none.
+    // The published intrinsics apply if the folder has none.
     fs::remove_file(scratch.path("room/camera-intrinsics.txt")).unwrap();
     let note = "the published Kinect's colour camera";
     let focal = || {

@@ -1,8 +1,8 @@
-//! Views off the camera's way: what learns from photographs is not below points alone there.
+//! Training with photographs must not lower the quality of views away from the camera path.
 
 use super::runner::Scratch;
 
-/// PSNR over covered pixels on the camera's way and from free viewpoints.
+/// PSNR over covered pixels, on the camera path and from free viewpoints.
 fn quality(scratch: &Scratch, mode: &str) -> [f64; 2] {
     scratch.run(&format!("train phone --out {mode} --photometric {mode}")).succeeds();
     ["eval", "free"].map(|split| {
@@ -25,5 +25,5 @@ fn photographs_of_a_phone_never_harm_a_view() {
     }
 }
 
-/// More pixels are covered with photographs, and those at the rim are the worst; dB.
+/// Tolerance in dB: photographs extend the coverage, and pixels at the rim are the worst.
 const TOLERANCE: f64 = 0.3;

@@ -1,4 +1,4 @@
-//! Wrong usage ends with status 2 and says what is allowed.
+//! Wrong usage ends with status 2 and lists the allowed values.
 
 use super::runner::Scratch;
 
@@ -38,7 +38,7 @@ fn settings_out_of_range() {
         ("--no-such-option", &["--no-such-option"]),
     ] {
         scratch.run(&format!("train room --out out {option}")).fails(2, parts);
-        assert!(!scratch.path("out").exists(), "{option}: nothing is made");
+        assert!(!scratch.path("out").exists(), "{option}: no output is written");
     }
 }
 

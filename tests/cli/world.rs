@@ -1,11 +1,11 @@
-//! Worlds of any unit, far from their origin, and with a pose that cannot be.
+//! Worlds in any unit, worlds far from the origin, and outlier poses.
 
 use super::runner::{Run, Scratch};
 use serde_json::Value;
 use std::fs;
 use vbgs_studio::model::splat::splats::Splat;
 
-/// A recording in the layout of TUM: poses in text, so that its world can be changed.
+/// Recording in the TUM layout, whose poses are text and so easy to change.
 fn recorded(size: &str, frames: usize) -> Scratch {
     let scratch = Scratch::empty();
     let synth = format!("synth room --layout tum --size {size} --frames {frames} --eval-frames 0");
@@ -13,7 +13,7 @@ fn recorded(size: &str, frames: usize) -> Scratch {
     scratch
 }
 
-/// Rewrites the position of every pose, told its number.
+/// Rewrites the position of every pose from its number and old position.
 fn move_cameras(scratch: &Scratch, to: impl Fn(usize, [f64; 3]) -> [f64; 3]) {
     let path = scratch.path("room/groundtruth.txt");
     let text = fs::read_to_string(&path).unwrap();
@@ -28,7 +28,7 @@ fn move_cameras(scratch: &Scratch, to: impl Fn(usize, [f64; 3]) -> [f64; 3]) {
     fs::write(path, text).unwrap();
 }
 
-/// What training says of held-out views, with a metre of so many world units.
+/// Report and stderr of training, with held-out views, in a world of `metre` units per metre.
 fn measured(metre: f64, options: &str) -> (Value, String) {
     let scratch = recorded("64x48", 9);
     move_cameras(&scratch, |_, place| place.map(|x| x * metre));
@@ -47,8 +47,7 @@ fn measured(metre: f64, options: &str) -> (Value, String) {
     (report["eval"][0].clone(), stderr)
 }
 
-/// The unit of the world is nobody's business: near plane, noise of the sensor and every threshold in
-/// metres follow it.
+/// Near plane, sensor noise and all thresholds in metres scale with the unit of the world.
 #[test]
 fn figures_do_not_depend_on_the_unit_of_the_world() {
     for options in ["", "--set births=lattice"] {
@@ -78,7 +77,7 @@ fn figures_do_not_depend_on_the_unit_of_the_world() {
     }
 }
 
-/// Writes every code of depth as another number, rounded.
+/// Multiplies all depth codes by a factor and rounds them.
 fn recode_depth(scratch: &Scratch, by: f64) {
     for file in fs::read_dir(scratch.path("room/depth")).unwrap() {
         let path = file.unwrap().path();
@@ -88,7 +87,7 @@ fn recode_depth(scratch: &Scratch, by: f64) {
     }
 }
 
-/// The share of splats that another model has too, where its world is so many times as large.
+/// Share of splats that the other model also has, in a world `metre` times as large.
 fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
     let [one, other] = scratch.map(|scratch| scratch.model("run/scene.ply").splats);
     let is_same = |a: &Splat, b: &Splat| {
@@ -102,8 +101,8 @@ fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
     n as f64 / one.len().max(other.len()) as f64
 }
 
-/// `--depth-scale` corrects the step of codes, of a world in metres or of another one. Either way what is
-/// known of the sensor in metres is taken in the unit of the world, and the scene is the same one.
+/// `--depth-scale` is the length of one depth code in world units. Sensor constants in metres are
+/// converted to the unit of the world, so the scene is the same.
 #[test]
 fn the_scene_does_not_depend_on_the_unit_of_depth() {
     for options in ["", "--set births=lattice"] {
@@ -131,7 +130,7 @@ fn the_scene_does_not_depend_on_the_unit_of_depth() {
     }
 }
 
-/// One lost frame costs that frame's points and no more, and is named.
+/// An outlier pose loses the points of its frame only, and a warning names the frame.
 #[test]
 fn a_wild_pose_is_named_and_leaves_the_rest_as_it_is() {
     let psnr = |run: Run| run.json()["eval"][0]["psnr_mean"].as_f64().unwrap();
@@ -161,30 +160,30 @@ fn a_wild_pose_is_named_and_leaves_the_rest_as_it_is() {
     }
 }
 
-/// Map coordinates: what 32 bits round to whole metres.
+/// Map coordinates, which f32 rounds to whole metres.
 const FAR: [f64; 3] = [1e7, -1e7, 0.0];
-/// Figures of a picture may differ by this, dB.
+/// Tolerance of scores, dB.
 const SAME: f64 = 0.05;
 
 fn moved_by([x, y, z]: [f64; 3], far: [f64; 3]) -> [f64; 3] {
     [x + far[0], y + far[1], z + far[2]]
 }
 
-/// A recording in a far world.
+/// Recording whose world has its origin far away.
 fn far_recording() -> Scratch {
     let scratch = recorded("64x48", FRAMES);
     move_cameras(&scratch, |_, place| moved_by(place, FAR));
     scratch
 }
 
-/// Enough that held-out views are covered: what lies between frames would hide what is wrong.
+/// Enough frames to cover the held-out views; gaps would hide errors.
 const FRAMES: usize = 24;
 
-/// PSNR of held-out views, and of what is covered of them.
+/// PSNR of held-out views, over all and over covered pixels.
 fn held_out_psnr(scratch: &Scratch, command: &str) -> [f64; 2] {
     let run = scratch.run(&format!("{command} --json")).succeeds();
     let eval = &run.json()["eval"][0];
-    // Where nothing is covered there is no second.
+    // NaN if no pixel is covered.
     ["psnr_mean", "psnr_covered_mean"].map(|name| eval[name].as_f64().unwrap_or(f64::NAN))
 }
 
@@ -195,7 +194,7 @@ fn differ_by_less(most: f64, a: [f64; 2], b: [f64; 2], what: &str) {
     }
 }
 
-/// Wherever the world lies, figures are those of a world near zero, of the run and of its files.
+/// Scores of the run and of its files do not depend on where the world lies.
 #[test]
 fn figures_do_not_depend_on_where_the_world_lies() {
     for preset in ["--preset scene", "--preset paper --set components=500"] {
@@ -203,7 +202,7 @@ fn figures_do_not_depend_on_where_the_world_lies() {
             let train = format!("train room --out run --eval held-out {preset}");
             let trained = held_out_psnr(&scratch, &train);
             scratch.run("export run/checkpoint.vbgs -o run/scene.glb --up z").succeeds();
-            // Plain files differ from a native scene wherever it lies, by as much.
+            // PLY and GLB lose detail of the native scene, equally in both worlds.
             let eval =
                 |model| held_out_psnr(&scratch, &format!("eval run/{model} room --split held-out"));
             let [checkpoint, ply, glb] = ["checkpoint.vbgs", "scene.ply", "scene.glb"].map(eval);
@@ -218,7 +217,7 @@ fn figures_do_not_depend_on_where_the_world_lies() {
     }
 }
 
-/// Files say what their positions are relative to, or it is said that they cannot.
+/// Files store the local origin, or a warning states that the format cannot.
 #[test]
 fn files_of_a_far_world_say_where_it_lies() {
     let scratch = far_recording();
@@ -247,7 +246,7 @@ fn files_of_a_far_world_say_where_it_lies() {
         let low = info["bounds"][0][0].as_f64().unwrap();
         assert!((low - FAR[0]).abs() < 20.0, "{model}: {low}");
     }
-    // Through other files, axes and units and back.
+    // Round trips through other formats, axes and units.
     for (from, options, factor) in [
         ("run/scene.ply", "again.glb --up z", 1.0),
         ("scene.glb", "again.ply", 1.0),
@@ -265,7 +264,7 @@ fn files_of_a_far_world_say_where_it_lies() {
     }
 }
 
-/// What is near zero says nothing of origins.
+/// Outputs of a world near zero do not mention an origin.
 #[test]
 fn a_world_near_zero_has_no_local_origin() {
     let scratch = recorded("64x48", 6);
@@ -278,14 +277,14 @@ fn a_world_near_zero_has_no_local_origin() {
     }
 }
 
-/// A run in a far world goes on as if it had never stopped, and draws where its cameras stand.
+/// A resumed run in a far world gives the same scores, and renders show the room.
 #[test]
 fn a_far_run_is_resumed_and_drawn() {
     let scratch = far_recording();
     let train = "train room --eval held-out";
     let whole = held_out_psnr(&scratch, &format!("{train} --out whole"));
     scratch.run("train room --out half --max-frames 3").succeeds();
-    // As the recording grew: what is opened later must not choose another origin.
+    // The first run reads part of the recording: resuming must keep its origin.
     let resume = format!("{train} --out rest --resume half/checkpoint.vbgs --max-frames 100");
     let resumed = held_out_psnr(&scratch, &resume);
     differ_by_less(1e-9, whole, resumed, "resumed");
@@ -295,12 +294,12 @@ fn a_far_run_is_resumed_and_drawn() {
         let picture = image::open(scratch.path("view.png")).unwrap().to_rgb8();
         let lit = picture.pixels().filter(|p| p.0.iter().any(|&c| c > 20)).count();
         let all = picture.pixels().len();
-        // Around the room there is nothing to see.
+        // Everything outside the room is black.
         assert!(4 * lit > all, "{view}: {lit} of {all}");
     }
 }
 
-/// Models and cameras with different origins do not meet unnoticed.
+/// Models and cameras with different origins are refused or cause a warning.
 #[test]
 fn other_origins_are_refused_or_said() {
     let scratch = far_recording();
@@ -320,7 +319,7 @@ fn other_origins_are_refused_or_said() {
     assert!(eval.stderr.contains("of the model beside them"), "{}", eval.stderr);
 }
 
-/// Quality by unit and place of the world, for a reader.
+/// Prints scores by unit and position of the world.
 #[test]
 #[ignore = "prints a table, a minute of training"]
 fn figures_of_units_and_places() {
@@ -348,11 +347,11 @@ fn figures_of_units_and_places() {
     }
 }
 
-/// Cameras whose world has y down make a file in which up is y, and which says so and its unit.
+/// A GLB of a world with y down has y up, and its metadata state the axis and the unit.
 #[test]
 fn glb_of_a_world_with_y_down_stands_upright() {
     let scratch = recorded("64x48", 4);
-    // TUM's world has z up: turned about x, its y points down.
+    // TUM's world has z up; this rotation about x makes y point down.
     let path = scratch.path("room/groundtruth.txt");
     let text = fs::read_to_string(&path).unwrap();
     let turned = text.lines().map(|line| {
@@ -394,7 +393,7 @@ fn glb_of_a_world_with_y_down_stands_upright() {
     }
 }
 
-/// A budget that no machine has memory for costs no work.
+/// A budget beyond the machine's memory is refused before training.
 #[test]
 fn what_memory_cannot_hold_is_refused_before_work() {
     let scratch = Scratch::with_room();

@@ -1,22 +1,22 @@
-//! The graphics adapter of tests that need one.
+//! Graphics adapter for tests.
 
 use super::skip::skip;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-/// Held by every test that has a device: drivers were seen to corrupt memory (NVIDIA 580) when
-/// several devices of one process come and go at once, which the program itself never does.
+/// Held by every test with a device. A driver (NVIDIA 580) corrupted memory when one process created and
+/// destroyed several devices at once, which the program itself never does.
 static ONE_DEVICE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// The right to have a device; drop it after everything made on the device.
+/// Exclusive right to use a device. Drop it after everything created on the device.
 pub type Turn = MutexGuard<'static, ()>;
 
-/// Waits until no other test has a device.
+/// Waits until no other test uses a device.
 pub fn turn() -> Turn {
     ONE_DEVICE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Futures of native wgpu are ready when they are made.
+/// Returns the value of a wgpu future, which is ready at once on native platforms.
 pub fn now<T>(future: impl Future<Output = T>) -> T {
     match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => value,
@@ -24,7 +24,7 @@ pub fn now<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// A Vulkan adapter; `None` skips the test.
+/// Returns a Vulkan adapter; `None` skips the test.
 pub fn vulkan() -> Option<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,

@@ -1,34 +1,36 @@
-//! Whole images against the oracle, with the tolerances of `rendering.md`, Tolerances.
+//! Compares whole images with the oracle, within the tolerances of `rendering.md`, Tolerances.
 
 use super::oracle::{Oracle, Sample};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::render::cpu::Rendered;
 use vbgs_studio::render::{ALPHA_CUT, TRANSMITTANCE_STOP};
 
-/// A pixel lies on a threshold if it is this close to it, relatively.
+/// Relative distance within which a value counts as lying on a threshold.
 const THRESHOLD_BAND: f64 = 1e-4;
-/// Largest error of the few pixels that may be over the tolerance.
+/// Largest error of the few pixels that may exceed the tolerance.
 const LOOSE: f64 = 1e-2;
 
-/// How an image agrees with the oracle's.
+/// Statistics of the comparison of an image with the oracle's.
 #[derive(Debug, Default)]
 pub struct Agreement {
     pub n_pixels: usize,
-    /// Pixels over the tolerance that look as if a value crossed the threshold it lies on.
+    /// Pixels over the tolerance that are explained by a value crossing a threshold.
     pub n_branched: usize,
     /// Other pixels over the tolerance.
     pub n_loose: usize,
-    /// Of the other pixels: largest and mean error of a channel, largest error of the depth.
+    /// Largest error of a channel among pixels within the tolerance.
     pub worst: f64,
+    /// Their summed errors over the number of all pixels.
     pub mean: f64,
+    /// Their largest error of the depth.
     pub worst_depth: f64,
-    /// Pixels that are mostly covered.
+    /// Pixels with coverage above 0.5.
     pub n_covered: usize,
 }
 
 impl Agreement {
-    /// Compares pixels; those that differ by more than `close` are counted, and must not differ by
-    /// more than 1e-2 unless a threshold explains it.
+    /// Compares all pixels. Counts those that differ by more than `close`; they may differ by at most 1e-2
+    /// unless a threshold explains the difference.
     pub fn of(found: &Image<Sample>, oracle: &Oracle, close: f64, label: &str) -> Self {
         let truth = oracle.render();
         assert_eq!((found.width, found.height), (truth.width, truth.height), "{label}");
@@ -54,8 +56,8 @@ impl Agreement {
         agreement
     }
 
-    /// Panics unless at most 0.1 % of the pixels are over the tolerance without a reason, and at
-    /// most the given share with one. Many have one where splats are opaque: two alphas at the cap
+    /// Panics unless at most 0.1 % of the pixels exceed the tolerance without a threshold as explanation, and
+    /// at most the given share with one. Opaque splats put many pixels on a threshold: two alphas at the cap
     /// leave a transmittance of 1e-4, which is the stop.
     pub fn assert_close(&self, share_on_thresholds: f64, label: &str) {
         let n_pixels = self.n_pixels as f64;
@@ -64,7 +66,7 @@ impl Agreement {
     }
 }
 
-/// The image as the oracle would hold it; blended splats are not counted.
+/// Converts an image to samples; `n_blended` is 0.
 pub fn samples(image: &Rendered) -> Image<Sample> {
     let planes = image.coverage.data.iter().zip(&image.depth.data);
     let data = image.color.data.iter().zip(planes).map(|(color, (coverage, depth))| {
@@ -74,13 +76,13 @@ pub fn samples(image: &Rendered) -> Image<Sample> {
     Image::from_vec(image.color.width, image.color.height, data.collect())
 }
 
-/// Of the four channels.
+/// Largest absolute error of the four channels.
 pub fn largest_error(found: &Sample, expected: &Sample) -> f64 {
     let pairs = found.rgba.iter().zip(&expected.rgba);
     pairs.fold(0.0, |worst, (f, e)| if (f - e).abs() <= worst { worst } else { (f - e).abs() })
 }
 
-/// What a pixel may look like if rounding moved a value across a threshold it lies on.
+/// Possible results of a pixel if rounding moved a value across a threshold.
 pub fn branches(oracle: &Oracle, i: usize, j: usize) -> Vec<Sample> {
     let moved = [1.0 - THRESHOLD_BAND, 1.0 + THRESHOLD_BAND];
     let pairs = moved.into_iter().flat_map(|cut| moved.map(|stop| (cut, stop)));

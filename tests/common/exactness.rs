@@ -1,5 +1,5 @@
-//! Any exact renderer against the maximum of each splat on each pixel's ray, found by search: 1,000
-//! splats of every awkward kind, alone, through four lenses.
+//! Compares an exact renderer with the numerically searched maximum of each splat along each pixel's ray:
+//! 1,000 single splats of difficult kinds in four views.
 
 use super::oracle::SplatF64;
 use super::ray::GaussianOnRay;
@@ -16,17 +16,17 @@ use vbgs_studio::render::{
     RenderOptions, Response,
 };
 
-/// Splats in all.
+/// Total number of splats.
 pub const N_SPLATS: usize = 1000;
-/// Several tiles, the last of each row and column cut off.
+/// Image size, pixels: several tiles, the last of each row and column incomplete.
 const SIZE: [u32; 2] = [50, 37];
 /// Lenses and their horizontal fields of view, degrees.
 const VIEWS: [(Lens, f64); 4] =
     [(Lens::Pinhole, 60.0), (Lens::Pinhole, 110.0), (Lens::Pinhole, 150.0), (Lens::Fisheye, 200.0)];
-/// The search and the quadrature must agree on what they integrate.
+/// Largest difference between the searched maximum and the quadrature of the line integral.
 const INTEGRAL_TOLERANCE: f64 = 1e-9;
 
-/// What is awkward about a splat.
+/// Difficulty of a splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Ball,
@@ -34,11 +34,11 @@ enum Kind {
     Needle,
     /// One short axis.
     Pancake,
-    /// The camera is in it.
+    /// Contains the camera.
     Inside,
     /// More than 90° off the axis, and large enough to reach in front.
     Behind,
-    /// A few pixels around a corner of tiles.
+    /// A few pixels in size, at a corner of tiles.
     TileCorner,
 }
 
@@ -53,33 +53,36 @@ pub struct Case {
     pub options: RenderOptions,
 }
 
-/// What a renderer may be off by.
+/// Error allowed for a renderer.
 #[derive(Clone, Copy)]
 pub struct Tolerance {
-    /// Of alpha.
+    /// Largest absolute error of alpha.
     pub alpha: f64,
-    /// An alpha this close to the cut, relatively, may be drawn or not.
+    /// Relative distance to the cut within which an alpha may be drawn or not.
     pub cut_band: f64,
 }
 
-/// What was compared.
+/// Statistics of the comparison.
 #[derive(Debug, Default)]
 pub struct Figures {
     pub n_splats: usize,
-    /// Splats that show in some pixel.
+    /// Splats visible in some pixel.
     pub n_visible: usize,
-    /// Pixels where a splat shows.
+    /// Pixels in which a splat is visible.
     pub n_rays: usize,
-    /// Of those, rays whose line integral was taken as well.
+    /// Those of them whose line integral was computed as well.
     pub n_integrated: usize,
-    /// Pixels on the cut, not compared where the splat is left out.
+    /// Pixels with alpha near the cut; those without the splat are not compared.
     pub n_on_cut: usize,
     /// Largest error of alpha.
     pub worst: f64,
 }
 
-/// Holds a renderer to the numerical oracle by the first `n_splats` of [`N_SPLATS`] cases. `alpha` draws the
-/// splat of a case, alone.
+/// Compares a renderer with the numerical oracle on the first `n_splats` of [`N_SPLATS`] cases. `alpha` draws
+/// the single splat of a case.
+///
+/// # Panics
+/// Panics if an error exceeds the tolerance or a kind is rarely visible.
 pub fn check(
     n_splats: usize,
     mut alpha: impl FnMut(&Case) -> Image<f64>,
@@ -103,12 +106,15 @@ pub fn check(
             .filter(|(kind, _)| *kind == case.kind)
             .for_each(|s| s.1 += usize::from(shows));
     }
-    assert!(seen.iter().all(|(_, n)| *n * KINDS.len() * 10 > n_splats), "too few show: {seen:?}");
+    assert!(
+        seen.iter().all(|(_, n)| *n * KINDS.len() * 10 > n_splats),
+        "too few visible: {seen:?}"
+    );
     figures
 }
 
 impl Figures {
-    /// One pixel; whether the splat shows in it.
+    /// Compares one pixel; returns whether the splat is visible in it.
     fn compare(
         &mut self,
         found: f64,
@@ -131,14 +137,14 @@ impl Figures {
     }
 }
 
-/// A pixel's ray by numbers.
+/// Numerical result for a pixel's ray.
 struct Ray {
     alpha: f64,
     is_integrated: bool,
 }
 
 impl Case {
-    /// Alpha before the cut in every pixel.
+    /// Computes alpha before the cut in every pixel.
     fn truth(&self) -> Image<Ray> {
         let (width, height) = (SIZE[0] as usize, SIZE[1] as usize);
         let pixels = (0..width * height).into_par_iter();
@@ -170,7 +176,7 @@ impl Case {
         }
     }
 
-    /// Centres on the near plane and behind it are not drawn.
+    /// True if the centre lies on or before the near plane, where splats are not drawn.
     fn is_too_near(&self) -> bool {
         let m = self.offset_from_eye();
         match self.settings().lens {
@@ -183,7 +189,7 @@ impl Case {
         SplatF64::from(&self.splat).mean - self.camera.pose.centre()
     }
 
-    /// The splat with the variance of its antialiasing.
+    /// Adds the antialiasing variance to the splat.
     fn widened(&self) -> SplatF64 {
         let mut splat = SplatF64::from(&self.splat);
         if self.settings().antialias == Antialias::Footprint {
@@ -201,7 +207,7 @@ impl std::fmt::Debug for Case {
     }
 }
 
-/// The same 1,000 every time.
+/// Returns the [`N_SPLATS`] cases, identical in every run.
 pub fn cases() -> impl Iterator<Item = Case> {
     (0..N_SPLATS).map(|i| {
         let mut rng = Rng::new(17, Purpose::Synthetic, i as u64);
@@ -218,7 +224,7 @@ pub fn cases() -> impl Iterator<Item = Case> {
     })
 }
 
-/// Anywhere, turned anyhow.
+/// Camera at a random position with a random orientation.
 fn camera(lens: Lens, fov: f64, rng: &mut Rng) -> Camera {
     let [width, height] = SIZE;
     let mut intrinsics = Intrinsics::from_horizontal_fov(width, height, 1.0);
@@ -241,7 +247,7 @@ fn random_splat(kind: Kind, lens: Lens, camera: &Camera, rng: &mut Rng) -> Splat
     let pixel = distance / k.fx;
     let scale = match kind {
         Kind::Ball => [0; 3].map(|_| distance * even(0.02, 0.4)),
-        // Thinner than this and f32 pixel offsets are a visible share of the width.
+        // For thinner needles the f32 rounding of pixel offsets is a visible share of the width.
         Kind::Needle => [distance * even(0.1, 2.0), pixel * even(0.1, 1.0), pixel * even(0.1, 1.0)],
         Kind::Pancake => {
             [distance * even(0.05, 1.0), distance * even(0.05, 1.0), pixel * even(0.1, 1.0)]
@@ -259,7 +265,7 @@ fn random_splat(kind: Kind, lens: Lens, camera: &Camera, rng: &mut Rng) -> Splat
         }
         _ => {
             let [width, height] = SIZE.map(f64::from);
-            // A part of the centres lies beside the image.
+            // Some centres lie outside the image.
             let point = DVec2::new(rng.range(-0.1, 1.1) * width, rng.range(-0.1, 1.1) * height);
             direction(lens, k, point).unwrap()
         }
@@ -279,7 +285,7 @@ fn behind(rng: &mut Rng) -> DVec3 {
     DVec3::new(v.x, v.y, -v.z.abs())
 }
 
-/// Unit vector through a point of the image in camera space, or `None` where a fisheye sees nothing.
+/// Unit vector in camera space through a point of the image; `None` outside a fisheye's image.
 fn direction(lens: Lens, k: &Intrinsics, point: DVec2) -> Option<DVec3> {
     let (x, y) = ((point.x - k.cx) / k.fx, (point.y - k.cy) / k.fy);
     match lens {

@@ -1,4 +1,4 @@
-//! Reads the golden vectors of `tests/golden` and compares with a stated tolerance, counting the arrays compared.
+//! Reads the golden vectors of `tests/golden`, compares within a tolerance, and counts the compared arrays.
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -6,26 +6,26 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// A file of `tests/golden` that is stored as it is.
+/// Path of an uncompressed file of `tests/golden`.
 pub fn golden_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
 }
 
-/// The content of a file of `tests/golden` that is stored with zstd.
+/// Decompressed content of a zstd file of `tests/golden`.
 pub fn golden_unpacked(name: &str) -> Vec<u8> {
     zstd::decode_all(fs::File::open(golden_file(name)).unwrap()).unwrap()
 }
 
-/// The folder of arrays of a case, unpacked once per build.
+/// Folder of a case's arrays, unpacked once per build.
 pub fn golden_folder(case: &str) -> PathBuf {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let archive = golden_unpacked(&format!("{case}.tar.zst"));
-    // A changed archive gets a folder of its own.
+    // The hash gives a changed archive a new folder.
     let name = format!("golden-{:08x}", crc32fast::hash(&archive));
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     if !target.is_dir() {
-        // Renamed when whole: test programs may run side by side.
+        // Renamed only when complete, since test programs may run in parallel.
         let part = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
         tar::Archive::new(archive.as_slice()).unpack(part.path()).unwrap();
         let renamed = fs::rename(part.path(), &target);
@@ -50,7 +50,6 @@ pub enum Tolerance {
 }
 
 impl Case {
-    /// Opens a case.
     pub fn open(name: &str) -> Self {
         let folder = golden_folder(name);
         let text = fs::read_to_string(folder.join("index.tsv")).unwrap();
@@ -76,7 +75,7 @@ impl Case {
         bytes
     }
 
-    /// Values of an f64 or f32 array, row by row.
+    /// Values of an f64 or f32 array in row-major order.
     pub fn f64(&self, name: &str) -> Vec<f64> {
         if self.index[name].1 == "f32" {
             let bytes = self.bytes(name, "f32");
@@ -99,7 +98,7 @@ impl Case {
         self.f64(name).as_chunks::<N>().0.to_vec()
     }
 
-    /// `hyper.tsv` by name.
+    /// Returns a value of `hyper.tsv` by name.
     pub fn hyper(&self, name: &str) -> f64 {
         let text = fs::read_to_string(self.folder.join("hyper.tsv")).unwrap();
         let line = text.lines().find(|l| l.split('\t').next() == Some(name));
@@ -135,12 +134,12 @@ impl Case {
         self.count();
     }
 
-    /// Counts an array compared by other means.
+    /// Counts an array that the caller compared itself.
     pub fn count(&self) {
         self.compared.set(self.compared.get() + 1);
     }
 
-    /// Arrays compared so far.
+    /// Number of arrays compared so far.
     pub fn compared(&self) -> usize {
         self.compared.get()
     }

@@ -1,28 +1,28 @@
-//! What a process holds of all that it ever took: exact, where resident memory follows the system's
-//! allocator, which gives little back and breaks what it keeps into pieces.
+//! Exact count of a process's live allocations. Resident memory also depends on the system's allocator, which
+//! returns little memory and fragments it.
 //!
-//! A test binary that asks makes [`Counted`] its global allocator.
+//! A test binary that uses the counts makes [`Counted`] its global allocator.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicIsize, Ordering};
 
-/// The system's allocator, with its blocks and bytes counted.
+/// The system's allocator with counters of blocks and bytes.
 pub struct Counted;
 
 static BLOCKS: AtomicIsize = AtomicIsize::new(0);
 static BYTES: AtomicIsize = AtomicIsize::new(0);
 
-/// Blocks that were taken and not given back.
+/// Number of live blocks.
 pub fn blocks() -> isize {
     BLOCKS.load(Ordering::Relaxed)
 }
 
-/// Bytes in them.
+/// Bytes in live blocks.
 pub fn bytes() -> isize {
     BYTES.load(Ordering::Relaxed)
 }
 
-// SAFETY: hands everything to the system's allocator; counting does not allocate.
+// SAFETY: every call is forwarded to the system's allocator unchanged; counting does not allocate.
 #[allow(unsafe_code)] // only a global allocator sees every allocation
 unsafe impl GlobalAlloc for Counted {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {

@@ -1,5 +1,5 @@
-//! What several integration tests share.
-#![allow(dead_code)] // each test binary uses its own part
+//! Helpers shared by the integration tests.
+#![allow(dead_code)] // each test binary uses only some helpers
 
 #[cfg(feature = "gui")]
 pub mod adapter;
@@ -18,7 +18,7 @@ pub mod skip;
 
 use std::path::PathBuf;
 
-/// A path under `../shared`; `None` skips the test.
+/// Returns a path under `../shared`; `None` skips the test.
 #[track_caller]
 pub fn shared(path: &str) -> Option<PathBuf> {
     let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);

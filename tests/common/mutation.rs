@@ -1,8 +1,8 @@
-//! Seeded damage to sound files.
+//! Random, seeded corruption of valid files.
 
 use vbgs_studio::math::rng::Rng;
 
-/// What mutations insert: the awkward numbers, the syntax, and noise.
+/// Tokens that mutations insert: extreme numbers, syntax and noise.
 const TOKENS: [&str; 20] = [
     "NaN",
     "null",
@@ -26,7 +26,8 @@ const TOKENS: [&str; 20] = [
     "999999999999999999999999",
 ];
 
-/// The bytes with one to four changes: cut, taken out, doubled, replaced by a token, one bit or a digit.
+/// Returns the bytes with one to four changes: truncation, deletion, duplication, insertion of a token, a
+/// flipped bit or a digit.
 pub fn mutate(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
     let mut out = bytes.to_vec();
     for _ in 0..=rng.below(4) {

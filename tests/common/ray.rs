@@ -1,15 +1,15 @@
-//! A Gaussian along a ray by numbers alone: searched for its maximum, summed by quadrature. Nothing
-//! here knows a closed form.
+//! A Gaussian along a ray, evaluated numerically: maximum by search, integral by quadrature. Uses no closed
+//! form, so the results are independent of the renderers' formulas.
 
 use super::oracle::SplatF64;
 use glam::{DMat3, DVec3};
 
-/// Steps of the golden-section search: each leaves 0.618 of the interval, so 2e-15 of it remain.
+/// Steps of the golden-section search. Each leaves 0.618 of the interval, so 2e-15 of it remains.
 const SEARCH_STEPS: usize = 70;
-/// The search ends this many largest standard deviations behind the mean, where the Gaussian is at
-/// most e^−32.
+/// Distance behind the mean at which the search ends, in largest standard deviations. The Gaussian is at most
+/// e^−32 there.
 const REACH: f64 = 8.0;
-/// Half the range of the quadrature, standard deviations: e^−50 is left out.
+/// Half the range of the quadrature, standard deviations. The density outside is below e^−50.
 const HALF_RANGE: f64 = 10.0;
 /// Panels of the quadrature over that range.
 const N_PANELS: usize = 8;
@@ -36,33 +36,33 @@ impl GaussianOnRay {
         }
     }
 
-    /// The Gaussian, 1 at the mean, after a distance.
+    /// Density at a distance along the ray, 1 at the mean.
     pub fn density(&self, distance: f64) -> f64 {
         (-0.5 * self.mahalanobis2(distance)).exp()
     }
 
-    /// Squared distance from the mean in standard deviations.
+    /// Squared Mahalanobis distance from the mean at a distance along the ray.
     fn mahalanobis2(&self, distance: f64) -> f64 {
         self.deviations(self.from_mean + self.direction * distance).length_squared()
     }
 
-    /// A vector in standard deviations along each axis.
+    /// Converts a vector to standard deviations along each axis.
     fn deviations(&self, v: DVec3) -> DVec3 {
         DVec3::new(self.axes.x_axis.dot(v), self.axes.y_axis.dot(v), self.axes.z_axis.dot(v))
             / self.scale
     }
 
-    /// Where the density is largest on the ray from its origin on, and how large it is there.
+    /// Distance of the largest density on the ray, starting at its origin, and that density.
     pub fn maximum(&self) -> (f64, f64) {
         self.maximum_from(0.0)
     }
 
-    /// The same on the whole line.
+    /// Like [`Self::maximum`], but on the whole line.
     pub fn maximum_of_line(&self) -> (f64, f64) {
         self.maximum_from(-self.reach)
     }
 
-    /// Golden-section search from `start` to the reach.
+    /// Searches from `start` to the reach by golden section.
     fn maximum_from(&self, start: f64) -> (f64, f64) {
         let share = 0.5 * (5f64.sqrt() - 1.0);
         let (mut lo, mut hi) = (start, self.reach);
@@ -79,20 +79,20 @@ impl GaussianOnRay {
                 values = [values[1], self.mahalanobis2(inner[1])];
             }
         }
-        // The search approaches the ends of the interval but never tries them.
+        // The search approaches the ends of the interval but never evaluates them.
         let candidates = [lo, inner[0], inner[1], hi].map(|t| (t, self.mahalanobis2(t)));
         let best = candidates.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         (best.0, (-0.5 * best.1).exp())
     }
 
-    /// Integral of the density over the line near `peak`, in standard deviations along the line and
-    /// over `√2π`; `None` if a part of it lies behind the origin.
+    /// Integral of the density over the line near `peak`, in standard deviations along the line, divided by
+    /// `√2π`; `None` if part of the range lies behind the origin.
     pub fn integral_ahead(&self, peak: f64) -> Option<f64> {
         let half = HALF_RANGE / self.deviations_per_unit();
         (peak >= half).then(|| self.integral_around(peak))
     }
 
-    /// The same, wherever the origin is.
+    /// Like [`Self::integral_ahead`], for any origin.
     pub fn integral_around(&self, peak: f64) -> f64 {
         let per_unit = self.deviations_per_unit();
         let half = HALF_RANGE / per_unit;
@@ -113,7 +113,7 @@ impl GaussianOnRay {
     }
 }
 
-/// Positive nodes and weights of the 16-point rule on [−1, 1].
+/// Positive nodes and weights of the 16-point Gauss–Legendre rule on [−1, 1].
 const GAUSS_LEGENDRE: [(f64, f64); 8] = [
     (0.095_012_509_837_637_44, 0.189_450_610_455_068_5),
     (0.281_603_550_779_258_9, 0.182_603_415_044_923_6),

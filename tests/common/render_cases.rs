@@ -8,30 +8,29 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response, Support};
 
-/// One scene seen by one renderer.
+/// One scene with one renderer's expected pixels.
 pub struct GoldenView {
     pub case: String,
     pub variant: &'static str,
     pub splats: Vec<SplatF64>,
     pub camera: Camera,
     pub options: RenderOptions,
-    /// Options hold the background in f32, the file blends over it in f64: the largest difference.
+    /// Largest rounding error of the background, which the options hold in f32 and the file in f64.
     pub background_rounding: f64,
-    /// Column, row and what is seen there.
+    /// Column, row and expected sample.
     pub pixels: Vec<([usize; 2], Sample)>,
 }
 
 const VARIANTS: [&str; 6] =
     ["projected", "projected_tile3s", "exact", "exact_line", "exact_ref", "exact_footprint"];
 
-/// Every case by every renderer that can draw it.
+/// Returns every case with every renderer that can draw it.
 pub fn golden_views() -> Vec<GoldenView> {
     let golden = golden_json();
     let cases = array(&golden["cases"]).iter();
     cases.flat_map(|case| VARIANTS.into_iter().filter_map(|v| view(case, v))).collect()
 }
 
-/// The whole file.
 pub fn golden_json() -> Value {
     serde_json::from_slice(&super::golden::golden_unpacked("render_cases.json.zst")).unwrap()
 }

@@ -1,4 +1,4 @@
-//! Random scenes around the origin and a camera that looks at them.
+//! Random scenes around the origin, and cameras that view them.
 
 use glam::DVec3;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
@@ -12,8 +12,8 @@ use vbgs_studio::render::{
     Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response, Support,
 };
 
-/// A random scene around the origin: centres in a cube of twice `radius`, standard deviations even
-/// in their logarithm.
+/// A random scene around the origin: centres uniform in a cube with side `2·radius`, standard deviations
+/// log-uniform.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
     pub name: &'static str,
@@ -23,7 +23,7 @@ pub struct Scene {
     pub radius: f64,
 }
 
-/// What a batch of opaque dots, veils, needles and more shows of a renderer.
+/// Scenes that exercise a renderer: opaque dots, translucent layers, needles and more.
 pub const SCENES: [Scene; 6] = [
     Scene {
         name: "small",
@@ -48,7 +48,7 @@ pub const SCENES: [Scene; 6] = [
         radius: 4.0,
     },
     Scene { name: "over one", n_splats: 500, scale: (0.02, 0.1), opacity: (0.9, 3.0), radius: 1.0 },
-    // Rows of tiles with more splats than one batch of the rasteriser.
+    // Rows of tiles have more splats than one batch of the rasteriser.
     Scene {
         name: "crowd",
         n_splats: 7000,
@@ -58,7 +58,7 @@ pub const SCENES: [Scene; 6] = [
     },
 ];
 
-/// Scenes for splats with an appearance (`rendering.md`, Native appearance): every opacity up to 3.
+/// Scenes for splats with an appearance (`rendering.md`, Native appearance), with opacities up to 3.
 pub const NATIVE_SCENES: [Scene; 3] = [
     Scene { name: "dots", n_splats: 1200, scale: (0.01, 0.05), opacity: (0.0, 3.0), radius: 1.0 },
     Scene { name: "clouds", n_splats: 200, scale: (0.05, 0.3), opacity: (0.0, 3.0), radius: 1.0 },
@@ -87,21 +87,21 @@ impl Scene {
     }
 }
 
-/// A unit quaternion, uniform over all turns.
+/// Unit quaternion, uniform over all rotations.
 pub fn random_rotation(rng: &mut Rng) -> [f32; 4] {
     let turn = [0; 4].map(|_| rng.normal());
     let length = turn.iter().map(|v| v * v).sum::<f64>().sqrt();
     turn.map(|v| (v / length) as f32)
 }
 
-/// Directions about one, as far apart as a camera's on its way.
+/// Cone of observed directions around one direction, as wide as a moving camera observes.
 pub fn cone([mean, across, _]: [[f32; 3]; 3]) -> ObservedCone {
     let [mean, across] = [mean, across].map(|row| DVec3::from_array(row.map(f64::from)));
     ObservedCone::new(mean, Sym3::outer(across).add_scaled(0.01, Sym3::diagonal(1.0)))
 }
 
-/// Random gradients and view dependence for splats. One standard deviation along the longest axis
-/// changes a channel by about 0.25, so that the limit of 0.5 shows too.
+/// Random gradients and view dependence for splats. One standard deviation along the longest axis changes a
+/// channel by about 0.25, so that the limit of 0.5 is reached too.
 pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let mut matrix = |size: f64| [0; 3].map(|_| [0; 3].map(|_| (size * rng.normal()) as f32));
@@ -131,7 +131,7 @@ pub const fn exact(response: Response, antialias: Antialias, lens: Lens) -> Rend
     RenderMethod::Exact(ExactOptions { response, antialias, lens })
 }
 
-/// Neither side is a multiple of a tile, and the principal point is off centre.
+/// Camera whose image sides are not multiples of a tile and whose principal point is off centre.
 pub fn camera() -> Camera {
     let mut intrinsics = Intrinsics::from_horizontal_fov(107, 77, 0.8);
     intrinsics.cx += 5.3;
@@ -140,7 +140,7 @@ pub fn camera() -> Camera {
     Camera { intrinsics, pose: Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap() }
 }
 
-/// The same camera through the method's lens; the fisheye sees 190° from among the splats.
+/// [`camera`] with the method's lens. The fisheye sees 190° from a position among the splats.
 pub fn camera_of(method: RenderMethod) -> Camera {
     let mut camera = camera();
     if method.lens() == Lens::Fisheye {

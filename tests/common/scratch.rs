@@ -1,4 +1,4 @@
-//! Small datasets to damage, a fresh copy for each test.
+//! Small datasets that tests may damage, with a fresh copy for each test.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -8,7 +8,7 @@ use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
 
-/// Opens with the layout's defaults.
+/// Opens a dataset with default options.
 pub fn open_plain(path: &Path) -> Result<Dataset, DatasetError> {
     open(path, &LoadOptions::default())
 }
@@ -24,23 +24,23 @@ pub const TINY: SyntheticParams = SyntheticParams {
     ..SyntheticParams::demo()
 };
 
-/// A folder's files in memory: made once, a fresh copy for each test that may damage it.
+/// Files of a folder in memory, from which each test writes a fresh copy.
 pub struct Files(Vec<(PathBuf, Vec<u8>)>);
 
 impl Files {
-    /// Of a folder with all below it.
+    /// Reads a folder recursively.
     pub fn read(folder: &Path) -> Self {
         let mut files = Vec::new();
         collect(folder, Path::new(""), &mut files);
         Self(files)
     }
 
-    /// Every file's path below the folder and its bytes.
+    /// Iterates over the files: path relative to the folder, and bytes.
     pub fn iter(&self) -> impl Iterator<Item = (&Path, &[u8])> {
         self.0.iter().map(|(path, bytes)| (path.as_path(), bytes.as_slice()))
     }
 
-    /// Into a folder, beside what is there.
+    /// Writes the files into a folder; its other files stay.
     pub fn write(&self, folder: &Path) {
         for (relative, bytes) in &self.0 {
             let path = folder.join(relative);
@@ -61,7 +61,7 @@ fn collect(root: &Path, relative: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
     }
 }
 
-/// A fresh copy of [`TINY`] in a layout; rendered once per test run.
+/// Writes a fresh copy of [`TINY`] in a layout; frames are rendered once per test program.
 pub fn tiny(layout: SyntheticLayout) -> TempDir {
     static KEPT: [OnceLock<Files>; SyntheticLayout::ALL.len()] =
         [const { OnceLock::new() }; SyntheticLayout::ALL.len()];
@@ -76,12 +76,12 @@ pub fn tiny(layout: SyntheticLayout) -> TempDir {
     folder
 }
 
-/// The classic export.
+/// [`TINY`] in the Blender layout with 8-bit depth.
 pub fn tiny_blender() -> TempDir {
     tiny(SyntheticLayout::Blender(DepthBits::Eight))
 }
 
-/// One folder per split.
+/// [`TINY`] in the 7-Scenes layout, with one folder per split.
 pub fn tiny_seven_scenes() -> TempDir {
     tiny(SyntheticLayout::SevenScenes)
 }

@@ -1,18 +1,18 @@
-//! Files on a drive that does not answer: whoever opens one waits, by the system's own (`silent_file.c`).
+//! Simulates a drive that does not respond: opening a file blocks (`silent_file.c`).
 
 use super::skip::skip;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// A file that does not answer until the end of the test.
+/// A file whose opening blocks until this is dropped.
 pub struct SilentFile {
     holder: Child,
 }
 
 impl SilentFile {
-    /// A file that does not answer from now on; `None` where files cannot be held and need not be. `scratch`
-    /// is for the program that holds it.
+    /// Blocks opening of a file from now on; `None` if the file system cannot do so, outside strict mode.
+    /// `scratch` is the folder for the helper program.
     #[track_caller]
     pub fn hold(scratch: &Path, file: &Path) -> Option<Self> {
         let program = scratch.join("silent_file");
@@ -30,20 +30,23 @@ impl SilentFile {
         let silent = Self { holder };
         match said.trim() {
             "held" => Some(silent),
-            _ => skip("this file system knows no leases", "use another folder for temporary files"),
+            _ => skip(
+                "this file system does not support leases",
+                "use another folder for temporary files",
+            ),
         }
     }
 }
 
 impl Drop for SilentFile {
-    /// It answers, so that no thread is left behind.
+    /// Unblocks the file, so that no thread stays blocked.
     fn drop(&mut self) {
         drop(self.holder.stdin.take());
         let _ = self.holder.wait();
     }
 }
 
-/// A 16-bit depth image without a surface.
+/// Encodes a 16-bit PNG depth image that contains only holes.
 pub fn image_of_holes(width: u32, height: u32) -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let image = image::ImageBuffer::<image::Luma<u16>, _>::new(width, height);

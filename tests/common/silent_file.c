@@ -1,7 +1,7 @@
-/* A file on a drive that does not answer: whoever opens it waits, until this program's input ends.
+/* Simulates a file on a drive that does not respond: opening it blocks until this program's input ends.
  *
- * It holds a lease of the file, which an opening breaks only when the holder lets it go (or after
- * /proc/sys/fs/lease-break-time seconds, 45 as systems come).
+ * Holds a write lease on the file. An opening process waits until the holder releases the lease, or for
+ * /proc/sys/fs/lease-break-time seconds (default 45).
  */
 #define _GNU_SOURCE
 #include <fcntl.h>

@@ -1,13 +1,13 @@
-//! Tests that lack a recording, a device or a program are skipped with one line, or fail in strict mode.
+//! Skips tests that lack a recording, a device or a program, with one line; in strict mode they fail.
 
 use std::io::Write;
 use std::path::Path;
 
-/// Set to 1, as continuous integration does, it turns every skipped test into a failure.
+/// Environment variable that, set to 1 as in continuous integration, turns every skipped test into a failure.
 pub const STRICT: &str = "VBGS_STRICT";
 
-/// Returns nothing and writes one line that names what is missing and counts the tests skipped so far in this
-/// run of cargo.
+/// Returns `None` and prints one line with the missing resource and the number of tests skipped so far in
+/// this cargo run.
 ///
 /// # Panics
 /// Panics in strict mode.
@@ -15,12 +15,12 @@ pub const STRICT: &str = "VBGS_STRICT";
 pub fn skip<T>(missing: &str, remedy: &str) -> Option<T> {
     let is_strict = std::env::var_os(STRICT).is_some_and(|value| value == "1");
     let line = outcome(missing, remedy, is_strict, skipped_so_far);
-    // Not by `eprintln`, which the harness hides in tests that pass.
+    // Not `eprintln`, whose output the harness hides for passing tests.
     let _ = writeln!(std::io::stderr(), "{}", line.unwrap_or_else(|failure| panic!("{failure}")));
     None
 }
 
-/// The line of a skipped test, or the message of one that fails.
+/// Returns the line for a skipped test, or the error message in strict mode.
 pub fn outcome(
     missing: &str,
     remedy: &str,
@@ -35,7 +35,8 @@ pub fn outcome(
     }
 }
 
-/// Counts this test, too. The programs of one `cargo test` are children of one process and share a file.
+/// Counts this test and returns the total. All test programs of one `cargo test` have the same parent process
+/// and share a counter file, whose length is the count.
 fn skipped_so_far() -> usize {
     #[cfg(unix)]
     let run = std::os::unix::process::parent_id();

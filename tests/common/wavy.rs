@@ -1,9 +1,9 @@
-//! Frames of a wavy surface, as points.
+//! Point frames of a wavy surface.
 
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::observation::points::Points;
 
-/// A wavy surface with a depth edge, `side` tiles by `side`; some tiles are not full.
+/// Wavy surface with a depth edge, of `side`×`side` tiles; some tiles are not full.
 pub fn wavy_frame(phase: f32, side: usize) -> Points<f32> {
     let mut points = Points::new();
     let mut rng = Rng::new(3, Purpose::Synthetic, phase.to_bits().into());

@@ -1,5 +1,5 @@
-//! One test per way in which a dataset can be damaged: the message names the file, what was
-//! expected, what was found and what to do, and the rest of the dataset stays usable.
+//! One test per kind of damage to a dataset. The message states the file, what was expected, what
+//! was found and what to do; the rest of the dataset stays usable.
 
 use crate::common::scratch::{
     edit_json, edit_pose, open_plain, tiny, tiny_blender, tiny_seven_scenes,
@@ -22,7 +22,7 @@ fn assert_says(message: &str, parts: &[&str]) {
     }
 }
 
-/// The dataset does not open at all.
+/// Asserts that the dataset does not open.
 #[track_caller]
 fn refuses(path: &Path, parts: &[&str]) {
     match open_plain(path) {
@@ -31,7 +31,7 @@ fn refuses(path: &Path, parts: &[&str]) {
     }
 }
 
-/// One frame of `train` is skipped with a warning, the other two load.
+/// Asserts that one frame of `train` is skipped with a warning and the other two load.
 #[track_caller]
 fn skips_one(path: &Path, parts: &[&str]) {
     let dataset = open_plain(path).unwrap();
@@ -43,7 +43,7 @@ fn skips_one(path: &Path, parts: &[&str]) {
     assert!((0..2).all(|i| dataset.load(train, i).is_ok()));
 }
 
-/// Frame 1 of `train` fails to load, the others load.
+/// Asserts that frame 1 of `train` fails to load and the others load.
 #[track_caller]
 fn fails_to_load_one(path: &Path, parts: &[&str]) {
     let dataset = open_plain(path).unwrap();
@@ -365,7 +365,7 @@ fn links_that_escape_the_folder() {
 
     fs::remove_file(&color).unwrap();
     symlink(folder.path().join("train/r_2.png"), &color).unwrap();
-    assert!(open_plain(folder.path()).unwrap().warnings.is_empty(), "links inside are fine");
+    assert!(open_plain(folder.path()).unwrap().warnings.is_empty(), "links inside are valid");
 
     let folder = tiny_blender();
     let images = folder.path().join("train");
@@ -377,7 +377,7 @@ fn links_that_escape_the_folder() {
     assert_says(&dataset.warnings[0].to_string(), &parts);
 }
 
-/// A list that is not read may be all that tells a recording from images without poses.
+/// Without its list a recording cannot be distinguished from images without poses.
 #[cfg(unix)]
 #[test]
 fn lists_that_a_link_keeps_outside() {

@@ -1,4 +1,4 @@
-//! Seeded mutations of the text files: a clean dataset or a precise error, never a panic.
+//! Seeded mutations of the text files give a clean dataset or a precise error, never a panic.
 
 use crate::common::mutation::mutate;
 use crate::common::scratch::{open_plain, tiny, tiny_blender, tiny_seven_scenes};
@@ -8,7 +8,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 
 const ROUNDS: u64 = 400;
 
-/// Opens and loads everything; counts how it ended.
+/// Opens the dataset and loads all frames; true if it opened.
 fn exercise(root: &Path) -> bool {
     match open_plain(root) {
         Err(error) => {
@@ -44,7 +44,7 @@ fn fuzz(root: &Path, files: &[&str], stream: u64) {
         n_opened += usize::from(exercise(root));
         std::fs::write(&path, &originals[pick]).unwrap();
     }
-    assert!(exercise(root), "the originals are whole");
+    assert!(exercise(root), "the unmodified datasets open");
     assert!(n_opened > 0, "some mutations are harmless");
     eprintln!("{n_opened} of {ROUNDS} mutations still open");
 }

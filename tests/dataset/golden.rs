@@ -32,7 +32,7 @@ fn u32s_as_f32(bytes: &[u8]) -> Vec<f32> {
     bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
-/// Camera-space point of golden pixel `i` and the raw (not re-orthonormalised) pose.
+/// Pixels of the golden case, their camera-space points, and the raw pose (not re-orthonormalised).
 struct Golden {
     uv: Vec<u32>,
     depth: Vec<u32>,
@@ -111,7 +111,7 @@ fn the_loader_gives_the_golden_points_in_tile_order() {
     assert_eq!(
         points.len(),
         kept.len(),
-        "row passes and the letter of `dataset.md`, Edge filter, agree"
+        "the row passes agree with the text of `dataset.md`, Edge filter"
     );
 
     let order: std::collections::HashMap<[usize; 2], usize> =
@@ -152,7 +152,7 @@ fn unproject(frame: &Frame, convention: CameraConvention) -> Points<f32> {
     points
 }
 
-/// `dataset.md`, Unprojection, pixel by pixel, sorted as `dataset.md`, Tile order, says.
+/// Pixels retained by `dataset.md`, Unprojection, one pixel at a time, sorted as in `dataset.md`, Tile order.
 fn kept_by_the_letter(frame: &Frame) -> Vec<[usize; 2]> {
     let DepthCodes::Inverse8(codes) = &frame.depth.as_ref().unwrap().codes else {
         panic!("Lego has 8-bit depth");

@@ -1,5 +1,5 @@
-//! Recordings that are looked at while they are written: a frame is found once, when all of it is
-//! there, and as it is found in the end.
+//! Recordings polled while they are written: each frame is found once, when it is complete, and is
+//! the same as in the finished recording.
 
 use crate::common::scratch::open_plain;
 use serde_json::Value;
@@ -20,14 +20,14 @@ const ROOM: SyntheticParams = SyntheticParams {
     ..SyntheticParams::demo()
 };
 
-/// Later than any patience.
+/// Later than the longest wait for a missing frame, seconds.
 const LATER: f64 = 100.0;
 
 fn follow(folder: &Path) -> GrowingRecording {
     GrowingRecording::new(folder, &LoadOptions::default(), None).unwrap()
 }
 
-/// Frames that a look finds and takes; none where it fails, which time mends.
+/// Polls, marks the frames as taken and returns them; none on an error, which a later poll may resolve.
 fn taken(recording: &mut GrowingRecording, is_growing: bool, now_s: f64) -> Vec<FrameEntry> {
     let Ok(found) = recording.poll(is_growing, now_s) else { return Vec::new() };
     recording.mark_taken(&found);
@@ -85,11 +85,11 @@ fn every_frame_is_found_as_soon_as_it_is_there() {
         assert!(finished.warnings.is_empty(), "{layout:?}: {:?}", finished.warnings);
         same(&found, trained(&finished));
         let entries = fs::read_dir(folder.path()).unwrap().count();
-        assert_eq!(entries, 1, "nothing is left beside the recording");
+        assert_eq!(entries, 1, "no temporary file is left in the folder");
     }
 }
 
-/// A list that is written anew for every frame, and what it is called and holds.
+/// Lists that are rewritten for every frame; a half-written list gives no frames.
 #[test]
 fn lists_that_are_written_anew_are_followed() {
     for (layout, name, key) in [
@@ -118,7 +118,7 @@ fn lists_that_are_written_anew_are_followed() {
     }
 }
 
-/// No file of a frame counts before its last byte, whatever kind it is.
+/// A file of any kind counts only once its last byte is written.
 #[test]
 fn a_half_written_file_is_never_taken() {
     let two = SyntheticParams { n_train: 2, ..ROOM };
@@ -154,7 +154,7 @@ fn a_half_written_file_is_never_taken() {
     }
 }
 
-/// The last number of a line that is still written lacks digits and is a number all the same.
+/// A line that is still being written may end in a number that lacks digits but parses.
 #[test]
 fn a_half_written_line_is_never_read() {
     let three = SyntheticParams { n_train: 3, ..ROOM };
@@ -208,13 +208,13 @@ fn frames_keep_their_order_as_long_as_patience_lasts() {
         fs::rename(file(i).with_extension("later"), file(i)).unwrap();
     }
     late.iter().for_each(|(path, bytes)| fs::write(path, &bytes[..99]).unwrap());
-    assert_eq!(names(taken(&mut recording, true, 10.0)), "", "2 waits for 1");
+    assert_eq!(names(taken(&mut recording, true, 10.0)), "", "frame 2 waits for frame 1");
     assert_eq!(names(taken(&mut recording, true, 10.5)), "");
-    assert_eq!(names(taken(&mut recording, true, 11.5)), "2", "1 is given up, 4 waits for 3");
+    assert_eq!(names(taken(&mut recording, true, 11.5)), "2", "1 is skipped, 4 waits for 3");
     fs::write(&late[1].0, &late[1].1).unwrap();
     assert_eq!(names(taken(&mut recording, true, 11.6)), "34");
     fs::write(&late[0].0, &late[0].1).unwrap();
-    assert_eq!(names(taken(&mut recording, true, 99.0)), "1", "late, but not lost");
+    assert_eq!(names(taken(&mut recording, true, 99.0)), "1", "a late frame is still taken");
     assert_eq!(names(taken(&mut recording, false, 99.0)), "");
 }
 
@@ -234,7 +234,7 @@ fn a_pose_may_come_after_its_images() {
     assert_eq!(found.iter().map(|frame| frame.name.as_str()).collect::<Vec<_>>(), ["10"]);
 }
 
-/// Of a frame between two poses the second one decides too; after the end there is no second one.
+/// A frame between two poses needs the later one too; after the end of the recording no later pose comes.
 #[test]
 fn a_pose_is_interpolated_only_between_two_that_are_there() {
     let folder = tempfile::tempdir().unwrap();
@@ -242,7 +242,7 @@ fn a_pose_is_interpolated_only_between_two_that_are_there() {
     write(&three, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
     let file = folder.path().join("groundtruth.txt");
     let text = fs::read_to_string(&file).unwrap();
-    // Poses 5 ms before and 5 ms behind the last depth image.
+    // Poses 5 ms before and 5 ms after the last depth image.
     let last = text.lines().last().unwrap();
     let (time, numbers) = last.split_once(' ').unwrap();
     let shifted = |ms: f64, x: &str| {
@@ -272,7 +272,7 @@ fn after_the_end_nothing_is_waited_for() {
     assert_eq!(taken(&mut recording, true, 0.0).len(), whole);
     let found = recording.poll(false, LATER).unwrap();
     let frames = trained(&found);
-    assert_eq!(frames.len(), 1, "the damaged one, whose loading tells what is wrong");
+    assert_eq!(frames.len(), 1, "the damaged frame; loading it reports the error");
     assert!(frames[0].load().is_err());
     let warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
     assert_eq!(warnings.len(), 2, "{warnings:?}");
@@ -286,8 +286,8 @@ fn a_frame_that_cannot_be_read_comes_again_when_its_files_change() {
     write(&ROOM, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
     let file = folder.path().join("train/frame-000010.depth.png");
     let whole = fs::read(&file).unwrap();
-    // Its end is there, and something before it is not; of another length, since the clock of a file
-    // system may be too coarse to tell the change.
+    // The end of the file is intact, the part before it is not. The length differs because
+    // file-system clocks may be too coarse to show the change.
     let (half, end) = (whole.len() / 2, whole.len() - 12);
     fs::write(&file, [&whole[..half], &vec![0; end][..], &whole[end..]].concat()).unwrap();
     let mut recording = follow(folder.path());
@@ -329,7 +329,7 @@ fn a_followed_dataset_holds_out_what_an_opened_one_does() {
     assert_eq!(grown.warnings.len(), 0);
 }
 
-/// The first frames decide where a far world has its origin, for all that come.
+/// The first frames determine the local origin of a far world, also for later frames.
 #[test]
 fn a_far_recording_keeps_the_origin_of_its_first_frames() {
     let folder = tempfile::tempdir().unwrap();
@@ -385,7 +385,7 @@ fn what_a_dataset_was_read_from_is_known_and_the_drive_is_not_asked() {
         let folder = tempfile::tempdir().unwrap();
         write(&ROOM, folder.path(), layout, &mut |_, _| ()).unwrap();
         let dataset = open_plain(&folder.path().join(file)).unwrap();
-        // As good as a drive that is gone.
+        // The deleted folder acts like a disconnected drive.
         drop(folder);
         GrowingRecording::of(&dataset, dataset.training_split().unwrap())
     };
@@ -400,7 +400,7 @@ fn what_a_dataset_was_read_from_is_known_and_the_drive_is_not_asked() {
 
 /// `cargo test --release --test dataset long_recording -- --ignored --nocapture`
 #[test]
-#[ignore = "times looks at 3,000 frames of each layout"]
+#[ignore = "times polls of 3,000 frames of each layout"]
 fn figures_of_a_look_at_a_long_recording() {
     let n = 3000;
     for layout in LIVE {
@@ -424,7 +424,7 @@ fn figures_of_a_look_at_a_long_recording() {
         assert_eq!(found, n);
         let quickest = last[last.len() - 9..].iter().copied().fold(f64::INFINITY, f64::min);
         println!(
-            "{layout:?}: a look that finds one of {n} frames {quickest:.1} ms, a question {idle:.3} ms"
+            "{layout:?}: a poll that finds one of {n} frames {quickest:.1} ms, a check for changes {idle:.3} ms"
         );
     }
 }

@@ -1,5 +1,5 @@
-//! Damage to recordings, for every layout: one message that names the file, what was expected and
-//! found, and what to do; the other frames stay usable.
+//! Damaged recordings of every layout. One message states the file, what was expected, what was
+//! found and what to do; the other frames stay usable.
 
 use crate::common::scratch::{edit_json, open_plain, tiny};
 use serde_json::{Value, json};
@@ -9,7 +9,7 @@ use std::path::Path;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout::{self, *};
 
-/// Layouts of single files, with colour and depth of their second frame.
+/// Layouts of single files, with colour and depth file of their second frame.
 const FILES: [(SyntheticLayout, &str, &str); 9] = [
     (Tum, "rgb/1000.033333.png", "depth/1000.033333.png"),
     (Open3d, "color/00001.png", "depth/00001.png"),
@@ -29,12 +29,12 @@ fn assert_says(message: &str, parts: &[&str]) {
     }
 }
 
-/// Frames of the whole recording that are left.
+/// Number of usable frames of the whole recording.
 fn n_frames(dataset: &Dataset) -> usize {
     dataset.splits[dataset.split_named("all").unwrap()].frames.len()
 }
 
-/// Opens with one of the four frames skipped, for a reason that says all parts.
+/// Asserts that one of the four frames is skipped, with one warning that contains all parts.
 #[track_caller]
 fn skips(path: &Path, left: usize, parts: &[&str]) {
     let dataset = open_plain(path).unwrap();
@@ -69,7 +69,7 @@ fn truncate(path: &Path, keep: f64) {
     fs::write(path, &bytes[..(bytes.len() as f64 * keep) as usize]).unwrap();
 }
 
-/// Changes a line of a text file, counted from 0.
+/// Edits one line of a text file, counted from 0.
 fn edit_line(path: &Path, line: usize, edit: impl Fn(&str) -> String) {
     let text = fs::read_to_string(path).unwrap();
     let lines: Vec<String> = text
@@ -314,10 +314,10 @@ fn two_layouts_at_once() {
     refuses(folder.path(), &parts);
 }
 
-/// New bytes of a member by its name; `None` leaves it out.
+/// Returns the new bytes of an archive member by its name; `None` removes it.
 type MemberEdit<'a> = &'a dyn Fn(&str, Vec<u8>) -> Option<Vec<u8>>;
 
-/// Every member of an archive, changed.
+/// Rewrites an archive, editing every member.
 fn rewrite(path: &Path, mut edit: impl FnMut(&str, Vec<u8>) -> Option<Vec<u8>>) {
     let mut old = zip::ZipArchive::new(fs::File::open(path).unwrap()).unwrap();
     let mut new = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
@@ -386,7 +386,7 @@ fn members_that_lead_outside_are_reported_and_never_written() {
     skips(folder.path(), 4, &["recording.r3d", "expected a path inside", "../../evil.jpg"]);
 }
 
-/// Sizes that no file of that length can hold are refused before anything is allocated.
+/// Sizes that a file of that length cannot hold are refused before any allocation.
 #[test]
 fn absurd_counts() {
     let folder = tiny(Nerfstudio);
@@ -402,7 +402,7 @@ fn absurd_counts() {
     npy.extend(header.bytes());
     depth("a.npy", &npy);
     fails_to_load(folder.path(), 1, &["a.npy", "little-endian NPY", "4000000000", "again"]);
-    // Little-endian, four entries: 65,535 pixels on both sides of 16 bits each.
+    // Little-endian, four entries: 65,535×65,535 pixels of 16 bits.
     let mut tiff = b"II*\0\x08\0\0\0\x04\0".to_vec();
     for (tag, value) in [(256u16, 65_535u32), (257, 65_535), (258, 16), (259, 1)] {
         tiff.extend(tag.to_le_bytes());
@@ -422,7 +422,7 @@ fn absurd_counts() {
     fails_to_load(folder.path(), 1, &["depth/1.exr", "expected", "found", "again"]);
 }
 
-/// Without images and without a decoder the message says what to run; geometry alone opens.
+/// Without images and without a decoder the error names the command to run; geometry alone opens.
 #[test]
 fn a_video_without_a_decoder() {
     use vbgs_studio::dataset::{LoadOptions, open};

@@ -1,4 +1,4 @@
-//! Variants of the layouts that real folders show.
+//! Variants of the layouts found in real folders.
 
 use crate::common::scratch::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use std::fs;
@@ -32,7 +32,7 @@ fn seven_scenes_in_sequence_folders() {
     let dataset = open_plain(folder.path()).unwrap();
     assert_eq!(shape(&dataset), [("test", 1), ("train", 3)]);
     assert_eq!(dataset.training_split().unwrap(), 1);
-    assert_eq!(dataset.evaluation(1).new_views.split, 0, "`test` evaluates where `train` trains");
+    assert_eq!(dataset.evaluation(1).new_views.split, 0, "`test` is the split for `eval`");
     let warning = dataset.warnings[0].to_string();
     for part in ["TestSplit.txt", "sequence7", "expected a folder seq-07", "found none", "unpack"] {
         assert!(warning.contains(part), "{warning}");
@@ -85,7 +85,7 @@ fn colour_only_splits_and_jpeg_are_fine() {
     let image = image::open(root.join("eval/r_0.png")).unwrap().into_rgb8();
     image.save(root.join("eval/r_0.jpg")).unwrap();
     fs::remove_file(root.join("eval/r_0.png")).unwrap();
-    // Any number in the name of the depth file.
+    // The depth file's name may contain any number.
     fs::rename(root.join("train/r_1_depth_0001.png"), root.join("train/r_1_depth_12.png")).unwrap();
     let dataset = open_plain(root).unwrap();
     assert!(dataset.warnings.is_empty(), "{:?}", dataset.warnings);
@@ -175,7 +175,7 @@ fn a_photograph_was_taken_where_the_camera_was_at_its_own_time() {
     let at_once = open_plain(folder.path()).unwrap();
     let frames = |dataset: &Dataset| dataset.splits[0].frames.clone();
     assert!(frames(&at_once).iter().all(|frame| frame.color_camera.is_none()));
-    // Frames are 33 ms apart: a photograph 10 ms late saw what .3 of the way shows.
+    // Frames are 33 ms apart, so a photograph 10 ms late lies 0.3 of the way to the next pose.
     let list = folder.path().join("rgb.txt");
     let late = |line: &str| match line.split_once(' ') {
         Some((time, file)) if !line.starts_with('#') => {
@@ -195,5 +195,5 @@ fn a_photograph_was_taken_where_the_camera_was_at_its_own_time() {
     let angle = |a: &Pose, b: &Pose| a.forward().angle_between(b.forward());
     let (turned, all) = (angle(&depth, &photograph.pose), angle(&depth, &there));
     assert!(all > 1e-3 && (turned / all - 0.3).abs() < 0.01, "{turned} of {all}");
-    assert_eq!(depth, frames(&at_once)[0].camera.pose, "depth stays where it was");
+    assert_eq!(depth, frames(&at_once)[0].camera.pose, "depth keeps its own pose");
 }

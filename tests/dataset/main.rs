@@ -1,4 +1,4 @@
-//! Loaders, unprojection and the synthetic scene against golden vectors, real recordings, known
+//! Loaders, unprojection and the synthetic scene against golden vectors, real recordings, ground
 //! truth and damaged files.
 #![allow(clippy::unwrap_used)]
 

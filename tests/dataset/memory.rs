@@ -1,4 +1,4 @@
-//! Frames that a program hands over from memory.
+//! Frames passed in memory.
 
 use glam::{DMat3, DMat4, DVec3};
 use vbgs_studio::dataset::error::FrameProblem;
@@ -15,7 +15,7 @@ use vbgs_studio::observation::surface::Observation;
 
 const TRUST_ALL: [f64; 2] = [0.0, f64::INFINITY];
 
-/// The frame again, from bytes and lengths of its own depth.
+/// Rebuilds a frame from its bytes and its depth lengths.
 fn handed_over(frame: &Frame, kind: DepthKind) -> Frame {
     let lengths = frame.depth_as(kind).unwrap();
     let depth = DepthBuffer { lengths: &lengths.data, kind, trusted: TRUST_ALL };
@@ -33,7 +33,7 @@ fn handed_over(frame: &Frame, kind: DepthKind) -> Frame {
 #[test]
 fn a_frame_from_memory_says_what_the_stored_one_says() {
     let stored = demo().unwrap().load(0, 3).unwrap();
-    // The published Kinect's noise, which does not depend on how depth is stored.
+    // Noise of the published Kinect, which does not depend on how depth is stored.
     let settings = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
     let unproject = UnprojectSettings {
         convention: CameraConvention::Exact,
@@ -53,7 +53,7 @@ fn a_frame_from_memory_says_what_the_stored_one_says() {
         let (again, found, again_dropped, again_points) = observe(&handed_over(&stored, kind));
         // A length in f32 may fall on the other side of a threshold.
         assert!(again.kept.abs_diff(counts.kept) <= 20, "{again:?} for {counts:?}");
-        // The edge filter looks at lengths as they are measured, so only depth z compares.
+        // The edge filter compares the lengths as measured, so only depth z gives the same result.
         if kind == DepthKind::Z {
             assert!(again_dropped.kept.abs_diff(dropped.kept) <= 20, "{again_dropped:?}");
             assert_eq!(again_points.color(0), points.color(0));
@@ -88,7 +88,7 @@ fn lengths_that_no_surface_has_are_holes() {
     let mut observation = Observation::empty();
     let counts = Preparer::new().prepare(&frame, &settings, &mut observation).unwrap();
     assert_eq!((counts.holes, counts.dropped_range, counts.kept), (6, 1, 1));
-    assert!(observation.ranges.data[..6].iter().all(|r| r.is_nan()), "nothing is known there");
+    assert!(observation.ranges.data[..6].iter().all(|r| r.is_nan()), "no depth at this pixel");
 }
 
 #[test]
@@ -133,8 +133,8 @@ fn what_is_no_frame_is_refused_with_its_reason() {
     assert!(matches!(refuse(k, pose, &rgb, empty), FrameProblem::NoDepthValues));
 }
 
-/// Pixels are taken four at a time; whatever is missing among them, the points are those of one pixel
-/// after another, in tiles of 8×8 made of quads of 4×4.
+/// The loop handles four pixels at a time. The points must equal those of a loop over single
+/// pixels, in tiles of 8×8 made of quads of 4×4, whatever pixels are missing.
 #[test]
 fn holes_borders_and_far_points_leave_the_bits_of_their_neighbours() {
     const SIZE: [usize; 2] = [13, 11];

@@ -1,5 +1,5 @@
-//! One odd frame among good ones costs that frame, wherever it stands; what the files say of the camera
-//! is used or refused, never passed over.
+//! A single damaged frame among good ones is skipped, at any position. Camera data in the files are
+//! used or refused, never ignored.
 
 use crate::common::scratch::{edit_json, open_plain, tiny};
 use image::GenericImageView;
@@ -9,7 +9,7 @@ use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout::{self, *};
 use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open};
 
-/// Layouts with their first frame's photograph.
+/// Layouts and the photograph of their first frame.
 const FIRST: [(SyntheticLayout, &str); 9] = [
     (Blender(DepthBits::Sixteen), "train/r_0.png"),
     (SevenScenes, "train/frame-000000.color.png"),
@@ -22,7 +22,7 @@ const FIRST: [(SyntheticLayout, &str); 9] = [
     (RtabMap, "rgb/1.png"),
 ];
 
-/// Frames of the training split that load, and what is said of the others.
+/// Number of training frames that load, and the messages about the others.
 fn loaded(dataset: &Dataset) -> (usize, Vec<String>) {
     let split = dataset.training_split().unwrap();
     let frames = 0..dataset.splits[split].frames.len();
@@ -106,8 +106,7 @@ fn cameras_that_are_not_used_are_refused() {
     }
 }
 
-/// Lists of NeRF-synthetic whose frames name depth or have cameras of their own are read as what they
-/// are, and focal lengths by both angles are used.
+/// Frames of NeRF-synthetic lists may name depth, have their own camera, or state both angles of view.
 #[test]
 fn cameras_of_single_frames_and_both_angles_are_used() {
     let folder = tiny(Nerfstudio);
@@ -149,8 +148,8 @@ fn a_sequence_of_two_splits_is_said() {
     assert!(notes.contains("`test` and `train` share seq-01"), "{notes}");
 }
 
-/// A header costs nothing to forge: 60 million pixels in a hundred bytes are refused before any picture of
-/// that size is made, grey ones that stand for photographs among them.
+/// A forged header of a hundred bytes may declare 60 million pixels. It is refused before
+/// allocation, also where a grey image would replace the photograph.
 #[test]
 fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
     let folder = tiny(StrayScanner);
@@ -158,7 +157,7 @@ fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
     for file in std::fs::read_dir(folder.path().join("depth")).unwrap() {
         let path = file.unwrap().path();
         let mut bytes = std::fs::read(&path).unwrap();
-        // Behind the signature and the length: `IHDR`, width, height, five bytes, checksum.
+        // After the signature and the length: `IHDR`, width, height, five bytes, checksum.
         bytes[16..24].copy_from_slice(&[8000u32, 7500].map(u32::to_be_bytes).concat());
         let sum = crc32fast::hash(&bytes[12..29]);
         bytes[29..33].copy_from_slice(&sum.to_be_bytes());
@@ -173,6 +172,6 @@ fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
         let said = refused.unwrap_err().to_string();
         assert!(said.contains("8000x7500 pixels in "), "{said}");
     }
-    // Grey says nothing of how a recording was taken: it is not looked at.
+    // Grey placeholder images are not checked for capture problems.
     assert_eq!(capture_check::check(&dataset.splits[0]).looked_at, 0);
 }

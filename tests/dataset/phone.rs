@@ -1,4 +1,4 @@
-//! The phone's recordings: what it stores, and the true views beside them.
+//! Synthetic phone recordings: the stored files, and the ground-truth views beside them.
 
 use crate::common::scratch::{TINY, open_plain, tiny};
 use tempfile::TempDir;
@@ -53,7 +53,7 @@ fn recordings_open_beside_their_true_views() {
         assert_eq!(recording.layout, recognised);
         assert!(recording.warnings.is_empty(), "{:?}", recording.warnings);
         let frames = all(&recording);
-        assert_eq!(frames.len(), DOOR.n_train, "{layout:?}: true views are no frames of it");
+        assert_eq!(frames.len(), DOOR.n_train, "{layout:?}: no ground truth among them");
         let frame = frames[7].load().unwrap();
         assert_eq!((frame.color.width, frame.color.height), (96, 128));
         assert_eq!(frame.depth.as_ref().unwrap().size(), (48, 64));
@@ -78,7 +78,7 @@ fn recordings_open_beside_their_true_views() {
     }
 }
 
-/// The world of the recording is that of the true views: depth agrees within drift and noise.
+/// Recording and ground-truth views share one world: depth agrees within drift and noise.
 #[test]
 fn depth_has_holes_confidence_and_small_errors() {
     let scene = SyntheticScene::new(&DOOR).unwrap();
@@ -101,12 +101,12 @@ fn depth_has_holes_confidence_and_small_errors() {
     let share = |part: usize| part as f64 / n as f64;
     assert!((0.001..0.2).contains(&share(n_holes)), "{} holes", share(n_holes));
     assert!((0.6..0.995).contains(&share(n_sure)), "{} sure", share(n_sure));
-    assert!(n_sure + n_holes < n, "some are in between");
+    assert!(n_sure + n_holes < n, "some pixels have medium confidence");
     errors.sort_by(f64::total_cmp);
     let median = errors[errors.len() / 2];
     assert!((0.001..0.006).contains(&median), "{median} m");
     let check = pose_check::check(&every, every.training_split().unwrap());
-    assert!(check.is_none_or(|check| check.best == check.opened), "poses mean what they should");
+    assert!(check.is_none_or(|check| check.best == check.opened), "the convention is right");
 }
 
 #[test]
@@ -176,7 +176,7 @@ fn the_room_camera_has_free_views_too() {
     let split = read.split_named("free").unwrap();
     let (a, b) = (made.load(2, 1).unwrap(), read.load(split, 1).unwrap());
     assert_eq!(a.color.data, b.color.data);
-    // A recording without splits holds its evaluation frames as ever, and free frames beside.
+    // A layout without splits still holds the evaluation frames, and the free views lie beside it.
     let tum = written(&params, SyntheticLayout::Tum);
     assert_eq!(all(&open_plain(tum.path()).unwrap()).len(), 12 + TINY.n_eval);
     let beside = open_plain(&tum.path().join(FREE_FOLDER)).unwrap();

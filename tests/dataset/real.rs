@@ -1,4 +1,4 @@
-//! The real recordings open with the right content, and two views agree on the world.
+//! The real recordings open with the expected content, and two views agree on the world.
 
 use crate::common::scratch::open_plain;
 use crate::common::{shared, skip};
@@ -22,7 +22,7 @@ fn lego_opens_as_blender() {
         dataset.splits.iter().map(|s| (s.name.as_str(), s.frames.len(), s.has_depth)).collect();
     assert_eq!(splits, [("test", 200, true), ("val", 50, false)]);
     let train = dataset.training_split().unwrap();
-    assert_eq!(train, 0, "the split with depth trains");
+    assert_eq!(train, 0, "the split with depth is the training split");
     let evaluation = dataset.evaluation(train);
     assert_eq!((evaluation.new_views.split, evaluation.training), (1, None));
     let k = dataset.splits[0].frames[0].camera.intrinsics;
@@ -73,7 +73,7 @@ fn two_views_agree_on_the_world() {
     }
 }
 
-/// Median difference between the depth of A's points seen from B and the depth that B measured.
+/// Number of A's points seen from B, and the median difference between their depth and B's.
 pub fn disagreement(a: &Frame, b: &Frame) -> (usize, f64) {
     let depth = a.depth.as_ref().unwrap();
     let measured = b.depth_z().unwrap();

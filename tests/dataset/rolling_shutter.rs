@@ -1,4 +1,4 @@
-//! Rows that a turning camera read one after the other are put where it looked in the middle of them.
+//! Rolling-shutter correction: rows read one after another are resampled to the pose of the middle row.
 
 use crate::common::scratch::open_plain;
 use image::{ImageBuffer, Luma, RgbImage};
@@ -9,10 +9,10 @@ use vbgs_studio::dataset::frame::Frame;
 
 /// Radians a second to the right.
 const RATE: f64 = 1.0;
-/// Column of a white line in every photograph, and of an edge in depth.
+/// Column of a white line in every photograph, and of a depth edge.
 const LINE: u32 = 320;
 
-/// Two frames of a camera that turns to the right about what is up (world y down, as in its images).
+/// Writes two frames of a camera that turns to the right about the vertical (world y down, as in images).
 fn record(folder: &Path) {
     let mut poses = String::new();
     for i in 0..60 {
@@ -41,7 +41,7 @@ fn record(folder: &Path) {
     }
 }
 
-/// Column of the brightest pixel of a row, and the first that is far.
+/// Column of the brightest pixel of a row, and of its first far pixel.
 fn columns(frame: &Frame, row: usize) -> (f64, f64) {
     let width = frame.color.width;
     let brightest = (0..width).max_by_key(|&x| frame.color.at(x, row)[0]).unwrap();
@@ -58,14 +58,14 @@ fn a_kinects_rows_are_put_where_it_looked() {
     assert!(dataset.notes.iter().any(|note| note.contains("rows")), "{:?}", dataset.notes);
     let frame = dataset.load(0, 1).unwrap();
     for row in [20, 240, 460] {
-        // The camera looked so far right of the middle's axis as it read the row.
+        // Angle by which the camera had turned, relative to the middle row, when it read this row.
         let later = RATE * (f64::from(row) + 0.5 - 240.0) / 480.0;
         let [color, depth] = [0.0261, 0.0305].map(|read| 319.5 + 525.0 * (later * read).tan());
         let (line, edge) = columns(&frame, row as usize);
         assert!((line - color).abs() < 1.1, "row {row}: {line}, expected {color}");
         assert!((edge - depth).abs() < 1.6, "row {row}: {edge}, expected {depth}");
     }
-    assert!(frame.color.data.iter().all(|rgba| rgba[3] == 255), "nothing is cut away");
+    assert!(frame.color.data.iter().all(|rgba| rgba[3] == 255), "no pixel becomes transparent");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Every layout of a sequence: what `synth` writes is read back, poses, depth and colours.
+//! Every sequence layout: poses, depth and colours written by `synth` are read back.
 
 use crate::common::scratch::open_plain;
 use crate::common::shared;
@@ -25,8 +25,8 @@ const ROOM: SyntheticParams = SyntheticParams {
     ..SyntheticParams::demo()
 };
 
-/// Layout, the one it is recognised as, largest depth error in metres beside its share of depth, and
-/// whether colours keep their bytes.
+/// Layout, recognised layout, largest depth error (metres, and a share of depth), and whether
+/// colours are stored without loss.
 const SEQUENCES: [(SyntheticLayout, Layout, [f64; 2], bool); 10] = [
     (SyntheticLayout::Tum, Layout::Tum, [0.5 / 5000.0, 0.0], true),
     (SyntheticLayout::Open3d, Layout::Open3d, [0.5e-3, 0.0], true),
@@ -180,7 +180,7 @@ fn options_change_what_a_recording_means() {
     }
 }
 
-/// A pixel that the sensor doubts is a hole, unless doubts are wanted.
+/// Pixels of low confidence are holes, unless the options accept them.
 #[test]
 fn doubtful_depth_is_left_out() {
     let folder = written(SyntheticLayout::StrayScanner);
@@ -198,7 +198,7 @@ fn doubtful_depth_is_left_out() {
     assert!(error.contains("000002.png") && error.contains("only holes"), "{error}");
 }
 
-/// Depth as TIFF, NPY and EXR, a lens that bends, and a camera for each frame.
+/// Depth as TIFF, NPY and EXR, lens distortion, and a camera for each frame.
 #[test]
 fn nerfstudio_takes_every_kind_of_depth() {
     let folder = written(SyntheticLayout::Nerfstudio);
@@ -279,7 +279,8 @@ fn recordings_of_others_open_without_an_option() {
     }
 }
 
-/// Said or known, axes lead to the same cameras: what the images tell of the rig is found in both cases.
+/// The pose convention gives the same cameras, whether stated in the options or by the layout. The
+/// images determine the rig's calibration in both cases.
 #[test]
 fn the_rig_is_found_whoever_says_what_poses_mean() {
     let Some(path) = shared("data/tum_rpy") else { return };
@@ -302,29 +303,30 @@ fn the_rig_is_found_whoever_says_what_poses_mean() {
     }
 }
 
-/// What a tracked view is compared with has its rows and times put right, and no pose of the recording.
+/// `rectified` of a tracked dataset corrects rows and times as the recorded poses would, and keeps
+/// no recorded pose.
 #[test]
 fn images_of_tracked_frames_are_straightened_by_recorded_poses() {
     let Some(path) = shared("data/tum_rpy") else { return };
     let tracked = open(&path, &LoadOptions { track: true, ..LoadOptions::default() }).unwrap();
     let straightened = tracked.rectified().unwrap();
     let recorded = open_plain(&path).unwrap();
-    assert_eq!(recorded.rectified().map(|_| ()), None, "they are already");
+    assert_eq!(recorded.rectified().map(|_| ()), None, "recorded poses are rectified already");
     let [raw, straight, expected] =
         [&tracked, &straightened, &recorded].map(|dataset| dataset.load(0, 3).unwrap());
     assert_ne!(raw.color, straight.color);
     assert_eq!((&straight.color, &straight.depth), (&expected.color, &expected.depth));
     let offset = |frame: &Frame| frame.photographed_by(None).map(|camera| camera.offset);
     assert_eq!(offset(&straight), offset(&expected));
-    assert_eq!(straight.camera.pose, Pose::IDENTITY, "poses are found by tracking alone");
+    assert_eq!(straight.camera.pose, Pose::IDENTITY, "tracking alone determines the poses");
     let folder = tempfile::tempdir().unwrap();
     write(&ROOM, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
     let track = LoadOptions { track: true, ..LoadOptions::default() };
     let exact = open(folder.path(), &track).unwrap();
-    assert!(exact.rectified().is_none(), "no Kinect took them");
+    assert!(exact.rectified().is_none(), "the images are not from a Kinect");
 }
 
-/// Every layout says which poses it means, and they are the right ones.
+/// Every layout states the right pose convention.
 #[test]
 fn conventions_are_stated() {
     for (layout, recognised, ..) in SEQUENCES {
@@ -340,7 +342,7 @@ fn conventions_are_stated() {
     }
 }
 
-/// Another convention or unit than the recording's is told from depth alone.
+/// Depth alone shows a wrong pose convention or unit.
 #[test]
 fn wrong_poses_and_units_are_told_from_depth() {
     let folder = tempfile::tempdir().unwrap();
@@ -361,7 +363,7 @@ fn wrong_poses_and_units_are_told_from_depth() {
     assert_eq!((wrong.best.unit, wrong.best.poses), (0.2, PoseConvention::Opencv), "{wrong:?}");
 }
 
-/// Poses of a robot, whose camera looks along its x and sits above it, are brought to the camera.
+/// Poses of a robot, whose camera points along its x axis and is mounted above it, become camera poses.
 #[test]
 fn rtabmap_poses_of_a_robot() {
     let folder = written(SyntheticLayout::RtabMap);
@@ -381,7 +383,7 @@ fn rtabmap_poses_of_a_robot() {
             poses.map(|(frame, truth)| largest(frame.camera.pose.to_opencv() - truth.to_opencv()));
         far.fold(0.0f64, f64::max)
     };
-    assert!(far(&open_plain(folder.path()).unwrap()) < 1e-6, "the camera's own");
+    assert!(far(&open_plain(folder.path()).unwrap()) < 1e-6, "poses of the camera itself");
     std::fs::remove_file(folder.path().join("map_camera_poses.txt")).unwrap();
     let numbers = optical.replace(',', " ");
     let rows: Vec<f64> = numbers.split_whitespace().map(|v| v.parse().unwrap()).collect();
@@ -401,7 +403,7 @@ fn rtabmap_poses_of_a_robot() {
         .collect();
     std::fs::write(&poses, robot).unwrap();
     let dataset = open_plain(folder.path()).unwrap();
-    assert!(far(&dataset) < 1e-6, "the robot's: {}", far(&dataset));
+    assert!(far(&dataset) < 1e-6, "poses of the robot: {}", far(&dataset));
     assert!(dataset.notes.iter().any(|note| note.contains("poses of the robot")));
     let broken = folder.path().join("calib/1.yaml");
     let text = std::fs::read_to_string(&broken).unwrap();

@@ -1,4 +1,4 @@
-//! The procedural scene: its own geometry, and what both written layouts give back.
+//! The procedural scene: its geometry, and what the written layouts give back.
 
 use crate::common::scratch::{TINY, open_plain, tiny};
 use crate::real::disagreement;
@@ -40,7 +40,8 @@ fn the_demo_has_splits_and_streams() {
         let counts = Unprojector::new().unproject(&frame, &settings, &mut points).unwrap();
         assert_eq!(counts.holes, 0, "the room is closed");
         assert!(counts.kept > 320 * 240 * 97 / 100, "{counts:?}");
-        // Bounds of the room are the range: a uniform law's edge is at sqrt(3) deviations.
+        // The room's bounds are the normalization range: the edge of a uniform distribution lies at
+        // sqrt(3) deviations.
         let all = points.x.iter().chain(&points.y).chain(&points.z);
         assert!(all.into_iter().all(|v| v.abs() < 1.7330));
     }
@@ -52,7 +53,7 @@ fn views_of_the_room_agree_exactly() {
     let demo = demo().unwrap();
     for (a, b) in [(0, 1), (20, 23), (50, 48)] {
         let (n, median) = disagreement(&demo.load(0, a).unwrap(), &demo.load(0, b).unwrap());
-        // What remains is the nearest-pixel lookup on slanted surfaces.
+        // The rest comes from the nearest-pixel lookup on slanted surfaces.
         assert!(n > 3000 && median < 0.006, "{a} and {b}: {n} points, median {median}");
     }
 }
@@ -73,7 +74,7 @@ fn seeds_name_scenes_and_noise_is_off_unless_asked() {
     let n = exact.data.len() as f32;
     let variance =
         exact.data.iter().zip(&noisy.data).map(|(z, n)| in_sigmas(z, n)).sum::<f32>() / n;
-    assert!((variance - 1.0).abs() < 0.05, "five deviations of the estimate: {variance}");
+    assert!((variance - 1.0).abs() < 0.05, "within five standard errors: {variance}");
 }
 
 #[test]

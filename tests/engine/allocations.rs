@@ -1,6 +1,5 @@
-//! The training loop and the preparation of frames allocate nothing once they are warm.
-//!
-//! Only threads that are watched are counted, so that other tests may run beside these.
+//! The training loop and the preparation of frames allocate nothing once they are warm. Only watched
+//! threads are counted, so other tests may run in parallel.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -17,11 +16,11 @@ use vbgs_studio::train::paper::learner;
 
 struct Counting;
 
-/// Of all watched threads.
+/// Allocations of all watched threads.
 static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
 
 thread_local! {
-    // Made at compile time and never dropped: the allocator may read it at any moment.
+    // The allocator may read it at any time: it needs a `const` initialiser and no destructor.
     static IS_WATCHED: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -31,7 +30,7 @@ fn count() {
     }
 }
 
-// SAFETY: hands everything to the system's allocator; counting does not allocate.
+// SAFETY: forwards every call to the system's allocator; counting does not allocate.
 #[allow(unsafe_code)] // only a global allocator sees every allocation
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
@@ -52,9 +51,9 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Runs `work` on two threads of its own, the only ones that are counted meanwhile.
+/// Runs `work` on two threads of its own, the only watched ones.
 fn watched<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    /// Held while allocations are counted.
+    /// Held while allocations are counted, so that only one test counts at a time.
     static ALONE: Mutex<()> = Mutex::new(());
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
@@ -79,13 +78,13 @@ fn the_watch_sees_its_own_threads_alone() {
             rayon::join(allocate, allocate);
         };
         assert!(allocations_of(on_both) >= 2 * N);
-        // Starting a thread allocates a little, what it does is not counted.
+        // Starting a thread allocates a little here; the allocations inside it are not counted.
         let elsewhere = allocations_of(|| std::thread::scope(|scope| drop(scope.spawn(allocate))));
         assert!(elsewhere < N / 10, "{elsewhere}");
     });
 }
 
-/// Points of a surface that looks a little different in every frame.
+/// Points of a surface that changes a little from frame to frame.
 fn frame(t: usize) -> Points<f32> {
     let mut points = Points::new();
     for tile in 0..30 * 30 {
@@ -100,7 +99,7 @@ fn frame(t: usize) -> Points<f32> {
     points
 }
 
-/// 100 frames after 300 others, in which components still spread, on two threads that the loop runs inside of.
+/// Counts over 100 frames, after 300 frames of warm-up in which components still spread, on two threads.
 #[test]
 fn a_warm_training_loop_allocates_nothing() {
     let frames: Vec<Points<f32>> = (0..10).map(frame).collect();

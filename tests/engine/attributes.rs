@@ -1,5 +1,4 @@
-//! What is known of components beside their splats: evidence, uncertainty, ELBO of the current frame
-//! and birth, through a session.
+//! Attributes of components in a session: evidence, uncertainty, ELBO of the current frame and birth.
 
 use glam::DVec3;
 use std::sync::Arc;
@@ -39,7 +38,7 @@ fn all() -> Vec<u32> {
     (0..COMPONENTS as u32).collect()
 }
 
-/// Every way of computing finds the owners on its own path: fused, plain, materialised.
+/// Fused, plain and materialised statistics find each point's component by different code.
 #[test]
 fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
     let ways = [
@@ -95,7 +94,6 @@ fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_fram
     assert!(known(&session).is_empty());
 }
 
-/// Scoring by owner must not change what is learnt.
 #[test]
 fn asking_changes_nothing_of_the_model() {
     let finish = |mut session: Session| {

@@ -1,4 +1,4 @@
-//! Every bench in a tiny setting: its rows, its files' contents and its plot.
+//! Every bench at a tiny size: rows, file contents and plot.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -37,14 +37,14 @@ fn room() -> Arc<Dataset> {
     Arc::new(synthetic::dataset(&params).unwrap())
 }
 
-/// Steps are counted to the end.
+/// Runs a bench and checks that its progress reaches the total.
 fn counted<T>(run: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
     let mut last = None;
     let result = run(&mut |done, all| {
         assert!(done <= all, "{done} of {all}");
         last = Some((done, all));
     });
-    let (done, all) = last.expect("progress is told");
+    let (done, all) = last.expect("no progress reported");
     assert_eq!(done, all);
     result
 }
@@ -54,10 +54,10 @@ fn rows(bench: &Bench) -> Vec<Value> {
 }
 
 fn number(row: &Value, field: &str) -> f64 {
-    row[field].as_f64().unwrap_or_else(|| panic!("`{field}` is no number: {row}"))
+    row[field].as_f64().unwrap_or_else(|| panic!("`{field}` is not a number: {row}"))
 }
 
-/// The JSON names itself, the CSV holds the same rows, the plot shows something legible.
+/// Checks the JSON header, that the CSV holds the same rows, and that the plot has marks and text.
 fn check_forms(bench: &Bench, fields: &[&str]) {
     assert_eq!(bench.json["format"], "vbgs-bench/1");
     assert_eq!(bench.json["bench"], bench.name);
@@ -74,7 +74,7 @@ fn check_forms(bench: &Bench, fields: &[&str]) {
     assert_eq!((bench.plot.width, bench.plot.height), (1200, 800));
     let pixels = bench.plot.to_rgb8();
     let drawn = pixels.chunks(3).filter(|p| **p != [255; 3]).count() as f64 / (1200.0 * 800.0);
-    assert!((0.01..0.3).contains(&drawn), "{}: {drawn} of the plot is drawn", bench.name);
+    assert!((0.01..0.3).contains(&drawn), "{}: marks cover a share of {drawn}", bench.name);
     let colors: BTreeSet<&[u8]> = pixels.chunks(3).collect();
     assert!(colors.len() > 20, "{}: {} colours: no text and marks", bench.name, colors.len());
 }
@@ -102,7 +102,7 @@ fn ablation() {
         let is_named = |r: &&Value| r["configuration"].as_str().unwrap().contains(part);
         rows.iter().find(is_named).unwrap_or_else(|| panic!("no row `{part}`"))
     };
-    // Hard assignments: what is seen and moved decides the quality, not how it is computed.
+    // Assignments are hard: the points and the moves decide the quality, not how they are computed.
     let dense = named("dense E-step");
     assert!(number(dense, "points_share") < 0.2, "{dense}");
     assert_eq!(number(dense, "psnr"), number(named("same points"), "psnr"));
@@ -117,7 +117,7 @@ fn ablation() {
 fn pareto() {
     let base = PaperOverrides {
         components: Some(400),
-        // So many that truncation errs less than f32 rounds.
+        // Enough candidates that the truncation error stays below f32 rounding.
         candidates: Some(Candidates::Nearest(64)),
         reassign: Some(ReassignPolicy::Forwarded),
         ..PaperOverrides::default()
@@ -150,7 +150,7 @@ fn pareto() {
         assert!(number(of("base"), field).is_finite());
         assert!(
             number(of("precision"), field) <= number(of("base"), field),
-            "f64 is nearer: {field} {} {}",
+            "{field} in f64 exceeds the base: {} {}",
             of("precision"),
             of("base")
         );
@@ -178,11 +178,11 @@ fn scaling() {
         assert_eq!(number(row, "plain_over_this"), 1.0);
     }
     let many = rows.iter().map(|r| number(r, "points")).fold(0.0, f64::max);
-    assert!((7000.0..9000.0).contains(&many), "{many} points where 8000 were asked for");
+    assert!((7000.0..9000.0).contains(&many), "{many} points, expected about 8000");
     let fits = bench.json["summary"]["fits"].as_array().unwrap();
-    assert_eq!(fits.len(), 12, "three sweeps of four lines");
+    assert_eq!(fits.len(), 12, "three sweeps with four lines each");
     let points = fits.iter().find(|f| f["sweep"] == "points" && f["path"] == "plain").unwrap();
-    // How large it is depends on who else uses the machine.
+    // The value depends on the load of the machine.
     assert!(number(points, "exponent").is_finite(), "{points}");
 }
 
@@ -217,7 +217,7 @@ fn render_times_both_renderers_at_every_size() {
     assert!(bench.json["machine"]["adapter"].is_null());
 }
 
-/// On any adapter, a software one too.
+/// Runs on any adapter, including a software one.
 #[cfg(feature = "gui")]
 #[test]
 fn render_times_a_gpu_and_says_what_does_not_fit_it() {
@@ -225,7 +225,7 @@ fn render_times_a_gpu_and_says_what_does_not_fit_it() {
     let _turn = turn();
     let Some(adapter) = vulkan() else { return };
     let name = adapter.get_info().name;
-    // A texture has at most 32,768 pixels a side on any adapter there is.
+    // No adapter allows textures of more than 32,768 pixels a side.
     let (fits, too_wide) = ([64, 48], [65_536, 1]);
     let scene = BenchScene::synthetic();
     let plan = RenderPlan {
@@ -276,7 +276,7 @@ fn precision_search_finds_settings_that_train_takes() {
     }
 }
 
-/// The oracle's own widths are among the combinations, so that there is one for every bound.
+/// The oracle's own widths are among the combinations, so every bound can be met.
 #[test]
 fn a_bound_below_every_rounding_leaves_what_equals_the_oracle() {
     let mut plan = SearchPlan::new(OPTIONS, 1e-300).unwrap();

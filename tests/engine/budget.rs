@@ -1,5 +1,5 @@
-//! Budgets hold, whatever is seen: components in use of seeds, drawn ones of lattices. And whatever
-//! they merged is read back.
+//! Component budgets hold for any frames: for used components with seeds, for drawn ones with lattices.
+//! Scenes merged by their budget read back from a checkpoint.
 
 use glam::DVec3;
 use proptest::collection::vec;
@@ -17,7 +17,7 @@ use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 /// Structural scale, world units.
 pub const H: f64 = 0.05;
 
-/// Points anywhere in a box of so many structural scales, on a wall along an axis of it or not.
+/// Random points in a box of 1 to 30 structural scales, filling it or on an axis-aligned wall.
 pub fn frame(most: usize) -> impl Strategy<Value = Observation> {
     let places = vec([0.0..1.0f32, 0.0..1.0, 0.0..1.0], 1..most);
     (places, 1.0..30.0f32, 0..4usize, 0.0..1.0f32).prop_map(|(places, extent, flat, wall)| {
@@ -58,7 +58,7 @@ proptest! {
             prop_assert!(births != BirthRule::Seeds || scene.used() <= budget, "{}", scene.used());
             prop_assert!(scene.used() <= 8 * budget);
             prop_assert!(outcome.points <= frame.points.len());
-            // What merging makes no room for, a wider scale does.
+            // With seeds no point is lost: if merging frees too little, the scale coarsens.
             prop_assert!(births != BirthRule::Seeds || outcome.points == frame.points.len());
             let drawn = |splat: &&Splat| splat.opacity > 0.0;
             let n_drawn = scene.stored_splats().iter().filter(drawn).count();
@@ -68,7 +68,7 @@ proptest! {
         }
     }
 
-    /// Any number of threads, and a run that stops after any frame.
+    /// The result depends neither on the number of threads nor on stops between frames.
     #[test]
     fn a_budget_far_too_small_widens_the_scale_alike_however_it_is_run(
         budget in 1..30usize,
@@ -87,7 +87,7 @@ proptest! {
             scene.learn(frame).unwrap();
             let bytes = to_bytes(&checkpoint(&*scene, n));
             let StoredModel::Scene(state) = parse(&bytes).unwrap().checkpoint.model else {
-                panic!("a scene is stored as one")
+                panic!("expected a stored scene")
             };
             scene = engine::restore(&config, state, n).unwrap();
         }
@@ -117,8 +117,8 @@ fn in_one(config: &SceneConfig, frames: &[Observation], n_threads: usize) -> Sto
     })
 }
 
-/// A floor of a hundred structural scales by as many, a strip of it in every frame: a twentieth of the
-/// components that it asks for still cover all of it.
+/// A floor of 100 × 100 structural scales, one strip per frame: a twentieth of the components it would use
+/// without a budget still covers it.
 #[test]
 fn a_twentieth_of_the_budget_covers_everything_by_coarser_components() {
     let strip = |i: i32| {
@@ -156,6 +156,6 @@ fn a_twentieth_of_the_budget_covers_everything_by_coarser_components() {
     let all = learn(asked.used());
     assert!(
         all.checkpoint_model() == asked.checkpoint_model(),
-        "a budget that is not reached changes nothing"
+        "a budget that is not reached changed the scene"
     );
 }

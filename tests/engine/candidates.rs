@@ -12,10 +12,10 @@ use vbgs_studio::train::candidates::{
 };
 
 type Mean = [f32; 3];
-/// Makes the mean of an id.
+/// Draws the mean of an id.
 type Draw = Box<dyn FnMut(&mut Rng, usize) -> Mean>;
 
-/// Numbers of means every shape is tried with; a million has its own test.
+/// Numbers of means tested with every shape; one million has its own test.
 const SIZES: [usize; 11] = [1, 2, 3, 4, 7, 9, 63, 64, 1000, 10_000, 100_000];
 const RANKS: [usize; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 
@@ -24,7 +24,7 @@ fn distance2(a: Mean, b: Mean) -> f32 {
     (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
 }
 
-/// The definition: all means in the order (squared distance, id).
+/// Nearest means by definition: all means sorted by (squared distance, id).
 fn brute_force(means: &[Mean], query: Mean, n: usize) -> Vec<u32> {
     let mut keys: Vec<(u32, u32)> =
         means.iter().zip(0..).map(|(&m, id)| (distance2(m, query).to_bits(), id)).collect();
@@ -45,13 +45,11 @@ fn points(tiles: &[Vec<Mean>]) -> Points<f32> {
     points
 }
 
-/// Every instruction set of this machine.
 fn instruction_sets() -> impl Iterator<Item = Isa> {
     [Isa::PORTABLE].into_iter().chain(Isa::avx2())
 }
 
-/// Ids of all points by the search under test, tile by tile with shared memory: the same on every
-/// instruction set.
+/// Searches tile by tile with shared scratch memory; all instruction sets must return the same ids.
 fn search(grid: &MeanGrid, points: &Points<f32>, n: usize) -> Vec<u32> {
     let mut all = instruction_sets().map(|isa| search_on(isa, grid, points, n));
     let first = all.next().unwrap();
@@ -103,7 +101,7 @@ fn normal(rng: &mut Rng, centre: Mean, sd: f64) -> Mean {
     centre.map(|c| c + (sd * rng.normal()) as f32)
 }
 
-/// A patch of a smooth surface, 8×8 points, somewhere in the cube.
+/// Patch of a smooth surface, 8×8 points, at a random place in the cube.
 fn patch(rng: &mut Rng, pitch: f32) -> Vec<Mean> {
     let (origin, u, v) = (uniform(rng, 1.7), uniform(rng, 1.0), uniform(rng, 1.0));
     let at = |i: usize, j: usize| {
@@ -112,7 +110,6 @@ fn patch(rng: &mut Rng, pitch: f32) -> Vec<Mean> {
     (0..64).map(|k| at(k % 8, k / 8)).collect()
 }
 
-/// Names and means of every shape.
 fn shapes(n: usize, rng: &mut Rng) -> Vec<(&'static str, Vec<Mean>)> {
     let mut make = |name, mut mean: Draw| (name, (0..n).map(|k| mean(rng, k)).collect());
     vec![
@@ -149,7 +146,7 @@ fn shapes(n: usize, rng: &mut Rng) -> Vec<(&'static str, Vec<Mean>)> {
     ]
 }
 
-/// Tiles of every kind: smooth, with depth edges, on means, with points far off, tiny, scattered.
+/// Tiles of every kind: smooth, with depth edges, with stray points, on means, scattered, of a single point.
 fn tiles(means: &[Mean], rng: &mut Rng) -> Vec<Vec<Mean>> {
     let mut tiles: Vec<Vec<Mean>> = (0..4).map(|_| patch(rng, 0.005)).collect();
     let mut edge = patch(rng, 0.004);
@@ -177,7 +174,7 @@ fn equals_brute_force_on_every_shape_and_size() {
         for (name, means) in shapes(n, &mut rng) {
             let mut tiles = tiles(&means, &mut rng);
             let ranks = match n {
-                // Scanning these by brute force is what takes the time.
+                // Brute force over this many means dominates the run time.
                 100_000 => {
                     tiles.iter_mut().for_each(|tile| tile.truncate(17));
                     &[4][..]
@@ -212,13 +209,13 @@ fn finds_as_many_as_asked_for_or_as_there_are() {
     }
 }
 
-/// Distances agree with `kiddo`'s, whose order among equals is its own.
+/// Compares distances only: `kiddo` orders ties differently.
 #[test]
 fn equals_kiddo() {
     let mut rng = Rng::new(8, Purpose::Init, 0);
     for (name, means) in shapes(100_000, &mut rng) {
         if ["one place", "few places", "tiny", "far outliers"].contains(&name) {
-            continue; // `kiddo` has no better idea of equals, and another one of overflow
+            continue; // `kiddo` treats ties and overflow differently
         }
         let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&means).unwrap();
         let index = MeanGrid::new(&means).unwrap();
@@ -238,7 +235,7 @@ fn equals_kiddo() {
     }
 }
 
-/// What a search leaves in its memory, and who shares the work, changes nothing.
+/// Neither leftovers in the scratch memory nor the number of threads change the result.
 #[test]
 fn order_and_threads_do_not_matter() {
     let mut rng = Rng::new(9, Purpose::Init, 0);
@@ -326,7 +323,7 @@ fn points_that_are_no_numbers_have_neighbours_and_harm_no_others() {
     assert!(search(&index, &Points::new(), 4).is_empty());
 }
 
-/// In f64, too, the lowest ids win among equals: by the tree, and by the grid over rounded means.
+/// The lowest ids win ties in f64 too: in the tree, and in the grid over rounded means.
 #[test]
 fn f64_searches_break_ties_by_id() {
     let lattice: Vec<[f64; 3]> =
@@ -342,7 +339,7 @@ fn f64_searches_break_ties_by_id() {
     }
 }
 
-/// Means that differ in f64 only are told apart by a grid that cannot.
+/// The grid over means rounded to f32 still ranks means that differ only in f64.
 #[test]
 fn the_grid_is_exact_in_f64() {
     let mut rng = Rng::new(12, Purpose::Init, 0);
@@ -385,7 +382,7 @@ fn search_wide(means: &[[f64; 3]], queries: &[[f64; 3]], n: usize) -> Vec<u32> {
 }
 
 fn coordinate() -> impl Strategy<Value = f32> {
-    // Few different values make equals, many make none; the scales mix what bounds must bridge.
+    // Few distinct values give ties, many give none; mixed scales stress the bounds of the search.
     prop_oneof![
         4 => -1.0f32..1.0,
         3 => (-4i8..5).prop_map(|v| f32::from(v) * 0.25),

@@ -1,4 +1,4 @@
-//! Passes on a device beside the processor, played by ones that know little.
+//! Passes of the mixture on stub devices: training gives the same bits as on the CPU alone.
 
 use super::common::wavy::wavy_frame;
 use vbgs_studio::math::measured_pixel::Normalization;
@@ -14,7 +14,7 @@ use vbgs_studio::train::paper::learner;
 
 const FRAMES: usize = 4;
 
-/// Leaves tiles to the processor, all or none, from which pass on it fails.
+/// Stub that leaves all tiles or none to the CPU, and fails after `passes_left` passes.
 struct Idle {
     leaves_all: bool,
     passes_left: usize,
@@ -34,7 +34,7 @@ impl MixtureDevice for Idle {
     fn set_points(&mut self, points: &PointColumns<'_>) -> Result<(), DeviceError> {
         self.q = vec![0.5; points.columns[0].len()];
         let n_tiles = if self.leaves_all { points.tiles.len() as u32 - 1 } else { 0 };
-        // In any order.
+        // Devices may return the tiles in any order.
         self.tiles = (0..n_tiles).rev().collect();
         Ok(())
     }
@@ -46,7 +46,7 @@ impl MixtureDevice for Idle {
     }
 }
 
-/// Trains beside the processor to its bits.
+/// Trains with the stub, compares every frame with the CPU alone, and returns the device's use.
 fn used(leaves_all: bool, passes_left: usize, policy: DevicePolicy) -> PassUse {
     let asked = PaperOverrides { components: Some(1000), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&asked).unwrap();
@@ -71,7 +71,7 @@ fn what_a_device_leaves_open_is_the_processors() {
     assert_eq!((idle.device_frames, idle.processor_frames, idle.given_up), (3, 1, None));
     assert_eq!((idle.device.as_deref(), idle.open_share), (Some("card"), 1.0));
     let tried = used(true, usize::MAX, DevicePolicy::Fastest);
-    assert_eq!((tried.device_frames, tried.processor_frames), (0, 4), "it is tried on four");
+    assert_eq!((tried.device_frames, tried.processor_frames), (0, 4), "four frames are the trial");
     assert!(tried.trial.is_some_and(|ms| ms.device > 0.0 && ms.processor > 0.0));
 }
 
@@ -84,8 +84,8 @@ fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
 
 #[test]
 fn the_very_frame_that_a_device_fails_at_is_learnt() {
-    // It fits the first frame beside the processor and the second alone; before the third is fitted, its
-    // points are scored.
+    // The device fits frame 1 beside the CPU and frame 2 alone. Scoring the points of frame 3 precedes its
+    // fit, so the device fails there.
     let lost = used(true, 2, DevicePolicy::Device);
     assert_eq!((lost.device_frames, lost.processor_frames), (1, 3));
     assert_eq!(lost.given_up.as_deref(), Some("gone"));

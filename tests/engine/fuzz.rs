@@ -1,5 +1,5 @@
-//! What fuzzing found, sound inputs of every kind, and seeded damage to these, through the functions that
-//! are fuzzed (`fuzz/README.md`): no panic, no hang, nothing that cannot be right.
+//! Runs every fuzz target (`fuzz/README.md`) on inputs that fuzzing found, on valid inputs and on seeded
+//! mutations of these: no panic, no hang, no impossible result.
 
 use crate::common::mutation::mutate;
 use crate::entries::checkpoint::sealed;
@@ -10,17 +10,17 @@ use std::time::Instant;
 use vbgs_studio::export::checkpoint::parse;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
-/// Far more than the slowest input takes without optimisation, seconds: a hang, not a slow machine.
+/// Time limit per input, seconds: far above the slowest input in a debug build, so only a hang exceeds it.
 const MAX_SECONDS: f64 = 60.0;
-/// Damaged inputs of a target, unless `VBGS_FUZZ_ROUNDS` says how many.
+/// Mutated inputs per target, unless `VBGS_FUZZ_ROUNDS` sets their number.
 const ROUNDS: u64 = 40;
 
 fn feed(target: &Target, input: &[u8], what: &str) {
     let start = Instant::now();
-    // The harness tells which test failed, not on what.
+    // The test harness reports the failed test but not the input.
     let caught = std::panic::catch_unwind(|| (target.run)(input));
     let seconds = start.elapsed().as_secs_f64();
-    assert!(caught.is_ok(), "{}: {what} breaks it", target.name);
+    assert!(caught.is_ok(), "{}: panic on {what}", target.name);
     assert!(seconds < MAX_SECONDS, "{}: {what} takes {seconds:.1} s", target.name);
 }
 
@@ -33,10 +33,10 @@ fn nothing_breaks_on_what_was_found() {
             feed(target, &fs::read(&path).unwrap(), &path.display().to_string());
         }
     }
-    // A folder that belongs to no target is replayed by nobody.
+    // The inputs of a folder without a target would never run.
     for folder in fs::read_dir(found).into_iter().flatten() {
         let name = folder.unwrap().file_name();
-        assert!(TARGETS.iter().any(|target| *target.name == *name), "{name:?} is no target");
+        assert!(TARGETS.iter().any(|target| *target.name == *name), "{name:?} is not a target");
     }
 }
 
@@ -49,7 +49,7 @@ fn nothing_breaks_on_damaged_inputs() {
             continue;
         }
         let sound = (target.seeds)();
-        assert!(!sound.is_empty(), "{}: nothing to begin with", target.name);
+        assert!(!sound.is_empty(), "{}: no valid inputs", target.name);
         let start = Instant::now();
         sound.iter().enumerate().for_each(|(i, input)| feed(target, input, &format!("seed {i}")));
         for round in 0..rounds.unwrap_or(ROUNDS) {
@@ -61,14 +61,14 @@ fn nothing_breaks_on_damaged_inputs() {
     }
 }
 
-/// Else damaged checkpoints would be refused for their checksums alone.
+/// `sealed` must restore the checksums: otherwise every mutation fails there and never reaches the parser.
 #[test]
 fn checksums_are_put_where_checkpoints_have_them() {
     let target = TARGETS.iter().find(|target| target.name == "checkpoint").unwrap();
     for sound in (target.seeds)() {
         assert_eq!(sealed(&sound), sound);
         let mut wrong = sound.clone();
-        // The first section's checksum, as the table names it.
+        // Checksum of the first section in the table.
         wrong[48] ^= 1;
         assert!(parse(&wrong).is_err());
         assert_eq!(sealed(&wrong), sound);

@@ -1,4 +1,4 @@
-//! The `paper` preset on the real Kinect recording: trained on `train`, measured on `eval`.
+//! The `paper` preset on the real Kinect recording: trained on the split `train`, measured on `eval`.
 //!
 //! `cargo test --release --test engine kinect -- --ignored --nocapture` prints the figures.
 
@@ -58,5 +58,5 @@ fn office() {
     }
 }
 
-/// What this version reaches at scales 1.0 and 1.41, less half a decibel.
+/// PSNR of this version at scale factors 1.0 and 1.41, minus 0.5 dB.
 const FLOOR_DB: (f64, f64) = (14.2, 15.3);

@@ -25,19 +25,18 @@ use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
-/// Distance from a published figure that differing initial draws may cause, dB.
+/// Deviation from a published figure that a different initial draw may cause, dB.
 const TOLERANCE_DB: f64 = 0.3;
-/// The same for the number of used components, as a share.
+/// Same for the number of used components, relative.
 const TOLERANCE_USED: f64 = 0.02;
-/// Seeds whose mean is compared.
 const SEEDS: [u64; 3] = [0, 1, 2];
-/// Conversions in the order of the figures.
+/// Conversions, in the order of `Figures::psnr`.
 const CONVERSIONS: [&str; 3] = ["legacy x1.41", "eigen x1.41", "eigen x1.0"];
 
-/// One row of the table of section 17.
+/// One row of the published table.
 struct Figures {
     reassign: ReassignPolicy,
-    /// PSNR in dB by conversion against RGB bytes and, where given, against RGB·alpha.
+    /// PSNR in dB by conversion, against RGB bytes and, where published, against RGB·alpha.
     psnr: [(f64, Option<f64>); 3],
     used: f64,
 }
@@ -60,10 +59,10 @@ const FIGURES: [Figures; 3] = [
     },
 ];
 
-/// A view to compare with, decoded once.
+/// Evaluation view, decoded once.
 struct View {
     camera: Camera,
-    /// RGB bytes, and RGB·alpha.
+    /// Ground truths: RGB bytes, and RGB·alpha.
     truths: [RgbImage; 2],
 }
 
@@ -85,7 +84,6 @@ fn views(dataset: &Dataset) -> Vec<View> {
     (0..dataset.splits[split].frames.len()).map(load).collect()
 }
 
-/// Trains the `paper` preset with overrides on the first frames.
 fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<usize>) -> Session {
     let config = PaperConfig::paper().with(&overrides).unwrap();
     let selection = Selection { max_frames, ..Selection::all_frames() };
@@ -115,9 +113,9 @@ fn measure(splats: &[Splat], views: &[View]) -> [f64; 2] {
     sums.map(|sum| sum / views.len() as f64)
 }
 
-/// Means over the seeds, and each seed's median time.
+/// Means over the seeds, and each seed's median time per frame.
 struct Measured {
-    /// By conversion and ground truth, dB.
+    /// PSNR by conversion and ground truth, dB.
     psnr: [[f64; 2]; 3],
     used: f64,
     train_ms: Vec<f64>,
@@ -182,7 +180,7 @@ fn section_17() {
     assert!(misses.is_empty(), "beyond {TOLERANCE_DB} dB:\n  {}", misses.join("\n  "));
 }
 
-/// Both precisions after the first frames.
+/// Sessions in f64 and in mixed precision after five frames.
 fn both(dataset: &Arc<Dataset>, reassign: ReassignPolicy) -> [Session; 2] {
     [Precision::F64, Precision::Mixed].map(|precision| {
         let (precision, reassign) = (Some(precision), Some(reassign));
@@ -197,7 +195,7 @@ fn quality(session: &Session) -> f64 {
     measure(&converted(session, Conversion::right()), &views)[0]
 }
 
-/// The quick path gives the scene that f64 gives, component by component.
+/// Mixed precision gives the same scene as f64, component by component.
 #[test]
 fn mixed_agrees_with_f64() {
     let Some(dataset) = open() else { return };
@@ -212,20 +210,20 @@ fn mixed_agrees_with_f64() {
             n_differ += 1;
         }
     }
-    // The range is one cube, so normalised lengths are in proportion to those of the world.
+    // The normalisation scales all axes alike, so normalised lengths are proportional to world lengths.
     let worst = worst / (2.0 * 3f64.sqrt());
     println!(
-        "{n_differ} of {n_components} count other points, means within {worst:.1e} of the scene"
+        "{n_differ} of {n_components} components differ in count, means within {worst:.1e} of the scene"
     );
-    // Near-ties: 1 of 982,910 points in section 15.
-    assert!(n_differ <= 2, "{n_differ} components count other points");
+    // Rounding decides near-ties differently: 1 of 982,910 points when measured.
+    assert!(n_differ <= 2, "{n_differ} components differ in count");
     assert!(worst < 1e-6, "{worst:e}");
     let (a, b) = (quality(&exact), quality(&mixed));
     assert!((a - b).abs() < 0.01, "f64 {a} dB, mixed {b} dB");
 }
 
-/// Reassignment draws among scores, so a rounding moves another component to another point: the
-/// scenes differ, their quality does not.
+/// Reassignment samples by score, so rounding changes which component moves where: the scenes
+/// differ, but not their quality.
 #[test]
 fn mixed_reassigns_as_well_as_f64() {
     let Some(dataset) = open() else { return };
@@ -240,7 +238,7 @@ fn mixed_reassigns_as_well_as_f64() {
     }
 }
 
-/// The Lego `.ply` through a reader that shares no code with ours shows the same pictures.
+/// The Lego `.ply`, read by a parser that shares no code with ours, renders the same images.
 #[test]
 fn the_ply_reads_back_with_an_independent_reader() {
     let Some(dataset) = open() else { return };
@@ -263,11 +261,11 @@ fn the_ply_reads_back_with_an_independent_reader() {
         let picture =
             |splats: &[Splat]| CpuRenderer::new().render(splats, &view.camera, &options).color;
         let same = psnr(&picture(&back), &picture(&splats)).unwrap();
-        assert!(same > 70.0, "the file shows another scene: {same} dB");
+        assert!(same > 70.0, "the file renders differently: {same} dB");
     }
 }
 
-/// A row of the 3DGS layout by its definition (`files.md`, PLY of splats).
+/// Splat from a row of the 3DGS layout, by its definition (`files.md`, PLY of splats).
 fn splat_of(row: &DefaultElement) -> Splat {
     let value = |name: &str| match row.get(name) {
         Some(Property::Float(value)) => *value,

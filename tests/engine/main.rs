@@ -1,5 +1,5 @@
 //! The engine: the model against golden vectors, its variants against each other, runs that stop and
-//! go on, and what benches measure.
+//! resume, and the benches.
 #![allow(clippy::unwrap_used)]
 
 mod allocations;

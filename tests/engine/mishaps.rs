@@ -1,5 +1,5 @@
-//! Datasets whose files change or go while they train: what cannot be read any more is left out and named,
-//! and what was learnt before stays.
+//! Dataset files that change or vanish during training: unreadable frames are skipped and reported, and
+//! the model trained before is retained.
 
 use crate::common::scratch::{Files, open_plain};
 use std::fs;
@@ -13,14 +13,13 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
-/// Frames of the recording, and those that are learnt before anything happens to it.
+/// Frames of the recording, and those trained before the files change.
 const FRAMES: usize = 24;
 const BEFORE: usize = 4;
 
-/// What happens to a file.
 type Mishap = fn(&Path) -> std::io::Result<()>;
 
-/// All that is done to every photograph and depth image at once.
+/// Each mishap is applied to every colour and depth image.
 const MISHAPS: [(&str, Mishap); 6] = [
     ("removed", |path| fs::remove_file(path)),
     ("cut short", |path| fs::write(path, &fs::read(path)?[..100])),
@@ -57,7 +56,6 @@ fn images(folder: &Path) -> Vec<PathBuf> {
     of("color").chain(of("depth")).collect()
 }
 
-/// A session that learnt some frames of a recording.
 fn begun(folder: &Path) -> Session {
     let dataset = Arc::new(open_plain(folder).unwrap());
     let asked = SceneOverrides::default();
@@ -68,7 +66,7 @@ fn begun(folder: &Path) -> Session {
     session
 }
 
-/// Goes on to the end; what was learnt is saved, read back and drawn.
+/// Trains to the end; the model can still be saved, read back and drawn.
 fn ends_with_what_it_learnt(mut session: Session, what: &str) {
     loop {
         match session.step().unwrap_or_else(|error| panic!("{what}: {error}")) {
@@ -78,7 +76,7 @@ fn ends_with_what_it_learnt(mut session: Session, what: &str) {
         }
     }
     let (trained, skipped) = (session.frames().len(), session.skipped().len());
-    assert!(trained >= BEFORE && skipped > 0, "{what}: {trained} learnt, {skipped} left out");
+    assert!(trained >= BEFORE && skipped > 0, "{what}: {trained} trained, {skipped} skipped");
     let out = tempfile::tempdir().unwrap();
     let file = out.path().join("checkpoint.vbgs");
     vbgs_studio::export::checkpoint::write(&file, &session.checkpoint().unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! Components are smaller where views come near, whatever came before, and go on to the same bits.
+//! Near views get smaller components, whatever came before; a restored scene continues bit for bit.
 
 use super::budget::{H, frame};
 use glam::DVec3;
@@ -17,7 +17,7 @@ fn config() -> SceneConfig {
     SceneConfig { near: Some(NearSpacing { pixels: 10.0, least: 0.25 }), ..SceneConfig::fine(H) }
 }
 
-/// A wall whose pixels are so wide.
+/// Wall whose points have the given pixel footprint, world units.
 fn wall(footprint: f64) -> Observation {
     let point = |i: i32| SurfacePoint {
         position: [(i % 60) as f32 * 0.01, (i / 60) as f32 * 0.01, 1.0],
@@ -47,14 +47,14 @@ fn a_nearer_view_is_told_apart_and_a_farther_one_changes_nothing() {
         [scene.used(), even.used()]
     };
     let [far, whole] = learn(0.1 * H);
-    assert_eq!(far, whole, "ten pixels are the structural scale");
+    assert_eq!(far, whole, "ten pixels of 0.1 h span the structural scale");
     let [near, whole] = learn(0.05 * H);
-    assert!(near > 2 * far, "half as far apart: {far} -> {near}");
+    assert!(near > 2 * far, "half the spacing: {far} -> {near}");
     assert_eq!(learn(H), [near, whole]);
     let [nearest, _] = learn(0.0);
     assert!(nearest > 2 * near, "{near} -> {nearest}");
     let [again, whole] = learn(0.0);
-    assert_eq!((again, whole), (nearest, far), "no nearer than a quarter, even stays even");
+    assert_eq!((again, whole), (nearest, far), "at least a quarter of h");
     let shares = state(scene.as_ref()).shares.unwrap();
     assert_eq!(shares.iter().filter(|&&share| share == 64).count(), far);
     assert_eq!(shares.iter().filter(|&&share| share == 16).count(), nearest - near);
@@ -63,7 +63,7 @@ fn a_nearer_view_is_told_apart_and_a_farther_one_changes_nothing() {
 
 #[test]
 fn opacity_does_not_depend_on_how_small_components_are() {
-    // A point a pixel: all returns that a closed surface gives.
+    // One point per pixel: every return that a closed surface gives.
     let opacity = |near: Option<NearSpacing>| {
         let visibility = VisibilityRule::Returned;
         let config = SceneConfig { near, visibility, ..SceneConfig::fine(H) };

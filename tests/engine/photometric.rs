@@ -1,4 +1,4 @@
-//! Learning from photographs, through a session: what it gains, and what it must not harm.
+//! Photometric training in a session: gains in PSNR, and robustness to outlier frames.
 
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
@@ -38,7 +38,6 @@ fn trained(mode: PhotometricMode) -> SplatSet {
     trained_with(SceneOverrides { photometric: Some(mode), ..SceneOverrides::default() })
 }
 
-/// Splats of the room.
 fn trained_with(asked: SceneOverrides) -> SplatSet {
     let mut session = Session::new(room(), asked, Selection::all_frames()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
@@ -51,7 +50,7 @@ fn plain_splats_learn_what_files_hold() {
         splats: Some(SplatKind::Plain),
         ..SceneOverrides::default()
     });
-    assert!(is_plain(plain.view()), "as learnt");
+    assert!(is_plain(plain.view()), "the training result has gradients");
     let native = trained(PhotometricMode::Full);
     let mapped = to_plain(native.view(), Mapping::default()).expect("native splats");
     let [learnt, mapped] = [psnr(&plain), psnr(&mapped)];
@@ -74,7 +73,7 @@ fn photographs_leave_alone_what_splats_do_not_have() {
     assert!(looks.iter().any(|look| look.gradient != [[0.0; 3]; 3]));
 }
 
-/// Mean PSNR over the views that no frame was, dB.
+/// Mean PSNR over the evaluation views, dB.
 fn psnr(splats: &SplatSet) -> f64 {
     let room = room();
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
@@ -92,10 +91,10 @@ fn photographs_improve_views_that_were_never_seen() {
     assert!(light > off + 0.4 && full > light, "{said}");
 }
 
-/// A session that is to go through the frames so often, after its first steps.
+/// Session planned with `passes` passes over the frames, after its first `steps` steps.
 fn repeated(passes: usize, steps: usize) -> Session {
     let selection = Selection { passes, ..Selection::all_frames() };
-    // Fewer wait than there are frames, as in any longer recording.
+    // The shuffle buffer is smaller than the number of frames, as in a longer recording.
     let mut session = Session::new(room(), asked(8), selection).unwrap();
     (0..steps).for_each(|_| drop(session.step().unwrap()));
     session
@@ -120,7 +119,7 @@ fn photographs_looked_at_again_teach_more_and_points_count_once() {
     let mut resumed = saved.resume(room(), &ResumeRequest::default(), false).unwrap();
     while !matches!(resumed.step().unwrap(), Step::Finished) {}
     assert!(resumed.checkpoint().unwrap().model == twice.checkpoint().unwrap().model);
-    // A finished run may look again: the same as one that was to do so from the start.
+    // Extending a finished run to two passes equals a run planned with two.
     once.save(&path).unwrap();
     let asked = ResumeRequest { passes: Some(2), ..ResumeRequest::default() };
     let mut resumed = SavedRun::read(&path).unwrap().resume(room(), &asked, false).unwrap();
@@ -148,21 +147,21 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
     let compared = |session: &Session| {
         session.frames().iter().filter(|frame| frame.photograph.is_some()).count()
     };
-    assert_eq!(compared(&session), 12, "eight of twenty wait");
+    assert_eq!(compared(&session), 12, "eight of twenty are in the shuffle buffer");
     let used = |session: &Session| session.learner().comparer_use().unwrap().processor_frames;
-    assert_eq!(used(&session), 12, "looks at what is usual are not learnt");
+    assert_eq!(used(&session), 12, "only trained photographs count");
     let before = session.stored_splats();
     let model = session.checkpoint().unwrap().model;
-    assert!(session.settle() && !session.settle() && session.is_settled(), "once");
+    assert!(session.settle() && !session.settle() && session.is_settled(), "settles once");
     assert_eq!((compared(&session), used(&session)), (20, 20));
-    assert!(session.checkpoint().unwrap().model == model, "a run goes on as if nobody had looked");
+    assert!(session.checkpoint().unwrap().model == model, "settling changed the model");
     let settled = session.stored_splats();
     assert!(settled != before);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.vbgs");
     session.save(&path).unwrap();
     assert!(SavedRun::read(&path).unwrap().splats().unwrap() == settled);
-    // And the next frame is learnt from what was, not from what was drawn.
+    // The next step continues from the trained model, not from the settled copy that was drawn.
     let mut resumed =
         SavedRun::read(&path).unwrap().resume(room(), &ResumeRequest::default(), false).unwrap();
     for session in [&mut session, &mut resumed] {
@@ -190,16 +189,16 @@ fn points_alone_are_not_gone_through_twice() {
     assert!(error.contains("passes: expected 1") && error.contains("found 2"), "{error}");
 }
 
-/// A tenth of the frames, behind the first ones, by which is known what is usual.
+/// Damaged frames: a tenth, after the first frames, which establish the usual residual.
 const DAMAGED: [usize; 4] = [12, 20, 28, 36];
 
-/// Frames among the compared that contradict the scene.
+/// Outlier frames among the compared photographs.
 fn contradictions(compared: &[ComparedPhotograph]) -> impl Iterator<Item = usize> {
     let doubted = compared.iter().filter(|compared| compared.outcome.contradiction.is_some());
     doubted.map(|compared| compared.frame as usize)
 }
 
-/// The scene after all frames, a tenth of which `damage` changed, and those that were doubted.
+/// Splats trained on all frames with `damage` applied to the `DAMAGED` ones, and the outlier frames found.
 fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     let room = room();
     let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
@@ -227,11 +226,11 @@ fn pixels_of(frame: &mut Frame) -> &mut Vec<[u8; 4]> {
     &mut Arc::make_mut(&mut frame.color).data
 }
 
-/// A name, and what it does to a frame.
+/// Name and effect of a kind of damage.
 type Damage = (&'static str, fn(&mut Frame));
 
-/// Covered lenses, flashes, wrong poses and images of other places are named and left out; of the last, whose
-/// points may have colours much like those of the scene, it is the picture that is.
+/// Covered lenses, overexposure, wrong poses and images of other places are detected and skipped. Point
+/// colours of another place may resemble the scene's, so there only the photograph is skipped.
 #[test]
 fn frames_that_contradict_the_scene_are_named_and_left_out() {
     let (clean, none) = trained_on(|_| ());

@@ -1,4 +1,4 @@
-//! Points of a scene on a device beside the processor, played by ones that know little.
+//! Fitting the points of a scene on stub devices: training gives the same bits as on the CPU alone.
 
 use glam::DVec3;
 use vbgs_studio::model::inspection::DeviceError;
@@ -14,7 +14,7 @@ use vbgs_studio::train::scene::engine;
 
 const FRAMES: usize = 4;
 
-/// Says the same seed of every point, and that nothing is summed, until it fails.
+/// Stub that returns the same seed for every point and zero sums, and fails after `sums_left` calls.
 struct Idle {
     seed: u32,
     sums_left: usize,
@@ -48,7 +48,7 @@ impl PointsDevice for Idle {
     }
 }
 
-/// A wall, farther away from frame to frame; no device sums normals of other lengths than 1.
+/// Wall that recedes from frame to frame. Devices leave points whose normals are not of length 1 to the CPU.
 fn wall(t: usize, length: f32) -> Observation {
     let point = |i: usize| SurfacePoint {
         position: [(i % 50) as f32 * 0.01, (i / 50) as f32 * 0.01, 1.0 + 0.03 * t as f32],
@@ -60,7 +60,7 @@ fn wall(t: usize, length: f32) -> Observation {
     Observation { points: (0..2000).map(point).collect(), ..Observation::empty() }
 }
 
-/// Trains beside the processor to its bits.
+/// Trains with the stub, compares every frame with the CPU alone, and returns the device's use.
 fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassUse {
     let begin = || engine::begin(&SceneConfig::fine(0.05), DVec3::ZERO);
     let (mut alone, mut beside) = (begin(), begin());
@@ -86,13 +86,13 @@ fn what_a_device_leaves_open_is_the_processors() {
     assert_eq!((counts(&idle), idle.open_share), ((3, 1, None), 1.0));
     assert_eq!(idle.device.as_deref(), Some("card"));
     let tried = used(LEFT_TO_PROCESSOR, usize::MAX, 3.0, DevicePolicy::Fastest);
-    assert_eq!(counts(&tried), (0, 4, None), "it is tried on four");
+    assert_eq!(counts(&tried), (0, 4, None), "four frames are the trial");
     assert!(tried.trial.is_some_and(|ms| ms.device > 0.0 && ms.processor > 0.0));
 }
 
 #[test]
 fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
-    // By its sums, and by its seeds.
+    // The first device errs in its sums, the second in its seeds.
     for (seed, length) in [(LEFT_TO_PROCESSOR, 1.0), (0, 3.0)] {
         let wrong = used(seed, usize::MAX, length, DevicePolicy::Device);
         assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic differs from the processor's")));
@@ -101,7 +101,7 @@ fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
 
 #[test]
 fn the_very_frame_that_a_device_fails_at_is_learnt() {
-    // It has found the seeds of the third frame when it fails.
+    // The device fails in the third frame, after it returned the seeds.
     let lost = used(LEFT_TO_PROCESSOR, 2, 3.0, DevicePolicy::Device);
     assert_eq!(counts(&lost), (1, 3, Some("gone")));
 }

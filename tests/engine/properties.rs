@@ -1,5 +1,5 @@
-//! What holds of every scene, whatever it saw: how it may be put together, what it may not lose, and
-//! that the place, the turn and the unit of the world are nobody's business.
+//! Invariants of every scene: merging is commutative and associative, evidence is conserved, and
+//! the position, rotation and unit of the world do not matter.
 
 use super::budget::{H, births, checkpoint, frame};
 use glam::{DMat4, DQuat, DVec3};
@@ -22,7 +22,6 @@ use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 
-/// A scene that learnt from frames.
 fn learnt(config: &SceneConfig, frames: &[Observation]) -> Box<dyn SceneLearner> {
     let mut scene = engine::begin(config, DVec3::ZERO);
     for frame in frames {
@@ -33,12 +32,12 @@ fn learnt(config: &SceneConfig, frames: &[Observation]) -> Box<dyn SceneLearner>
 
 fn state(scene: &dyn SceneLearner) -> SceneState {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
-        panic!("a scene is stored as one")
+        panic!("expected a stored scene")
     };
     state
 }
 
-/// Settings by which only the frames matter, not their order.
+/// Settings whose result does not depend on the order of frames.
 fn lattice(births: BirthRule) -> SceneConfig {
     let (refine, visibility) = (false, VisibilityRule::Returned);
     SceneConfig { births, refine, visibility, ..SceneConfig::fine(H) }
@@ -48,7 +47,7 @@ fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T
     rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap().install(work)
 }
 
-/// Totals of three components, in 64 bits and a carry, or in 128.
+/// Totals of three components in 64 bits with carries; `broad` makes them in 128 bits.
 fn narrow() -> impl Strategy<Value = Totals> {
     let rows = vec(uniform13(any::<i64>()), 3);
     rows.prop_map(|rows| Totals::Fixed64 { rows, carries: Vec::new() })
@@ -61,7 +60,7 @@ fn broad() -> impl Strategy<Value = Totals> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Shards, merged in any tree and either order, are the run over all frames in any order.
+    /// Shards merged in any tree and order equal the run over all frames in any order.
     #[test]
     fn merging_lattices_is_commutative_and_associative(
         births in prop_oneof![Just(BirthRule::Lattice), Just(BirthRule::BodyCentred)],
@@ -81,13 +80,13 @@ proptest! {
         prop_assert!(run([c, a, b]) == whole);
     }
 
-    /// Every point that a frame says it taught is in a component, merged or not, and every component
-    /// has a shape.
+    /// Every point a frame reports as used counts in some component, merged or not, and every
+    /// covariance is positive definite.
     #[test]
     fn evidence_is_conserved_and_covariances_are_definite(
         births in births(),
         sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
-        // The few make the scale wider, too.
+        // Budgets below 6 also coarsen the scale.
         budget in prop_oneof![1..6usize, 6..100usize],
         frames in vec(frame(200), 1..4),
     ) {
@@ -105,7 +104,7 @@ proptest! {
         }
     }
 
-    /// Mixtures of both exact forms, merged in any tree and either order, sums beyond 64 bits among them.
+    /// Mixtures in both exact forms, merged in any tree and order, including sums beyond 64 bits.
     #[test]
     fn merging_mixtures_is_commutative_and_associative(
         totals in prop_oneof![[narrow(), narrow(), narrow()], [broad(), broad(), broad()]],
@@ -118,8 +117,8 @@ proptest! {
         prop_assert!(whole == merging::add(&merging::add(c, a).unwrap(), b).unwrap());
     }
 
-    /// A checkpoint that is read is written again as the same file, and a scene that is restored is stored
-    /// and drawn as the one that was saved.
+    /// A checkpoint read and written again gives the same bytes; a restored scene is stored and drawn like
+    /// the saved one.
     #[test]
     fn checkpoints_of_what_was_read_are_the_same_files(
         births in births(),
@@ -133,13 +132,13 @@ proptest! {
         let bytes = to_bytes(&checkpoint(&*scene, n));
         let read = parse(&bytes).unwrap().checkpoint;
         prop_assert!(to_bytes(&read) == bytes);
-        let StoredModel::Scene(state) = read.model else { panic!("a scene is stored as one") };
+        let StoredModel::Scene(state) = read.model else { panic!("expected a stored scene") };
         let again = engine::restore(&config, state, n).unwrap();
         prop_assert!(to_bytes(&checkpoint(&*again, n)) == bytes);
         prop_assert!(again.stored_splats() == scene.stored_splats());
     }
 
-    /// Whatever the sums are kept in.
+    /// Holds for every storage form of the sums.
     #[test]
     fn any_number_of_threads_gives_the_same_scene(
         births in births(),
@@ -153,7 +152,7 @@ proptest! {
     }
 }
 
-/// A world told otherwise: turned, made larger and moved.
+/// Similarity transform of the world.
 #[derive(Clone, Copy, Debug)]
 struct Similarity {
     scale: f64,
@@ -185,7 +184,7 @@ fn room() -> &'static [Frame] {
     })
 }
 
-/// The frame as a camera in the other world takes it.
+/// Frame as captured in the transformed world.
 fn seen_in(frame: &Frame, world: &Similarity) -> Frame {
     let pose = frame.camera.pose;
     let turn = world.turn * DQuat::from_mat3(&pose.rotation());
@@ -206,12 +205,12 @@ fn seen_in(frame: &Frame, world: &Similarity) -> Frame {
     seen
 }
 
-/// What a scene in another world says of this one.
+/// Statistics of a scene trained in a transformed world, mapped back to the original.
 struct Said {
     used: f64,
     points: f64,
-    /// Of the drawn splats, world units: weighted by their points, the mean and the mean square of
-    /// where they lie; the mean of their scales; the mean of opacities and of colours.
+    /// From here on over the drawn splats, world units: mean and mean square of their positions, mean
+    /// scale, mean opacity and mean colour.
     mean: DVec3,
     spread: f64,
     scale: f64,

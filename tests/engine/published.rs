@@ -11,7 +11,7 @@ use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
 use vbgs_studio::train::setting::Preset;
 use vbgs_studio::train::setting::table::{About, Setting, SettingLayer, Spelling};
 
-/// Writes the files instead of comparing them.
+/// Environment variable that makes the tests write the files before comparing them.
 const WRITE: &str = "VBGS_WRITE_SETTINGS";
 
 fn in_tree(path: &str) -> PathBuf {
@@ -25,7 +25,7 @@ fn hold(path: &str, expected: &str) {
     let found = fs::read_to_string(in_tree(path)).unwrap();
     assert!(
         found == expected,
-        "{path} does not say what the tables of settings do: `{WRITE}=1 cargo test --test engine published` writes it"
+        "{path} differs from the settings tables; `{WRITE}=1 cargo test --test engine published` rewrites it"
     );
 }
 

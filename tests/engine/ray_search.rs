@@ -1,4 +1,4 @@
-//! Noise along the rays makes no second layer of a surface.
+//! The search along rays keeps noise along the viewing direction from adding a second layer to a surface.
 
 use super::budget::H;
 use glam::DVec3;
@@ -6,14 +6,14 @@ use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
 use vbgs_studio::train::scene::engine;
 
-/// Half-width of the wall's depth noise.
+/// Half-width of the wall's depth noise, world units.
 const NOISE: f64 = 0.5 * H;
 
-/// A wall whose depths err by up to three half-widths of their noise, most of it alike over a frame, as a
-/// depth camera's do.
+/// Wall whose depths err by up to three half-widths of noise. Most of the error is common to a frame, as
+/// with a depth camera.
 fn noisy_wall(frame: i32) -> Observation {
     let point = |i: i32| {
-        // Even and without a pattern that neighbours share.
+        // Uniform in [-1, 1], without a pattern across neighbours.
         let even = |n: i32| f64::from(n % 1001) / 500.0 - 1.0;
         let error = 2.5 * even(500 + frame * 377) + 0.5 * even(i * 7919 + frame * 104_729);
         let (x, y) = (f64::from(i % 60) * 0.2 * H, f64::from(i / 60) * 0.2 * H);
@@ -30,7 +30,7 @@ fn noisy_wall(frame: i32) -> Observation {
     Observation { points: (0..3600).map(point).collect(), ..Observation::empty() }
 }
 
-/// Components of the wall after eight frames, and the root mean square of how far their splats are from it.
+/// Used components after eight frames of the wall, and the RMS distance of their splats from it.
 fn learnt(ray_search: f64) -> (usize, f64) {
     let config = SceneConfig { ray_search, ..SceneConfig::fine(H) };
     let mut scene = engine::begin(&config, DVec3::ZERO);

@@ -1,5 +1,5 @@
-//! Scenes from beside and above the camera's way: photographs keep colours and splats within what was
-//! observed there.
+//! Views from beside and above the camera path: photometric training keeps colours and splat sizes
+//! within what was observed.
 
 use crate::common::shared;
 use glam::{DMat4, DQuat, DVec3};
@@ -21,11 +21,11 @@ use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricR
 use vbgs_studio::train::scene::{config::SceneConfig, engine};
 
 const FRAMES: usize = 16;
-/// Half a side of the window whose colours a pixel may have, px, and how far beyond these.
+/// Half-width of the window whose colour range bounds a pixel, px, and the tolerance beyond that range.
 const WINDOW: usize = 8;
 const MARGIN: f32 = 0.15;
 
-/// Splats by component, and the camera of the frame in the middle of those learned.
+/// Splats by component, and the camera of the middle training frame.
 fn trained(path: &Path, mode: PhotometricMode) -> (SplatSet, Camera) {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
     let asked = SceneOverrides { photometric: Some(mode), ..SceneOverrides::default() };
@@ -37,7 +37,8 @@ fn trained(path: &Path, mode: PhotometricMode) -> (SplatSet, Camera) {
     (session.splats(), dataset.splits[plan.split].frames[middle].camera)
 }
 
-/// The camera turned about what it shows, by degrees about its own vertical and horizontal axes.
+/// Camera at half resolution, turned about the median depth in view by degrees about its vertical and
+/// horizontal axes.
 fn beside(camera: &Camera, splats: &SplatSet, [across, above]: [f64; 2]) -> Camera {
     let (pose, k) = (camera.pose, camera.intrinsics);
     let (eye, rotation) = (pose.centre(), pose.rotation());
@@ -58,7 +59,7 @@ fn beside(camera: &Camera, splats: &SplatSet, [across, above]: [f64; 2]) -> Came
     Camera { intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, pose }
 }
 
-/// Share of the pixels that both cover whose colour is beyond those of points around it.
+/// Share of the pixels covered in both images whose colour in `light` leaves the range of `off` around it.
 fn share_beyond(light: &Rendered, off: &Rendered) -> f64 {
     let (width, height) = (off.color.width, off.color.height);
     let (mut covered, mut beyond) = (0, 0);
@@ -81,7 +82,7 @@ fn share_beyond(light: &Rendered, off: &Rendered) -> f64 {
         covered += 1;
         beyond += usize::from((0..3).any(is_beyond));
     }
-    assert!(covered > 1000, "{covered} pixels are covered");
+    assert!(covered > 1000, "only {covered} pixels are covered");
     f64::from(beyond as u32) / f64::from(covered)
 }
 
@@ -114,15 +115,15 @@ fn photographs_keep_colours_and_splats_within_what_was_observed() {
     }
 }
 
-/// Colour that a made-up wall shows in a frame, from its place on the wall, metres, and the camera's, metres.
+/// Brightness of a synthetic wall in a frame, from the place on the wall and the camera's x, metres.
 type Paint = fn(frame: usize, place: [f64; 2], eye: f64) -> f64;
 
-/// Distance of the wall, metres, and the made-up camera's images, px.
+/// Distance of the wall, metres, and image size, px.
 const DISTANCE: f64 = 1.5;
 const SIZE: [usize; 2] = [160, 120];
 
-/// Splats of a wall that fills the picture, and the camera of its first frame. The camera moves by `step`
-/// metres a frame, along the wall.
+/// Splats of a wall that fills the image, and the camera of the first frame. The camera moves `step`
+/// metres per frame along the wall.
 fn wall(paint: Paint, frames: usize, step: f64, photometric: bool) -> (SplatSet, Camera) {
     let [width, height] = SIZE;
     let k = Intrinsics::from_horizontal_fov(width as u32, height as u32, 1.0);
@@ -161,7 +162,7 @@ fn pattern([x, y]: [f64; 2]) -> f64 {
     0.45 + 0.2 * (14.0 * x).sin() * (11.0 * y).cos()
 }
 
-/// A mirror hangs on the middle of the wall and shows stripes two metres behind its surface.
+/// Wall with a mirror in its middle that shows stripes two metres behind the surface.
 fn with_mirror(_: usize, place: [f64; 2], eye: f64) -> f64 {
     if place.into_iter().any(|v| v.abs() > 0.3) {
         return pattern(place);
@@ -170,7 +171,7 @@ fn with_mirror(_: usize, place: [f64; 2], eye: f64) -> f64 {
     if (4.0 * behind).sin() > 0.0 { 0.9 } else { 0.1 }
 }
 
-/// The camera's exposure changes from frame to frame.
+/// Wall under an exposure that changes from frame to frame.
 fn exposed(frame: usize, place: [f64; 2], _: f64) -> f64 {
     (1.0 + 0.4 * (1.1 * frame as f64).sin()) * pattern(place)
 }
@@ -186,7 +187,7 @@ fn hard_recordings_keep_colours_within_what_was_observed_from_beside() {
     for (name, paint, frames, step) in cases {
         let (off, camera) = wall(paint, frames, step, false);
         let (light, _) = wall(paint, frames, step, true);
-        assert_eq!(off.len(), light.len(), "{name}: photographs bring no components");
+        assert_eq!(off.len(), light.len(), "{name}: photographs changed the number of components");
         let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         for turn in [[0.0, 0.0], [40.0, 0.0], [-40.0, 0.0], [0.0, 40.0]] {
             let view = beside(&camera, &off, turn);

@@ -1,12 +1,11 @@
-//! Hard cases for arithmetic, held to bounds against exact sums: the same rows that
-//! `bench stability` prints.
+//! Numerically hard cases against exact sums: the same rows that `bench stability` prints.
 
 use vbgs_studio::bench::paper::stability::{Case, StabilityRow, Truth, all};
 use vbgs_studio::train::paper::config::Precision;
 
-/// Points that are no finite numbers, which the loader drops before any engine sees them.
+/// Cases with non-finite points, which the loader normally drops before training.
 const BROKEN: [&str; 2] = ["points with NaN", "points with infinities"];
-/// World positions of splats are f32, which resolves 0.06 at 1e6.
+/// Case with a looser bound: splat positions are f32, whose resolution at 1e6 is 0.06.
 const SHIFTED: &str = "scene shifted by 1e6";
 
 fn rows(precision: Precision, is_chosen: impl Fn(&Case) -> bool) -> Vec<StabilityRow> {
@@ -19,7 +18,7 @@ fn sound(case: &Case) -> bool {
     !BROKEN.contains(&case.name)
 }
 
-/// What no precision may do.
+/// Checks what must hold in every precision.
 fn check_sane(row: &StabilityRow) {
     assert!(row.positive_definite, "{row:?}");
     assert_eq!(row.non_finite, 0, "{row:?}");
@@ -43,7 +42,7 @@ fn f64_is_exact_to_its_rounding() {
 
 #[test]
 fn mixed_precision_is_exact_to_the_rounding_of_f32_about_the_mean() {
-    // Errors are relative to the distance from the initial mean, which these lie far from.
+    // f32 rounding is relative to the distance from the initial mean, which these cases lie far from.
     let far = |case: &str| match case {
         "responsibilities that underflow" => [1e-5, 5e-3],
         "denormals" => [1e-4, 2e-2],
@@ -63,7 +62,7 @@ fn mixed_precision_is_exact_to_the_rounding_of_f32_about_the_mean() {
 fn f32_stays_definite_and_finite() {
     for row in rows(Precision::F32, sound) {
         check_sane(&row);
-        // Sums over 1e5 frames drift in single precision; how far is what the bench shows.
+        // Sums over 1e5 frames drift in f32; the bench reports by how much.
         if row.frames == 1 {
             assert!(row.mean_error < 1e-3 && row.covariance_error < 0.1, "{row:?}");
         }

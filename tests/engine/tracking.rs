@@ -1,5 +1,5 @@
-//! Recordings without poses, placed by the scene as it grows: how well, and what becomes of frames
-//! that cannot be placed.
+//! Recordings without poses, tracked against the growing scene: accuracy of the poses, and frames that
+//! cannot be placed.
 
 use std::fs;
 use std::path::Path;
@@ -14,12 +14,12 @@ use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::pipeline::tracked::Trajectory;
 
-/// Frames of a turn around the room: 7.5 degrees and 20 cm apart.
+/// Frames of a full turn around the room, 7.5 degrees and 20 cm apart.
 const TURN: usize = 48;
-/// Those that are tracked.
+/// Frames tracked.
 const FRAMES: usize = 5;
 
-/// A walk around a room, in the layout with files that are easily replaced.
+/// A walk around a room, in a layout whose files are easy to replace.
 fn recording(width: u32) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let params = SyntheticParams {
@@ -66,7 +66,7 @@ fn a_walk_is_placed_without_its_poses() {
     let error = found.error(session.dataset()).unwrap();
     assert!(error.rmse < 0.02 && error.turn_rmse_deg < 1.0, "{error:?}");
 
-    // Poses are not even needed.
+    // The result is the same without the file of poses.
     fs::remove_file(folder.path().join("trajectory.log")).unwrap();
     let mut without = self::session(folder.path(), FRAMES);
     assert_eq!(without.dataset().layout.name(), "color-depth");
@@ -77,7 +77,7 @@ fn a_walk_is_placed_without_its_poses() {
     assert!(error.contains("--poses track"), "{error}");
 }
 
-/// Images of a recording without poses.
+/// Folder with images of a recording, without poses.
 struct Images<'a> {
     from: &'a Path,
     to: TempDir,
@@ -92,7 +92,7 @@ impl<'a> Images<'a> {
         Self { from, to, n: 0 }
     }
 
-    /// Appends a frame of the recording, its photograph and depth in metres changed.
+    /// Appends a frame of the recording, with colour values and depths (metres) mapped.
     fn push(&mut self, frame: usize, color: impl Fn(u8) -> u8, depth: impl Fn(f64) -> f64) {
         let open = |name: &str| image::open(self.from.join(format!("{name}/{frame:05}.png")));
         let path = |name: &str| self.to.path().join(format!("{name}/{:05}.png", self.n));
@@ -114,7 +114,7 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     (0..2).for_each(|frame| images.push(frame, as_is, same));
     images.push(2, |_| 0, same);
     images.push(2, |_| 128, |_| 1.5);
-    // The camera is held the other way for a moment.
+    // For one frame the camera faces the other side of the room.
     images.push(TURN / 2, as_is, same);
     images.push(2, as_is, same);
 
@@ -122,7 +122,7 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     loop {
         let before = session.learner().checkpoint_model();
         let was_drawn = session.stored_splats();
-        // As at rest, or for a file on the way.
+        // Settles between frames, as an idle window or a save does.
         assert_eq!(session.settle(), session.learner().frames() > 0);
         match session.step().unwrap() {
             Step::Skipped(skipped) => {
@@ -131,7 +131,7 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
                 assert!(skipped.message.contains(&skipped.frame), "{skipped:?}");
             }
             Step::Trained(frame) => assert!(frame.tracked.is_some()),
-            Step::Waiting => unreachable!("nothing is followed"),
+            Step::Waiting => unreachable!("no recording is being followed"),
             Step::Finished => break,
         }
     }
@@ -143,10 +143,10 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     let dark = &session.skipped()[0].message;
     assert!(dark.contains("brightness"), "{dark}");
     let blank = &session.skipped()[1].message;
-    // A plain wall fits in many places; the best of them may overlap the scene by too little.
+    // A plain wall fits in many places; the best fit may overlap the scene too little.
     let is_undetermined = blank.contains("one plain wall") || blank.contains("% of it, found");
     assert!(blank.contains("00003") && is_undetermined, "{blank}");
-    // What follows is where it is without them.
+    // Later frames are placed as if the rejected ones had never come.
     let mut undisturbed = self::session(whole.path(), 3);
     finish(&mut undisturbed);
     let [found, expected] = [(&session, "00005"), (&undisturbed, "00002")]

@@ -1,5 +1,5 @@
-//! The engine's variants against each other: whatever is only a way of computing must not change a
-//! bit, whatever is an approximation must stay close to the f64 oracle.
+//! The engine's variants against each other: alternative computations must agree bit for bit,
+//! approximations must stay close to the f64 oracle.
 
 use super::common::wavy::wavy_frame;
 use vbgs_studio::math::measured_pixel::Normalization;
@@ -68,8 +68,8 @@ fn ways_of_computing_give_the_same_bits() {
     }
 }
 
-/// One pass whose reached tiles are run again, or two passes: frame by frame, from many moves that reach
-/// nearly all tiles to a few that leave most alone.
+/// One pass that reruns the tiles affected by moves equals two passes, frame by frame: from many moves
+/// that affect nearly all tiles to few that affect almost none.
 #[test]
 fn fits_ahead_of_moves_give_the_bits_of_two_passes() {
     let frames: Vec<_> = (0..24).map(|t| wavy_frame(0.05 * t as f32, 24)).collect();
@@ -161,7 +161,7 @@ fn the_grid_and_the_tree_agree_in_f64() {
     assert!(state(&with(IndexKind::KdTree), &frames) == state(&with(IndexKind::Grid), &frames));
 }
 
-/// With the paper's hyper-parameters C = 4 assigns every point as all components do.
+/// With the paper's hyper-parameters, C = 4 candidates assign every point as all components do.
 #[test]
 fn truncation_assigns_as_the_dense_e_step() {
     let frames = frames();
@@ -178,7 +178,6 @@ fn truncation_assigns_as_the_dense_e_step() {
     }
 }
 
-/// Every precision stays close to the oracle, operation by operation.
 #[test]
 fn precisions_stay_close_to_the_oracle() {
     let frames = frames();
@@ -240,7 +239,7 @@ fn points_that_are_no_numbers_are_left_out() {
             };
             let mut engine = trained(&overrides, &[]);
             let outcome = engine.learn(&dirty).unwrap();
-            // 1e30 has a square in f64.
+            // The square of 1e30 overflows f32 only, so f64 accepts the last point.
             let left_out = if precision == Precision::F64 { 4 } else { 5 };
             assert_eq!(outcome.points, dirty.len() - left_out);
             assert!(outcome.elbo_mean.is_finite());

@@ -1,4 +1,4 @@
-//! Watches memory: hostile files must fail before anything large is taken.
+//! Watches allocations: hostile files must be refused before anything large is allocated.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -29,7 +29,7 @@ unsafe impl GlobalAlloc for Watched {
 #[global_allocator]
 static WATCHED: Watched = Watched;
 
-/// Runs `f`; returns its result and the largest single allocation this thread made meanwhile.
+/// Runs `f`; returns its result and the largest single allocation of this thread meanwhile.
 pub fn largest_during<T>(f: impl FnOnce() -> T) -> (T, usize) {
     LARGEST.with(|largest| largest.set(0));
     let result = f();

@@ -1,5 +1,5 @@
-//! Degree-1 colour in files: what is written, evaluated by the formulas of other programs, is the
-//! colour that our renderers show.
+//! Degree-1 colour in files: written coefficients, evaluated by the formulas of other programs, give the
+//! colour of our renderers.
 
 use super::glb_file::Glb;
 use super::{distance, random_splats, read_bytes, set, written, written_as};
@@ -18,8 +18,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-/// Splats whose colour depends on the direction, without gradients. No opacity is below a half, so
-/// that each shows.
+/// Splats with view-dependent colour and no gradients; opacities are at least 0.5 so that each is visible.
 fn directed(n: usize, seed: u64) -> SplatSet {
     let mut splats = random_splats(n, seed);
     splats.iter_mut().for_each(|s| s.opacity = 0.5 + 0.5 * s.opacity);
@@ -28,8 +27,8 @@ fn directed(n: usize, seed: u64) -> SplatSet {
     set(&splats, &appearance)
 }
 
-/// The colour 3DGS software computes from coefficients of degrees 0 and 1 (by coefficient, then
-/// channel) and the direction from the camera to the splat, as published with its rasteriser.
+/// Colour by the published 3DGS rasteriser, from coefficients of degrees 0 and 1 (by coefficient, then
+/// channel) and the unit direction from the camera to the splat.
 fn published_color(sh: [[f32; 3]; 4], d: DVec3) -> DVec3 {
     let [f0, f1, f2, f3] = sh.map(|f| DVec3::from_array(f.map(f64::from)));
     let (c0, c1) = (0.282_094_791_773_878_14, 0.488_602_511_902_919_9);
@@ -37,7 +36,7 @@ fn published_color(sh: [[f32; 3]; 4], d: DVec3) -> DVec3 {
     (color + 0.5).max(DVec3::ZERO)
 }
 
-/// Coefficients of a PLY by an independent reader, and where each splat is.
+/// Mean and coefficients of each splat of a PLY, by an independent reader.
 fn harmonics(bytes: &[u8]) -> Vec<(DVec3, [[f32; 3]; 4])> {
     let ply = Parser::<DefaultElement>::new().read_ply(&mut &bytes[..]).unwrap();
     let per_channel = (ply.header.elements["vertex"].properties.len() - 17) / 3;
@@ -58,9 +57,9 @@ fn harmonics(bytes: &[u8]) -> Vec<(DVec3, [[f32; 3]; 4])> {
     ply.payload["vertex"].iter().map(row).collect()
 }
 
-/// What our renderer shows of a splat alone at its centre, seen from `eye`.
+/// Colour of a single splat at its centre in our oracle, seen from `eye`.
 fn shown(splats: &SplatSet, i: usize, eye: DVec3) -> DVec3 {
-    // Its shape plays no part: only whether it shows.
+    // The shape does not affect the colour; a fixed size keeps the splat visible.
     let splat = Splat { scale: [0.05; 3], ..splats[i] };
     let alone = set(&[splat], &splats.view().appearance()[i..=i]);
     let mean = DVec3::from_array(splat.mean.map(f64::from));
@@ -74,7 +73,7 @@ fn shown(splats: &SplatSet, i: usize, eye: DVec3) -> DVec3 {
     DVec3::new(r, g, b) / alpha
 }
 
-/// Unit directions from cameras to a splat, all around.
+/// Random unit directions from a camera to a splat.
 fn directions(seed: u64) -> Vec<DVec3> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 2);
     (0..5).map(|_| DVec3::from_array([0; 3].map(|_| rng.normal())).normalize()).collect()
@@ -90,7 +89,7 @@ fn assert_same_colors(
         let world_mean = DVec3::from_array(splats[i].mean.map(f64::from));
         assert_eq!(to_file(world_mean), *mean);
         for d in directions(i as u64) {
-            // Renderers of ours limit the colour to 1 before blending, others only the pixel.
+            // Our renderers clamp the colour to 1 before blending, others clamp only the pixel.
             let expected = published_color(*sh, to_file(d)).min(DVec3::ONE);
             worst = worst.max((shown(splats, i, world_mean - 2.0 * d) - expected).length());
             let diffuse = published_color([sh[0], [0.0; 3], [0.0; 3], [0.0; 3]], d);
@@ -168,12 +167,12 @@ fn appearance_comes_back_and_looks_the_same() {
         let pairs = original.data.iter().zip(&image.data);
         let worst = pairs.map(|(a, b)| distance(*a, *b)).fold(0.0, f32::max);
         println!("{format}: image off by {worst:.1e}");
-        // Alphas on the cut may fall to either side.
+        // Alphas near the cut may fall to either side.
         assert!(worst < 4e-3, "{format}: {worst:e}");
     }
 }
 
-/// The constant term is what the regression gives for no direction at all: any number.
+/// The constant term is the regression's value at direction zero, which may lie outside [0, 1].
 #[test]
 fn constant_terms_outside_0_to_1_survive() {
     let splat = Splat { opacity: 0.9, color: [-0.4, 1.7, 0.5], ..Splat::default() };
@@ -184,7 +183,7 @@ fn constant_terms_outside_0_to_1_survive() {
         assert!(distance(model.splats[0].color, splat.color) < 1e-6, "{format}");
         assert_eq!(model.notes, [], "{format}");
     }
-    // What viewers without the extension draw is a colour.
+    // The fallback colour for viewers without the extension is clamped.
     let glb = Glb::parse(&written_as(ModelFormat::Glb, &native));
     let at = glb.clone().view("COLOR_0")["byteOffset"].as_u64().unwrap() as usize;
     let channel = |i: usize| u16::from_le_bytes([glb.bin[at + 2 * i], glb.bin[at + 2 * i + 1]]);
@@ -208,7 +207,7 @@ fn points_have_the_colour_seen_from_the_nearest_camera() {
     assert!(distance(color(&centres), [0.7, 0.5, 0.5]) < 0.003);
     assert!(distance(color(&centres[..1]), [0.5, 0.1, 0.5]) < 0.003);
     assert!(distance(color(&[DVec3::new(0.0, 0.0, -1.0)]), [0.5, 0.5, 0.0]) < 0.003);
-    // A camera inside a splat sees no direction.
+    // A camera at the centre of a splat has no viewing direction.
     assert!(distance(color(&[DVec3::ZERO]), [0.5; 3]) < 0.003);
 }
 
@@ -220,7 +219,7 @@ fn nodes_turn_the_colour_along() {
     glb.json["nodes"][0] =
         json!({"mesh": 0, "rotation": turn.to_array(), "scale": [2.0, 3.0, 0.5]});
     let model = read_bytes(&glb.to_bytes()).unwrap();
-    // In z-up axes a turn about (x, y, z) is one about (x, −z, y).
+    // A rotation about (x, y, z) in y-up axes is one about (x, −z, y) in z-up axes.
     let turn = DQuat::from_xyzw(turn.x, -turn.z, turn.y, turn.w);
     let appearance = splats.view().appearance().iter().zip(model.splats.view().appearance());
     for ((before, after), d) in appearance.zip(directions(65).into_iter().cycle()) {
@@ -238,7 +237,7 @@ fn coefficients_that_are_no_numbers_leave_their_rows_out() {
     let splats = directed(3, 66);
     let mut ply = written_as(ModelFormat::Ply, &splats);
     let row = 4 * 26;
-    // The first coefficient of degree 1 of the second splat stands behind nine other numbers.
+    // Nine numbers precede the first coefficient of degree 1 in the row of the second splat.
     let at = ply.len() - 2 * row + 4 * 9;
     ply[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let mut glb = Glb::parse(&written_as(ModelFormat::Glb, &splats));

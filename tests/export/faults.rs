@@ -1,5 +1,5 @@
-//! Every operation of a save fails once, in every way that disks fail, and the process ends once
-//! before each: all moments there are, not some by chance. The newest or the previous file loads.
+//! Fault injection into saves: every disk operation fails with every error, and the process is killed
+//! before each. Afterwards the newest or the previous file must load.
 
 use crate::checkpoint::samples;
 use std::cell::Cell;
@@ -12,9 +12,9 @@ use vbgs_studio::export::atomic::{
 };
 use vbgs_studio::export::checkpoint::{self, Checkpoint};
 
-/// A disk on which one operation goes wrong.
+/// Disk on which one operation fails.
 struct FaultyDisk {
-    /// The operation, counted from 0.
+    /// Index of the operation, from 0.
     at: usize,
     fault: Fault,
     has_links: bool,
@@ -23,11 +23,11 @@ struct FaultyDisk {
 
 #[derive(Clone, Copy, Debug)]
 enum Fault {
-    /// This one fails, and what cleans up behind it works.
+    /// Only this operation fails; the clean-up works.
     Once(i32),
-    /// This one and all later ones fail, cleaning up included.
+    /// This operation and all later ones fail, including the clean-up.
     Always(i32),
-    /// The process is killed before it: nothing more happens.
+    /// The process is killed before this operation.
     Kill,
 }
 
@@ -54,7 +54,7 @@ impl SaveDisk for FaultyDisk {
         self.step(|| SystemDisk.copy_permissions(file, older))
     }
     fn write(&self, file: &File, bytes: &[u8]) -> io::Result<usize> {
-        // A disk may take less than it is given.
+        // A disk may write fewer bytes than requested.
         self.step(|| SystemDisk.write(file, &bytes[..bytes.len().min(700)]))
     }
     fn sync(&self, file: &File) -> io::Result<()> {
@@ -77,7 +77,7 @@ impl SaveDisk for FaultyDisk {
     }
 }
 
-/// A checkpoint that is told by its number of frames.
+/// Checkpoint identified by its number of frames.
 fn saved(frames: u64) -> Vec<u8> {
     let [plain, ..] = samples();
     let cursor = checkpoint::Cursor { frames, ..plain.cursor.clone() };
@@ -89,7 +89,7 @@ fn frames_in(path: &Path) -> u64 {
     loaded.checkpoint.cursor.frames
 }
 
-/// A folder whose checkpoint is of 2 frames, its `.bak` of 1.
+/// Folder with a checkpoint of 2 frames and a `.bak` of 1.
 struct Saves {
     folder: tempfile::TempDir,
     bytes: [Vec<u8>; 4],
@@ -113,12 +113,12 @@ impl Saves {
         }
     }
 
-    /// Frames in the file and in the one before, both of which must load.
+    /// Numbers of frames in the file and in its backup; both must load.
     fn loaded(&self) -> (u64, u64) {
         (frames_in(&self.path("run.vbgs")), frames_in(&self.path("run.vbgs.bak")))
     }
 
-    /// Saves 3 frames on a disk that fails; whether it succeeded, and how many operations it asked.
+    /// Saves 3 frames on a faulty disk; returns whether it succeeded and the number of operations.
     fn save(&self, at: usize, fault: Fault, has_links: bool) -> (bool, usize) {
         let disk = FaultyDisk { at, fault, has_links, done: Cell::new(0) };
         let path = self.path("run.vbgs");
@@ -144,10 +144,10 @@ fn whichever_operation_fails_the_newest_or_the_previous_file_loads() {
                 let told = format!("{fault:?} at {at} of {n}, links {has_links}: {found:?}");
                 match succeeded {
                     true => assert_eq!(found, (3, 2), "{told}"),
-                    // Between the new back-up and the new file both are the previous one.
+                    // Between writing the new backup and the new file, both hold the previous frames.
                     false => assert!(matches!(found, (2, 1 | 2) | (3, 2)), "{told}"),
                 }
-                // The next save is none the worse, and a run that begins leaves nothing behind.
+                // The next save works, and starting a run removes all leftovers.
                 let path = saves.path("run.vbgs");
                 remove_leftovers(&path);
                 write_with_backup(&path, |out| out.write_all(&saves.bytes[3])).unwrap();
@@ -159,7 +159,7 @@ fn whichever_operation_fails_the_newest_or_the_previous_file_loads() {
     }
 }
 
-/// Autosaves that fail one after the other, as on a disk that stays full.
+/// Consecutive failing autosaves, as on a disk that stays full.
 #[test]
 fn a_disk_that_stays_full_costs_no_file() {
     let saves = Saves::new();
@@ -171,7 +171,7 @@ fn a_disk_that_stays_full_costs_no_file() {
     }
 }
 
-/// Two processes save under one name while a third begins in the folder again and again.
+/// Two writers save to the same path while a third repeatedly starts a run in the folder.
 #[test]
 fn saves_side_by_side_leave_whole_files() {
     let saves = Saves::new();
@@ -195,8 +195,8 @@ fn saves_side_by_side_leave_whole_files() {
         });
         let ended = savers.map(|saver| saver.join());
         is_over.store(true, Ordering::SeqCst);
-        assert!(ended.iter().all(Result::is_ok), "every save succeeds");
+        assert!(ended.iter().all(Result::is_ok), "a save failed");
     });
     assert!(saves.loaded().0 >= 3);
-    assert_eq!(std::fs::read_dir(saves.folder.path()).unwrap().count(), 2, "nothing else is left");
+    assert_eq!(std::fs::read_dir(saves.folder.path()).unwrap().count(), 2, "a file is left");
 }

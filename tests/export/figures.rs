@@ -1,5 +1,5 @@
-//! Figures of the writers, printed: `cargo test --release --test export -- --ignored figures
-//! --nocapture`.
+//! Time, size and memory of the writers, printed by
+//! `cargo test --release --test export -- --ignored figures --nocapture`.
 
 use super::random_splats;
 use std::time::Instant;
@@ -13,7 +13,7 @@ fn memory_mb(field: &str) -> f64 {
 }
 
 #[test]
-#[ignore = "a figure, for a machine with nothing else to do"]
+#[ignore = "a measurement; needs an idle machine"]
 fn figures_of_a_million_splats() {
     let mut splats = random_splats(1_000_000, 91);
     splats.iter_mut().for_each(|s| s.scale = s.scale.map(|v| v.clamp(1e-3, 0.1)));
@@ -21,7 +21,7 @@ fn figures_of_a_million_splats() {
     let before = memory_mb("VmRSS");
     for format in ModelFormat::ALL {
         let path = folder.path().join("scene").with_extension(format.extension());
-        // The peak since now.
+        // Resets the peak memory counter.
         std::fs::write("/proc/self/clear_refs", "5").unwrap();
         let started = Instant::now();
         let summary = write(&path, &splats, &WriteOptions::new(format)).unwrap();

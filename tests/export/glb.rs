@@ -1,4 +1,4 @@
-//! Our own GLB: valid by the text of glTF 2.0 and of the extension.
+//! Written GLB files: valid by the specifications of glTF 2.0 and of the extension.
 
 use super::glb_file::Glb;
 use super::{random_splats, written, written_as};
@@ -42,7 +42,7 @@ fn values_are_in_their_ranges_and_extremes_exact() {
     for axis in 0..3 {
         let values = || positions.iter().map(|p| p[axis]);
         let (min, max) = (values().fold(f32::MAX, f32::min), values().fold(f32::MIN, f32::max));
-        // As JSON readers do: decimal to f64, no rounding to f32 in between.
+        // JSON readers parse decimals to f64, without rounding to f32 in between.
         let accessor = glb.accessor("POSITION");
         assert_eq!(accessor["min"][axis].as_f64().unwrap() as f32, min);
         assert_eq!(accessor["max"][axis].as_f64().unwrap() as f32, max);
@@ -79,7 +79,7 @@ fn the_fallback_colour_is_linear_and_16_bits_wide() {
     let start = glb.view("COLOR_0")["byteOffset"].as_u64().unwrap() as usize;
     let values: Vec<u16> =
         glb.bin[start..start + 8].as_chunks().0.iter().map(|&b| u16::from_le_bytes(b)).collect();
-    // 0.5 decodes to 0.214041, 0.02 to 0.02/12.92.
+    // sRGB decoding: 0.5 gives 0.214041, 0.02 gives 0.02/12.92.
     assert_eq!(values, [14027, 101, 65535, 32768]);
 }
 

@@ -1,9 +1,8 @@
-//! A minimal GLB reader and editor that shares no code with the library's.
+//! A minimal GLB reader and editor that shares no code with the library.
 
 use serde_json::Value;
 use vbgs_studio::model::splat::splats::Splat;
 
-/// JSON and BIN content of a GLB.
 #[derive(Clone)]
 pub struct Glb {
     pub json: Value,
@@ -15,7 +14,7 @@ fn word(bytes: &[u8], at: usize) -> usize {
 }
 
 impl Glb {
-    /// Checks the container while taking it apart.
+    /// Parses a GLB and checks the container.
     pub fn parse(bytes: &[u8]) -> Self {
         assert_eq!(&bytes[..4], b"glTF");
         assert_eq!((word(bytes, 4), word(bytes, 8)), (2, bytes.len()));
@@ -45,7 +44,6 @@ impl Glb {
         bytes
     }
 
-    /// The only primitive.
     pub fn primitive(&mut self) -> &mut Value {
         &mut self.json["meshes"][0]["primitives"][0]
     }
@@ -65,7 +63,7 @@ impl Glb {
         &mut self.json["bufferViews"][index]
     }
 
-    /// Rows of an attribute made of floats, each view checked to lie inside the data.
+    /// Rows of a float attribute; checks that its view lies inside the data.
     pub fn floats(&self, semantic: &str) -> Vec<Vec<f32>> {
         let accessor = &self.json["accessors"][self.attribute(semantic)];
         assert_eq!(accessor["componentType"], 5126);
@@ -90,7 +88,6 @@ impl Glb {
         words.chunks(width).map(<[f32]>::to_vec).collect()
     }
 
-    /// The splats in the file's own axes.
     pub fn splats(&self) -> Vec<Splat> {
         let column = |name: &str| self.floats(&format!("KHR_gaussian_splatting:{name}"));
         let (rotation, scale, opacity) = (column("ROTATION"), column("SCALE"), column("OPACITY"));
@@ -105,7 +102,7 @@ impl Glb {
         self.floats("POSITION").into_iter().enumerate().map(splat).collect()
     }
 
-    /// Appends a view with `bytes` and points an attribute's accessor at it.
+    /// Appends a view with `bytes` and makes the accessor of an attribute use it.
     pub fn replace(&mut self, semantic: &str, bytes: &[u8], accessor: Value) {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
         let view = serde_json::json!({

@@ -1,4 +1,4 @@
-//! glTF of other programs, whole and broken.
+//! glTF files of other programs, valid and invalid.
 
 use super::allocations::largest_during;
 use super::glb_file::Glb;
@@ -20,7 +20,6 @@ fn sample(n: usize) -> (Vec<Splat>, Glb) {
     (splats, glb)
 }
 
-/// A sample changed by `change`, as bytes.
 fn changed(change: impl FnOnce(&mut Glb)) -> Vec<u8> {
     let (_, mut glb) = sample(3);
     change(&mut glb);
@@ -154,7 +153,7 @@ fn nodes_that_mirror_or_shear_are_rejected() {
     for (value, part) in cases {
         assert_fails(part, &node(value), &["node 0: expected a rotation", part, "apply the node"]);
     }
-    // A turned child of an unevenly scaled parent is sheared as well.
+    // A rotated child of a non-uniformly scaled parent is sheared as well.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let bytes = changed(|g| {
         g.json["nodes"] = json!([
@@ -163,7 +162,7 @@ fn nodes_that_mirror_or_shear_are_rejected() {
         ]);
     });
     assert_fails("sheared child", &bytes, &["node 1", "found shear"]);
-    // A quarter turn maps axes onto axes: no shear.
+    // A quarter turn maps axes onto axes, so there is no shear.
     let bytes = changed(|g| {
         g.json["nodes"] = json!([
             {"children": [1], "scale": [1, 2, 1]}, {"mesh": 0, "rotation": [0, 0, half, half]},
@@ -172,7 +171,7 @@ fn nodes_that_mirror_or_shear_are_rejected() {
     assert_eq!(read_bytes(&bytes).unwrap().splats.len(), 3);
 }
 
-/// `(x, y, z)` of glTF to z-up.
+/// Rotates a glTF vector to z-up.
 fn z_up(p: DVec3) -> DVec3 {
     DVec3::new(p.x, -p.z, p.y)
 }
@@ -223,7 +222,7 @@ fn several_primitives_and_foreign_ones() {
         assert_same(found, original, "primitives");
     }
     assert_eq!(model.splats.len(), 8);
-    // Without scenes every root is shown.
+    // Without scenes every root node counts.
     glb.json.as_object_mut().unwrap().remove("scenes");
     glb.json.as_object_mut().unwrap().remove("scene");
     assert_eq!(read_bytes(&glb.to_bytes()).unwrap().splats.len(), 8);
@@ -253,7 +252,7 @@ fn small_component_types() {
     let [a, b] = [model.splats[0], model.splats[1]];
     assert_eq!((a.scale, b.scale), ([1.0, 2.0, 3.0], [40.0, 50.0, 255.0]));
     assert!((a.opacity - 32768.0 / 65535.0).abs() < 1e-7 && b.opacity == 1.0);
-    // Undoing y-up turns the identity by +90° about x, and +90° into 180°.
+    // Rotating to z-up turns the identity into +90° about x, and +90° into 180°.
     let half = std::f32::consts::FRAC_1_SQRT_2;
     assert!(distance(a.rotation, [half, half, 0.0, 0.0]) < 1e-6, "{:?}", a.rotation);
     assert!(distance(b.rotation, [0.0, 1.0, 0.0, 0.0]) < 1e-6, "{:?}", b.rotation);
@@ -337,10 +336,10 @@ fn harmonics_that_cannot_be_read_are_ignored_with_a_note() {
     let add = |g: &mut Glb, degree: u32, n: u32| {
         (0..n).for_each(|n| g.primitive()["attributes"][name(degree, n)] = 5.into());
     };
-    // Degree 1 is not whole.
+    // Degree 1 is incomplete.
     let model = ignored(&|g| add(g, 1, 2), 6);
     assert!(model.splats.view().appearance().is_empty());
-    // Linear coefficients have no counterpart of degree 1 in sRGB.
+    // Linear coefficients of degree 1 cannot be converted to sRGB.
     let model = ignored(
         &|g| {
             add(g, 1, 3);
@@ -369,7 +368,7 @@ fn points_without_the_extension_are_a_point_cloud() {
     assert_eq!((model.kind, model.notes.len()), (ModelKind::PointCloud, 0));
     for (found, original) in model.splats.iter().zip(&splats) {
         assert_eq!(found.mean, original.mean);
-        // 16 linear bits, at their coarsest in the darks: 1/65535 · 12.92.
+        // 16 linear bits are coarsest in sRGB for dark colours: 1/65535 · 12.92.
         assert!(distance(found.color, original.color) < 1e-4);
         assert_eq!(found.opacity, 1.0);
     }
@@ -443,14 +442,14 @@ fn false_counts_fail_before_memory_is_taken() {
     });
     let (result, largest) = largest_during(|| read_bytes(&bytes));
     assert!(result.is_err() && largest < 20_000, "{largest}");
-    // Nodes times primitives.
+    // The limit applies to nodes times primitives.
     let (_, mut glb) = sample(1);
     let primitive = glb.primitive().clone();
     glb.json["meshes"][0]["primitives"] = vec![primitive; 400].into();
     glb.json["nodes"] = vec![json!({"mesh": 0}); 400].into();
     glb.json["scenes"][0]["nodes"] = (0..400).collect::<Vec<u32>>().into();
     assert_fails("400 times 400", &glb.to_bytes(), &["more than 100000 primitives"]);
-    // One mesh shown by many nodes multiplies: the sum is limited too.
+    // A mesh used by many nodes counts once per node; the sum of splats is limited too.
     let (_, mut glb) = sample(2000);
     glb.json["nodes"] = vec![json!({"mesh": 0}); 10_001].into();
     glb.json["scenes"][0]["nodes"] = (0..10_001).collect::<Vec<u32>>().into();

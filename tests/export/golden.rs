@@ -1,4 +1,4 @@
-//! Golden values: covariances to splats, and whole tiny files through the public functions.
+//! Golden values: splats from covariances, and small files written by the public functions.
 
 use super::written;
 use crate::common::golden::{golden_file, golden_folder};
@@ -9,14 +9,14 @@ use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, read};
 use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::splats::{CovarianceForm, Splat, decompose};
 
-/// Factor the reference exporter puts on its scales (`model.md`, From posterior to splat).
+/// Factor of the reference exporter on its scales (`model.md`, From posterior to splat).
 const LEGACY_SCALE_FACTOR: f64 = 1.41;
-/// A [`Splat`] holds f32 and the golden files were made from f64: where a field passes through
-/// `(c − ½)/C0` or a logit, the last two bits may differ.
+/// A [`Splat`] holds f32 but the golden files were made from f64: after `(c − ½)/C0` or a logit the last
+/// two bits may differ.
 const INPUT_ROUNDING_ULPS: u32 = 3;
 
-/// Eigenvectors have no sign: flipping two of them turns the frame by half a turn about the third
-/// and changes nothing else, so the golden quaternion is one of four.
+/// Eigenvectors have no sign: flipping two of them rotates the frame by half a turn about the third, so
+/// the golden quaternion is one of four.
 const HALF_TURNS: [DQuat; 4] = [
     DQuat::IDENTITY,
     DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0),
@@ -52,7 +52,6 @@ fn wxyz(q: DQuat) -> [f64; 4] {
     [q.w, q.x, q.y, q.z]
 }
 
-/// Largest difference of two quaternions, up to their sign.
 fn rotation_distance(a: [f64; 4], b: &[f64]) -> f64 {
     let with = |sign: f64| a.iter().zip(b).map(|(x, y)| (x - sign * y).abs()).fold(0.0, f64::max);
     with(1.0).min(with(-1.0))
@@ -69,7 +68,7 @@ fn covariance_cases_in_both_forms() {
     let (mut n_arrays, mut n_values, mut worst) = (0, 0, [0.0f64; 2]);
     for case in cases["covariance_cases"].as_array().unwrap() {
         let covariance = Sym3::from_mat3(DMat3::from_cols_slice(&numbers(&case["cov"])));
-        // The reference exporter is given f32, and the golden legacy values follow it.
+        // The reference exporter takes f32 input, so the golden legacy values do too.
         let narrow = Sym3::from_array(covariance.to_array().map(|v| f64::from(v as f32)));
         let forms = [
             (covariance, CovarianceForm::Eigen, 1.0, "eigen_scale", "eigen_quat_wxyz"),
@@ -122,7 +121,7 @@ fn f32s(folder: &Path, name: &str) -> Vec<f64> {
     bytes.as_chunks().0.iter().map(|&b| f64::from(f32::from_le_bytes(b))).collect()
 }
 
-/// Tolerances of the golden files.
+/// Compares within the tolerances of the golden files.
 #[test]
 fn reference_scales_quaternions_and_eigenvalues() {
     let folder = golden_folder("splat");
@@ -135,7 +134,7 @@ fn reference_scales_quaternions_and_eigenvalues() {
         worst[0] = worst[0].max(relative(&scale.to_array(), &scale_ref[3 * i..][..3]));
         worst[1] = worst[1].max(rotation_distance(wxyz(rotation), &quat_ref[4 * i..][..4]));
         let golden = &eig[3 * i..][..3];
-        // decompose counts eigenvalues below zero by rounding as zero.
+        // `decompose` clamps eigenvalues that are negative by rounding to zero.
         let values = decompose(covariance, CovarianceForm::Eigen).0.map(|s| s * s).to_array();
         for (value, golden_value) in values.iter().rev().zip(golden) {
             worst[2] = worst[2].max((value - golden_value).abs() / golden[2]);
@@ -151,7 +150,7 @@ fn reference_scales_quaternions_and_eigenvalues() {
     assert!(worst[0] < 2e-6 && worst[1] < 2e-6 && worst[2] < 1e-14, "{worst:?}");
 }
 
-/// Compares two runs of f32; returns how many are equal bit for bit.
+/// Compares two arrays of f32; returns the number of values that are equal bit for bit.
 fn assert_close(name: &str, ours: &[u8], golden: &[u8]) -> usize {
     assert_eq!(ours.len(), golden.len(), "{name}");
     let words = |bytes: &[u8]| -> Vec<u32> {
@@ -225,7 +224,7 @@ fn axis_changes_move_covariances_as_a_sigma_a_transposed() {
         assert_eq!(a * mean(before), mean(after));
         assert_turned(a, before.covariance(), after.covariance());
     }
-    // GLB is turned back on import, so the file itself is looked at.
+    // Import rotates a GLB back, so this reads the raw file.
     let bytes = written(&splats, &WriteOptions::new(ModelFormat::Glb));
     let a = DMat3::from_cols_slice(&numbers(&cases["zup_to_yup"]["matrix"])).transpose();
     let raw = super::glb_file::Glb::parse(&bytes).splats();
@@ -242,6 +241,6 @@ fn assert_turned(a: DMat3, before: Sym3, after: Sym3) {
     let expected = a * before.to_mat3() * a.transpose();
     let difference = expected - after.to_mat3();
     let largest = |m: DMat3| m.to_cols_array().iter().fold(0.0f64, |w, v| w.max(v.abs()));
-    // Scales carry 1e-6 (their logarithm is f32), quaternions 1e-7.
+    // Scales are accurate to 1e-6 (their logarithm is f32), quaternions to 1e-7.
     assert!(largest(difference) < 4e-6 * largest(expected), "{difference} of {expected}");
 }

@@ -1,4 +1,4 @@
-//! Damage of every kind: an error or a model, never a panic, never memory out of proportion.
+//! Damaged files: reading gives an error or a valid model, never a panic, and memory stays in proportion.
 
 use super::allocations::largest_during;
 use super::glb_file::Glb;
@@ -11,7 +11,7 @@ use std::path::Path;
 use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read};
 use vbgs_studio::math::rng::{Purpose, Rng};
 
-/// Small files of every kind that can be read.
+/// Small files of every readable format.
 fn files() -> Vec<(&'static str, Vec<u8>)> {
     let splats = random_splats(2, 41);
     let native = set(&splats, &random_appearance(&splats, 41));
@@ -57,10 +57,10 @@ fn truncation_at_every_byte() {
     for (name, bytes) in files() {
         for end in 0..bytes.len() {
             let result = read_at(&path, &bytes[..end]);
-            // A text cut inside its last number, or just behind it, is a shorter text.
+            // A text cut inside its last number or just behind it is still valid.
             let may_pass = match name {
                 "ascii" => end + 3 > bytes.len(),
-                // Nothing in the file says how many there are.
+                // The format has no count, so a cut between splats goes unnoticed.
                 "splat" => end == 32,
                 _ => false,
             };

@@ -1,4 +1,4 @@
-//! PLY, GLB, SPZ, `.splat` and checkpoints: golden files, round trips, files of other programs, damaged files.
+//! PLY, GLB, SPZ, `.splat` and checkpoints: golden files, round trips, foreign files, damaged files.
 #![allow(clippy::unwrap_used)]
 
 mod allocations;
@@ -32,7 +32,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// Reads a model from bytes, under a name that tells nothing.
+/// Reads a model from bytes, in a file without an extension.
 fn read_bytes(bytes: &[u8]) -> Result<Imported, ExportError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model");
@@ -40,7 +40,6 @@ fn read_bytes(bytes: &[u8]) -> Result<Imported, ExportError> {
     read(&path)
 }
 
-/// The bytes `write` makes of some splats.
 fn written<'a>(splats: impl Into<SplatView<'a>>, options: &WriteOptions) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model");
@@ -54,7 +53,7 @@ fn written_as<'a>(format: ModelFormat, splats: impl Into<SplatView<'a>>) -> Vec<
     written(splats, &WriteOptions::new(format))
 }
 
-/// Panics unless reading fails with a message that holds every one of `parts`.
+/// Panics unless reading fails with a message that contains all `parts`.
 fn assert_fails(name: &str, bytes: &[u8], parts: &[&str]) {
     let message = read_bytes(bytes).expect_err(name).to_string();
     for part in parts {
@@ -62,7 +61,7 @@ fn assert_fails(name: &str, bytes: &[u8], parts: &[&str]) {
     }
 }
 
-/// Splats of all sizes, colours, opacities and orientations.
+/// Random splats of all sizes, colours, opacities and orientations.
 fn random_splats(n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
     (0..n)
@@ -80,7 +79,6 @@ fn random_splats(n: usize, seed: u64) -> Vec<Splat> {
         .collect()
 }
 
-/// Splats with an appearance.
 fn set(splats: &[Splat], appearance: &[Appearance]) -> SplatSet {
     let mut set = SplatSet::default();
     splats.iter().zip(appearance).for_each(|(splat, appearance)| set.push(*splat, *appearance));

@@ -1,5 +1,5 @@
-//! Native splats as plain ones: areas, moments and colours as `files.md`, Native splats as plain
-//! ones, has them.
+//! Mapping native splats to plain ones: areas, moments and colours (`files.md`, Native splats as plain
+//! ones).
 
 use super::{distance, read_bytes, set, written};
 use crate::common::scenes::{NATIVE_SCENES, Scene, random_appearance};
@@ -21,7 +21,7 @@ fn mappings() -> impl Iterator<Item = Mapping> {
     SPLITS.into_iter().flat_map(|split| OPACITIES.map(|opacity| Mapping { opacity, split }))
 }
 
-/// Splats with gradients and view dependence, of opacities within a range.
+/// Random splats with gradients and view dependence, with opacities in a range.
 fn native(opacity: (f64, f64), seed: u64) -> SplatSet {
     let scene = Scene { opacity, n_splats: 300, ..NATIVE_SCENES[1] };
     let splats = scene.splats(seed);
@@ -40,7 +40,7 @@ fn matrix(rows: [[f32; 3]; 3]) -> DMat3 {
 fn what_plain_files_hold_passes_unchanged() {
     let scene = Scene { opacity: (0.01, 1.0), n_splats: 200, ..NATIVE_SCENES[0] };
     let splats = scene.splats(1);
-    // Degree-1 colour alone is nothing to map: what was exported once can be exported again.
+    // Degree-1 colour alone needs no mapping, so exported splats can be exported again.
     let directional = random_appearance(&splats, 1)
         .into_iter()
         .map(|a| Appearance { gradient: [[0.0; 3]; 3], ..a })
@@ -81,7 +81,7 @@ fn mapped_scenes_are_plain_and_keep_their_view_dependence() {
     }
 }
 
-/// `∫ min(0.99, o·exp(−r²/2)) dA` over a plane, numerically.
+/// Numerical integral `∫ min(0.99, o·exp(−r²/2)) dA` over the plane.
 fn covered_area(opacity: f64) -> f64 {
     let step = 1e-3;
     let radii = (0..10_000).map(|i| (f64::from(i) + 0.5) * step);
@@ -91,7 +91,7 @@ fn covered_area(opacity: f64) -> f64 {
 
 #[test]
 fn equal_area_covers_what_the_flat_top_covered() {
-    // Split splats are not widened further, so what is left is the factor of the flat top.
+    // Split splats are not widened further, so only the factor of the flat top remains.
     let mapping = Mapping { opacity: OpacityMapping::EqualArea, split: GradientSplit::Two };
     let widened = |opacity: f32| {
         let splat = Splat { opacity, scale: [0.3, 0.2, 0.1], ..Splat::default() };
@@ -106,7 +106,7 @@ fn equal_area_covers_what_the_flat_top_covered() {
         let expected = covered_area(f64::from(opacity));
         assert!((area / expected - 1.0).abs() < 1e-5, "{opacity}: {area} {expected}");
     }
-    // Nothing jumps where the flat top begins.
+    // The factor is continuous where the flat top begins.
     assert_eq!(widened(0.98), 1.0);
     assert!((widened(0.99001) - 1.0).abs() < 1e-5);
 }
@@ -131,7 +131,7 @@ fn single_splats_are_widened_as_measured() {
     assert_eq!((plain[0].opacity, plain[0].scale), (0.99, [0.25; 3]));
 }
 
-/// Pieces of equal weight together have the mean, covariance, colour and gradient of the whole.
+/// Pieces of equal weight together have the mean, covariance, colour and gradient of the native splat.
 #[test]
 fn pieces_have_the_moments_of_the_whole() {
     for (split, n) in [(GradientSplit::Two, 2), (GradientSplit::Four, 4)] {
@@ -168,7 +168,7 @@ fn pieces_have_the_moments_of_the_whole() {
             worst[2] = worst[2].max(tint.abs().max_element());
         }
         println!("{split:?}: centre, covariance, mean colour, colour of a piece: {worst:?}");
-        // Means are f32 up to 1 beside scales of 0.05 and more; gradients reach 5 per unit.
+        // Bounds follow from f32 means up to 1, scales of 0.05 or more, and gradients up to 5 per unit.
         assert!(worst[0] < 3e-6 && worst[1] < 1e-5 && worst[2] < 1e-6 && worst[3] < 1e-5);
     }
 }
@@ -208,8 +208,8 @@ fn awkward_splats() {
         (Splat { opacity: f32::NAN, ..base }, extra, 0),
         (Splat { opacity: 0.0, ..base }, extra, 0),
         (Splat { mean: [0.0, f32::INFINITY, 0.0], ..base }, extra, 0),
-        // More than the flat top goes to, a ball without extent, a needle, a disc: along an axis
-        // without extent nothing is split.
+        // An opacity far above the usual range, a point, a needle and a disc: axes without extent
+        // are not split.
         (Splat { opacity: 1e30, ..base }, extra, 4),
         (Splat { scale: [0.0; 3], ..base }, extra, 1),
         (Splat { scale: [0.0, 0.1, 0.0], ..base }, extra, 2),
@@ -253,7 +253,7 @@ fn point_clouds_are_not_mapped() {
     assert!(cloud.splats.iter().zip(native.iter()).all(|(a, b)| a.mean == b.mean));
 }
 
-/// Opaque discs on a plane, coloured by a smooth texture and its gradient.
+/// Opaque discs on a plane, with colour and gradient from a smooth texture.
 fn textured_plane() -> SplatSet {
     let texture = |x: f64, y: f64| {
         let waves = [(9.0 * x).sin() * (7.0 * y).cos(), (5.0 * x + 6.0 * y).sin(), (8.0 * y).cos()];
@@ -276,7 +276,7 @@ fn textured_plane() -> SplatSet {
             mean: [x as f32, y as f32, 0.0],
             opacity: rng.range(2.0, 2.9) as f32,
             color: texture(x, y).map(|c| c as f32),
-            // Points spread evenly over a cell, times the native factor.
+            // Deviation of points spread evenly over a cell, times the native factor.
             scale: [0.3, 0.28, 0.02].map(|s: f64| (1.2 * s * spacing) as f32),
             rotation: [1.0, 0.0, 0.0, 0.0],
         };
@@ -286,7 +286,7 @@ fn textured_plane() -> SplatSet {
     discs
 }
 
-/// The figures of `files.md`, Native splats as plain ones, in small: splits bring gradients back,
+/// A small version of the figures in `files.md`, Native splats as plain ones: splits restore gradients,
 /// and no mapping opens holes.
 #[test]
 fn mapped_scenes_look_like_native_ones() {

@@ -1,4 +1,4 @@
-//! Triangle meshes from components: a sphere whose truth is known, holes, formats, and the figure of a
+//! Triangle meshes from components: a sphere with known truth, holes, formats, and the accuracy on a
 //! recording.
 
 use super::common::shared;
@@ -17,7 +17,7 @@ use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::pipeline::tracked::surfels;
 
-/// Discs on a sphere of radius 1 about `centre`, none within `hole` of its top.
+/// Surfels on a sphere of radius 1 about `centre`, none within `hole` of its top.
 fn sphere(n: usize, centre: DVec3, hole: f64) -> Vec<Surfel> {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let surfels = (0..n).map(|i| {
@@ -43,18 +43,18 @@ fn a_sphere_is_closed_and_a_hole_stays_open() {
     let mesh = triangulate(&sphere(4000, centre, 0.0), 0.05).unwrap();
     let worst = mesh.positions.iter().map(|p| ((*p - centre).length() - 1.0).abs());
     assert!(worst.fold(0.0, f64::max) < 0.01);
-    // Every edge belongs to two triangles, once in each direction: closed and of one side.
+    // Every edge belongs to two triangles, once in each direction: closed and consistently oriented.
     let edges = |mesh: &[[u32; 3]]| -> std::collections::BTreeSet<(u32, u32)> {
         mesh.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect()
     };
     let all = edges(&mesh.triangles);
     assert_eq!(all.len(), 3 * mesh.triangles.len());
     assert!(all.iter().all(|&(a, b)| all.contains(&(b, a))));
-    // Euler: a sphere.
+    // Euler characteristic of a sphere.
     assert_eq!(mesh.positions.len() + mesh.triangles.len() - all.len() / 2, 2);
     for &[a, b, c] in &mesh.triangles {
         let [a, b, c] = [a, b, c].map(|v| mesh.positions[v as usize]);
-        assert!((b - a).cross(c - a).dot(a - centre) >= 0.0, "seen from outside");
+        assert!((b - a).cross(c - a).dot(a - centre) >= 0.0, "a triangle faces inwards");
     }
     for (position, color) in mesh.positions.iter().zip(&mesh.colors) {
         assert!((*color - 0.5 - 0.5 * (*position - centre)).length() < 0.1);
@@ -62,7 +62,7 @@ fn a_sphere_is_closed_and_a_hole_stays_open() {
     let open = triangulate(&sphere(4000, centre, 0.5), 0.05).unwrap();
     let nearest = open.positions.iter().map(|p| (*p - centre - DVec3::Z).length());
     let nearest = nearest.fold(f64::INFINITY, f64::min);
-    // Not farther than two deviations and a cell into the hole.
+    // The mesh reaches at most about two deviations and one cell into the hole.
     assert!((0.5 - 2.5 * 0.032 - 0.07..0.6).contains(&nearest), "{nearest}");
 }
 
@@ -150,8 +150,8 @@ fn what_is_no_mesh_is_named() {
     assert!(error.contains("ending in .ply, .glb or .obj, found \"stl\""), "{error}");
 }
 
-/// Distance of each point to the nearest depth that any frame measured in the pixel it falls on, the
-/// cameras where `scene` says they stood.
+/// Smallest difference between each point's depth and the depth measured at its pixel, over all frames,
+/// with camera poses as corrected by `scene`.
 fn distances_to_depth(points: &[DVec3], dataset: &Dataset, scene: &Finishing) -> Vec<f64> {
     let mut nearest = vec![f64::INFINITY; points.len()];
     for entry in dataset.splits.iter().flat_map(|split| &split.frames) {
@@ -173,7 +173,7 @@ fn distances_to_depth(points: &[DVec3], dataset: &Dataset, scene: &Finishing) ->
     nearest
 }
 
-/// The mesh of a recorded room lies where its camera measured: within half the structural scale.
+/// Vertices of a recorded room lie within half the structural scale of the measured depth.
 #[test]
 #[ignore = "trains on 100 Kinect frames: half a minute"]
 fn a_recorded_room_lies_where_it_was_measured() {

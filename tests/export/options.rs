@@ -1,4 +1,4 @@
-//! What of a model is written, how it stands, and who is told.
+//! Options of the writers: selection of splats, axes and units, and progress.
 
 use super::{distance, random_splats, read_bytes, set, written};
 use glam::DVec3;
@@ -15,8 +15,8 @@ fn mean_of(bytes: &[u8]) -> [f32; 3] {
     read_bytes(bytes).unwrap().splats[0].mean
 }
 
-/// Whatever is up in the model's world, it is up in the file: y of GLB and SPZ, which reading turns
-/// to z, and the axis that is asked for in a PLY.
+/// The model's up direction becomes y in GLB and SPZ, which reading rotates to z, and the selected axis
+/// in a PLY.
 #[test]
 fn up_stays_up() {
     let ups = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
@@ -46,7 +46,7 @@ fn up_stays_up() {
     }
 }
 
-/// A camera's world, y down: turned half about x, and no coordinate loses a bit.
+/// A y-down camera world is rotated by half a turn about x without changing a bit of a coordinate.
 #[test]
 fn turns_between_axes_are_exact() {
     let splats = random_splats(50, 82);
@@ -97,14 +97,14 @@ fn what_is_not_asked_for_is_left_out() {
     }
     let (evidence, uncertainty) = ([9.0, 1.0, 9.0, 9.0, 9.0, 9.0], [0.1, 0.1, 0.1, 0.5, 0.1, 0.1]);
     let selection = WriteSelection {
-        // Corners in any order.
+        // The corners may come in any order.
         crop: Some([DVec3::new(4.5, -1.0, -1.0), DVec3::new(-0.5, 1.0, 1.0)]),
         min_evidence: Some(2.0),
         max_uncertainty: Some(0.2),
         uncertainty: Some(&uncertainty),
         left_out: Some(&[false, false, false, false, true, false]),
     };
-    // Of native splats all pieces, by the centre of the whole.
+    // All pieces of a native splat are selected together, by the centre of the splat.
     let gradient = [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]];
     let native = set(&splats, &[Appearance { gradient, ..Appearance::default() }; 6]);
     for format in ModelFormat::ALL {

@@ -1,4 +1,4 @@
-//! PLY as other programs see it, through a reader that shares no code with ours.
+//! Written PLY files, read by a parser that shares no code with ours.
 
 use super::{random_splats, read_bytes, written, written_as};
 use glam::DVec3;
@@ -46,7 +46,7 @@ fn an_independent_reader_finds_every_splat() {
                 let scale = float(vertex, &format!("scale_{i}")).exp();
                 assert!((scale / splat.scale[i] - 1.0).abs() < 2e-6);
             }
-            // Of the two quaternions of a rotation, files have the one of positive w.
+            // Files hold the quaternion with positive w.
             let sign = splat.rotation[0].signum();
             for i in 0..4 {
                 let found = float(vertex, &format!("rot_{i}"));

@@ -1,11 +1,11 @@
-//! PlayCanvas' compressed PLY, packed here by its description.
+//! PlayCanvas' compressed PLY, packed here independently by its description.
 
 use super::{assert_fails, distance, random_splats, read_bytes};
 use vbgs_studio::export::{Imported, Note};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// A file of the splats; `n_rest` coefficients in element `sh`, 0 for none; `colored` for chunks with
-/// extremes of colour.
+/// Packs splats into a file with `n_rest` coefficients in the element `sh` (0: no element); `colored` adds
+/// the colour range to the chunks.
 pub fn compressed(splats: &[Splat], n_rest: usize, colored: bool) -> Vec<u8> {
     let n_chunks = splats.len().div_ceil(256);
     let mut header = format!(
@@ -81,7 +81,7 @@ fn pack_rotation(q: [f32; 4]) -> u32 {
 fn assert_read(model: &Imported, splats: &[Splat]) {
     assert_eq!((model.splats.len(), model.skipped), (splats.len(), 0));
     for (a, b) in splats.iter().zip(model.splats.iter()) {
-        // A thousandth of the chunk: 100 wide, eight decades of scale.
+        // About 1/1000 of the chunk's range, which is 100 units and eight decades of scale.
         assert!(distance(a.mean, b.mean) < 0.06, "{:?} {:?}", a.mean, b.mean);
         assert!(distance(a.scale.map(f32::ln), b.scale.map(f32::ln)) < 0.011);
         assert!(distance(a.color, b.color) < 0.003 && (a.opacity - b.opacity).abs() < 0.003);
@@ -108,7 +108,7 @@ fn packed_splats_are_read() {
 fn harmonics_stand_channel_by_channel() {
     let splats = random_splats(2, 62);
     let model = read_bytes(&compressed(&splats, 9, true)).unwrap();
-    // Bytes 9 to 17 of the second splat: red has 9, 10 and 11.
+    // Bytes 9 to 17 belong to the second splat; its red channel is 9, 10 and 11.
     let value = |byte: f32| ((byte + 0.5) / 256.0 - 0.5) * 8.0;
     let of = |f: f32| 0.488_602_5 * value(f);
     let red = model.splats.view().appearance()[1].directional[0];

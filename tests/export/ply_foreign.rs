@@ -1,4 +1,4 @@
-//! PLY files of other programs, whole and broken.
+//! PLY files of other programs, valid and invalid.
 
 use super::allocations::largest_during;
 use super::{assert_fails, distance, read_bytes};
@@ -11,7 +11,7 @@ enum Encoding {
     Big,
 }
 
-/// A vertex element with the given properties (`type name`) and rows.
+/// PLY file with a vertex element of the given properties (`type name`) and rows.
 fn file(encoding: Encoding, properties: &[&str], rows: &[Vec<f64>]) -> Vec<u8> {
     let mut bytes = header(encoding, "", properties, rows.len(), "\n");
     for row in rows {
@@ -198,7 +198,7 @@ fn zero_quaternions_and_wild_colours_are_repaired_and_counted() {
 
 #[test]
 fn harmonics_above_degree_1_are_ignored_with_a_note() {
-    // Degrees 1 to 4, and counts of no whole degree.
+    // Degrees 1 to 4, and counts that match no degree.
     for (n_coefficients, n_read) in [(9, 9), (24, 9), (45, 9), (72, 9), (10, 0), (12, 0)] {
         let names: Vec<String> = (0..n_coefficients).map(|i| format!("float f_rest_{i}")).collect();
         let mut properties = SPLAT.to_vec();
@@ -220,7 +220,7 @@ fn harmonics_above_degree_1_are_ignored_with_a_note() {
         let appearance = model.splats.view().appearance();
         assert_eq!(appearance.is_empty(), n_read == 0);
         for (channel, row) in appearance.iter().flat_map(|a| a.directional).enumerate() {
-            // Coefficients go channel by channel, in the order −y, z, −x.
+            // Coefficients are stored channel by channel, in the order −y, z, −x.
             let first = (channel * n_coefficients as usize / 3) as f32;
             let expected = [-first - 2.0, -first, first + 1.0].map(|v| 0.488_602_5 * v);
             assert!(distance(row, expected) < 1e-5, "{n_coefficients}: {row:?} {expected:?}");
@@ -276,7 +276,7 @@ fn point_clouds_with_all_kinds_of_colour() {
         let model = read_bytes(&file(Encoding::Big, &properties, &rows)).unwrap();
         assert_eq!((model.kind, model.notes.len()), (ModelKind::PointCloud, 0), "{kind}");
         assert!(distance(model.splats[8].color, [color; 3]) < 1e-6, "{kind}");
-        // 9 points over a box of diagonal 8: half a spacing of 8/3.
+        // The scale is half the assumed spacing of 8/3: 9 points in a box of diagonal 8.
         assert!(
             (model.splats[0].scale[0] - 4.0 / 3.0).abs() < 1e-6 && model.splats[0].opacity == 1.0
         );
@@ -292,7 +292,7 @@ fn missing_properties_are_named() {
     for (i, property) in SPLAT.iter().enumerate() {
         let name = property.split(' ').nth(1).unwrap();
         if ["scale_0", "scale_2", "rot_0"].contains(&name) {
-            continue; // without these it is a point cloud or flat
+            continue; // without these the file is a valid point cloud or flat splats
         }
         let mut properties = SPLAT.to_vec();
         properties.remove(i);
@@ -315,7 +315,7 @@ fn a_false_count_fails_before_memory_is_taken() {
             assert!(largest < 20_000, "{encoding:?}: {largest} bytes taken");
         }
     }
-    // The same before the vertices, with and without lists.
+    // The same for an element before the vertices, with and without lists.
     for before in [
         "element a 1000000000\nproperty int b\n",
         "element a 1000000000\nproperty list uchar int b\n",

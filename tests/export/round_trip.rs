@@ -1,10 +1,10 @@
-//! What is written comes back (`files.md`, From splat to file: mean exact, the rest to 1e-6).
+//! Written splats read back (`files.md`, From splat to file: mean exact, the rest to 1e-6).
 
 use super::{distance, random_splats, read_bytes, written};
 use vbgs_studio::export::{Axes, ModelFormat, ModelKind, Note, WriteOptions, read_up_to, write};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// The tolerances of a round trip.
+/// Checks a splat within the tolerances of a round trip.
 pub fn assert_same(a: &Splat, b: &Splat, name: &str) {
     assert!((a.opacity - b.opacity).abs() <= 1e-6, "{name}: opacity {} {}", a.opacity, b.opacity);
     assert!(distance(a.color, b.color) <= 1e-6, "{name}: colour {:?} {:?}", a.color, b.color);
@@ -100,7 +100,7 @@ fn extremes_are_floored_not_broken() {
     }
 }
 
-/// SPZ has no place for them.
+/// SPZ cannot store comments.
 #[test]
 fn comments_travel_with_the_file() {
     let comments = ["vbgs legacy-cov".to_owned(), "k = 3".to_owned()];

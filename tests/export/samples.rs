@@ -1,4 +1,4 @@
-//! Small files by other programs (`../shared/data/splats`): the same splats in several formats.
+//! Small files by other programs (`../shared/data/splats`), with the same splats in several formats.
 
 use super::distance;
 use crate::common::shared;
@@ -10,7 +10,7 @@ fn sample(name: &str) -> Option<Imported> {
     Some(read(&shared(&format!("data/splats/{name}"))?).unwrap())
 }
 
-/// A y-up file's splat as it stands in the file: reading turned it to z-up.
+/// Rotates a splat back to the axes of its y-up file; reading rotated it to z-up.
 fn in_file_axes(splat: &Splat) -> Splat {
     let [x, y, z] = splat.mean;
     let [w, i, j, k] = splat.rotation.map(f64::from);
@@ -33,7 +33,7 @@ fn assert_alike(name: &str, a: &Splat, b: &Splat, slack: f32) {
     assert!((a.opacity - b.opacity).abs() <= 1.0 / 255.0, "{name}: {a:?} {b:?}");
     assert!(distance(a.color, b.color) <= slack, "{name}: {:?} {:?}", a.color, b.color);
     assert!(scale <= slack.max(0.05), "{name}: {:?} {:?}", a.scale, b.scale);
-    // Of balls any rotation is right.
+    // Compares covariances: a ball may have any rotation.
     let difference = shape(a) - shape(b);
     let part = difference.to_cols_array().map(f64::abs).into_iter().fold(0.0, f64::max);
     assert!(
@@ -53,8 +53,8 @@ fn four_splats_are_the_same_in_every_format() {
     for name in ["minimal-raw.spz", "minimal-v2.spz", "minimal-v3.spz", "minimal-v4.spz"] {
         let Some(packed) = sample(name) else { return };
         assert_eq!(packed.splats.len(), 4, "{name}");
-        // The older two hold the coordinates and colours as they were, the newer ones those of
-        // the format: y up and z backward, coefficients.
+        // The older two files hold coordinates and colours unconverted; the newer two follow the
+        // format: y up, z backward, colours as coefficients.
         let is_converted = name.contains("v3") || name.contains("v4");
         let (sign, slack) = if is_converted { (-1.0, 0.005) } else { (1.0, 0.15) };
         for (a, b) in plain.splats.iter().zip(packed.splats.iter()) {
@@ -65,7 +65,7 @@ fn four_splats_are_the_same_in_every_format() {
     }
 }
 
-/// Nine splats with harmonics of degree 3, of which degree 1 is read.
+/// Nine splats with harmonics of degree 3; reading uses degree 1 only.
 #[test]
 fn nine_splats_are_the_same_as_ply_and_spz() {
     let (Some(ply), Some(spz)) = (sample("model.ply"), sample("model.spz")) else { return };
@@ -77,8 +77,8 @@ fn nine_splats_are_the_same_as_ply_and_spz() {
     }
 }
 
-/// Every component type of `KHR_gaussian_splatting`: one splat a primitive, by a draft whose scales
-/// are logarithms.
+/// One splat per primitive and component type of `KHR_gaussian_splatting`, in a draft with logarithmic
+/// scales.
 #[test]
 fn every_component_type_of_the_extension_is_read() {
     let scale = |l: [f64; 3]| l.map(|v| v.exp() as f32);
@@ -110,7 +110,7 @@ fn every_component_type_of_the_extension_is_read() {
     }
 }
 
-/// A kernel of an extension that nobody here knows: an ellipse, coloured as its points are.
+/// An unknown kernel extension is read as an ellipse with the fallback colour.
 #[test]
 fn an_unknown_kernel_is_an_ellipse() {
     let Some(model) = sample("khr_extensible_fallback.gltf") else { return };
@@ -118,6 +118,6 @@ fn an_unknown_kernel_is_an_ellipse() {
     let splat = in_file_axes(&model.splats[0]);
     assert_eq!((splat.mean, splat.opacity), ([1.0, 2.0, 3.0], 0.5));
     assert!(distance(splat.scale, [1.0; 3]) < 1e-6, "{:?}", splat.scale);
-    // 0.2821, 0.5642 and 0.8463, linear.
+    // sRGB encodings of linear 0.2821, 0.5642 and 0.8463.
     assert!(distance(splat.color, [0.5679, 0.7770, 0.9285]) < 1e-3, "{:?}", splat.color);
 }

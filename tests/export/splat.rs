@@ -1,10 +1,10 @@
-//! `.splat`: 32 bytes a splat, told by what they hold.
+//! `.splat`: 32 bytes per splat, without a header, so the reader recognises it by plausible values.
 
 use super::{assert_fails, distance, random_splats, read_bytes};
 use vbgs_studio::export::read_up_to;
 use vbgs_studio::model::splat::splats::Splat;
 
-/// The splats as `.splat`, written by hand.
+/// Encodes splats as `.splat`, independently of the library.
 pub fn dot_splat(splats: &[Splat]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for splat in splats {

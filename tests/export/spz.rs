@@ -1,10 +1,10 @@
-//! SPZ: every version, and what is no SPZ.
+//! Reading SPZ: every version, and invalid files.
 
 use super::assert_fails;
 use flate2::{Compression, write::GzEncoder};
 use std::io::Write;
 
-/// A file of version 1 to 3 before its gzip, of splats of zeros.
+/// File of version 1 to 3 before gzip; every column byte is 128.
 pub fn legacy(version: u32, n: u32, degree: u8) -> Vec<u8> {
     let coefficients = (usize::from(degree) + 1).pow(2) - 1;
     let position = if version == 1 { 6 } else { 9 };
@@ -24,7 +24,7 @@ pub fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// A file of version 4 around columns, each compressed, with lengths as they are.
+/// File of version 4 with each column compressed and its true lengths.
 pub fn version_4(n: u32, degree: u8, columns: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = b"NGSP\x04\0\0\0".to_vec();
     bytes.extend(n.to_le_bytes());
@@ -40,7 +40,6 @@ pub fn version_4(n: u32, degree: u8, columns: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
-/// Columns of zeros for a file of version 4 without harmonics.
 pub fn zeros(n: usize) -> Vec<Vec<u8>> {
     [9, 1, 3, 3, 4].map(|width| vec![0; n * width]).to_vec()
 }
@@ -48,9 +47,9 @@ pub fn zeros(n: usize) -> Vec<Vec<u8>> {
 #[test]
 fn half_precision_positions_of_version_1_are_read() {
     let mut file = legacy(1, 2, 0);
-    // 1, −2 and ⅓ in half precision, turned to z-up.
+    // 1, −2 and ⅓ in half precision, rotated to z-up.
     file[16..22].copy_from_slice(&[0x00, 0x3C, 0x00, 0xC0, 0x55, 0x35]);
-    // The second splat's x is no number.
+    // The x of the second splat is NaN.
     file[22..24].copy_from_slice(&[0x01, 0x7E]);
     let model = super::read_bytes(&gzip(&file)).unwrap();
     assert_eq!((model.splats.len(), model.skipped), (1, 1));
@@ -116,7 +115,7 @@ fn damaged_files_of_version_4_are_refused() {
     }
 }
 
-/// A few kB that would unpack to a gigabyte are read no further than the splats they declare.
+/// Unpacking stops at the declared number of splats, even if a few kB would unpack to a gigabyte.
 #[test]
 fn bombs_end_where_the_splats_do() {
     let mut bomb = legacy(2, 2, 0);

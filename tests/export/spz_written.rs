@@ -1,4 +1,4 @@
-//! SPZ as it is written: read back, and taken apart without the library.
+//! Written SPZ files: read back, and parsed without the library's reader.
 
 use super::{distance, random_splats, read_bytes, set, written, written_as};
 use crate::common::scenes::random_appearance;
@@ -6,14 +6,13 @@ use glam::{DQuat, DVec3};
 use vbgs_studio::export::{ModelFormat, Note, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// Splats of sizes that the format can hold.
 fn splats(n: usize, seed: u64) -> Vec<Splat> {
     let within = |s: f32| s.clamp(1e-4, 100.0);
     let all = random_splats(n, seed).into_iter();
     all.map(|splat| Splat { scale: splat.scale.map(within), ..splat }).collect()
 }
 
-/// The splats in one order whatever the file's: by their first coordinate.
+/// Sorts the splats by their first coordinate, because the file may order them differently.
 fn sorted(mut splats: Vec<Splat>) -> Vec<Splat> {
     splats.sort_by(|a, b| a.mean[0].total_cmp(&b.mean[0]));
     splats
@@ -27,7 +26,7 @@ fn splats_come_back_as_near_as_their_bytes_allow() {
     assert_eq!(model.up(), Some(DVec3::Z));
     let back = sorted(model.splats.to_vec());
     for (a, b) in sorted(splats).iter().zip(&back) {
-        // 17 bits behind the point leave room for 64 units.
+        // 17 fraction bits of the 24 leave a range of ±64 units.
         assert!(distance(a.mean, b.mean) <= 0.51 / 131_072.0 + 1e-5, "{a:?} {b:?}");
         assert!(distance(a.scale.map(f32::ln), b.scale.map(f32::ln)) <= 0.5 / 16.0 + 1e-4);
         assert!((a.opacity - b.opacity).abs() <= 0.5 / 255.0 + 1e-6);
@@ -45,7 +44,7 @@ fn splats_come_back_as_near_as_their_bytes_allow() {
     assert!(!model.notes.iter().any(ignored), "{:?}", model.notes);
 }
 
-/// The container by itself: header, table, streams that the reference of the compression unpacks.
+/// The container: header, table, and streams that the reference decompressor unpacks.
 #[test]
 fn the_container_is_that_of_version_4() {
     let splats = splats(700, 73);

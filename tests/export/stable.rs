@@ -1,4 +1,4 @@
-//! Export, import, export: what comes back of a file is what is written of it again, however often.
+//! Repeated round trips through a format do not change splats any further.
 
 use super::round_trip::assert_same;
 use super::{distance, random_splats, read_bytes, set, written_as};
@@ -8,15 +8,15 @@ use vbgs_studio::export::ModelFormat;
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splat::splats::Splat;
 
-/// Round trips after the first.
+/// Further round trips.
 const AGAIN: usize = 4;
 
-/// Splats of sizes and opacities that every format can hold, some at the borders of what splats may be.
+/// Splats that every format can hold; `odd` sets the first one to a limit value.
 fn splats(n: usize, seed: u64, odd: u8) -> Vec<Splat> {
     let mut splats = random_splats(n, seed);
     for splat in &mut splats {
         splat.scale = splat.scale.map(|s| s.clamp(1e-4, 100.0));
-        // Less is a byte of 0, and nothing that is drawn.
+        // Smaller opacities become a byte of 0, which is not drawn.
         splat.opacity = splat.opacity.max(1.0 / 255.0);
     }
     let first = &mut splats[0];
@@ -31,7 +31,7 @@ fn splats(n: usize, seed: u64, odd: u8) -> Vec<Splat> {
     splats
 }
 
-/// What a file of some splats gives back.
+/// Writes splats and reads the file back.
 fn back(format: ModelFormat, splats: &SplatSet) -> (Vec<u8>, SplatSet) {
     let bytes = written_as(format, splats);
     let model = read_bytes(&bytes).unwrap();
@@ -46,7 +46,7 @@ fn appearance(splats: &SplatSet) -> Vec<Appearance> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// To the bit where numbers are bytes, else within the rounding of one conversion, not of several.
+    /// SPZ files are equal to the byte; other formats stay within the rounding of a single conversion.
     #[test]
     fn files_of_what_was_read_say_the_same_however_often(
         n in 1..40usize,
@@ -68,7 +68,7 @@ proptest! {
         for _ in 1..AGAIN {
             let (again, next) = back(format, &last);
             if format == ModelFormat::Spz {
-                prop_assert!(again == bytes, "a file of what its own file says is another");
+                prop_assert!(again == bytes, "writing the splats that were read changed the file");
             }
             last = next;
         }

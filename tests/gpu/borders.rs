@@ -1,4 +1,4 @@
-//! Nothing is missing where a quad ends: splats one at a time, wherever they are.
+//! Single splats at any position: a quad covers every pixel that its splat reaches.
 
 use super::compare::{TOLERANCE, oracle};
 use super::device::{Gpu, PLAIN, camera};
@@ -12,7 +12,7 @@ use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, RenderMethod, RenderOption
 
 const N_SPLATS: usize = 250;
 
-/// Balls, needles and pancakes around the camera: in front, behind, beside it and around it.
+/// Balls, needles and pancakes in front of, behind, beside and around the camera.
 fn splats() -> Vec<Splat> {
     let mut rng = Rng::new(31, Purpose::Synthetic, 0);
     (0..N_SPLATS)
@@ -55,7 +55,7 @@ fn no_pixel_of_a_splat_is_outside_its_quad() {
             truth.data.iter().any(|sample| sample.rgba[3] > 0.0)
         };
         let n_seen = splats().iter().filter(is_whole).count();
-        println!("{name}: {n_seen} of {N_SPLATS} in sight, none cut");
+        println!("{name}: {n_seen} of {N_SPLATS} visible, none clipped");
         assert!(n_seen * 4 > N_SPLATS, "{name}: {n_seen} in sight");
     }
     gpu.assert_no_faults();
@@ -65,7 +65,7 @@ fn assert_whole(image: &Image<[f32; 4]>, truth: &Image<Sample>, label: &str) {
     for (index, (found, expected)) in image.data.iter().zip(&truth.data).enumerate() {
         let (alpha, at) = (expected.rgba[3], [index % image.width, index / image.width]);
         let found = f64::from(found[3]);
-        // f32 moves the cut a little.
+        // Rounding in f32 shifts the alpha cut a little.
         let at_cut = found.min(alpha) == 0.0 && found.max(alpha) < ALPHA_CUT * 1.01;
         assert!(at_cut || (found > 0.0) == (alpha > 0.0), "{label} {at:?}: {found} for {alpha}");
         assert!((found - alpha).abs() < TOLERANCE, "{label} {at:?}: {found} for {alpha}");

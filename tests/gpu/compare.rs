@@ -1,4 +1,4 @@
-//! Pictures against the f64 oracle.
+//! Comparison of images with the f64 oracle.
 
 use crate::common::oracle::{Oracle, Sample};
 use vbgs_studio::math::camera::Camera;
@@ -6,18 +6,18 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::{ALPHA_CUT, RenderOptions};
 
-/// Of `rendering.md`, Tolerances: half-float accumulation.
+/// `rendering.md`, Tolerances: half-float accumulation.
 pub const TOLERANCE: f64 = 4e-3;
-/// Every layer rounds: where many lie over each other a few pixels may be this far off.
+/// Every layer rounds, so a few pixels with many layers may have this error.
 const LOOSE: f64 = 1e-2;
 const LOOSE_SHARE: f64 = 0.003;
 /// Mean error of a channel: half a level of an 8-bit screen.
 const MEAN: f64 = 0.5 / 255.0;
 
-/// An alpha this close to the cut, relatively, may pass it or not.
+/// Relative distance of an alpha to the cut within which either branch is right.
 const CUT_BAND: f64 = 2e-4;
 
-/// The oracle of what the GPU draws: black behind, and no pixel is ever finished.
+/// Oracle of what the GPU draws: black background and no early stop.
 pub fn oracle<'a>(
     splats: impl Into<SplatView<'a>>,
     camera: &Camera,
@@ -27,7 +27,7 @@ pub fn oracle<'a>(
     Oracle::of(splats, camera, &options).with_thresholds(ALPHA_CUT, 0.0)
 }
 
-/// Panics where pixels are over the tolerance without a reason, more than a few, or far.
+/// Panics if pixels exceed the tolerance without a reason, if too many do, or if one does by far.
 pub fn assert_close(image: &Image<[f32; 4]>, oracle: &Oracle, label: &str) {
     let truth = oracle.render();
     assert_eq!((image.width, image.height), (truth.width, truth.height), "{label}");
@@ -53,7 +53,7 @@ pub fn assert_close(image: &Image<[f32; 4]>, oracle: &Oracle, label: &str) {
     assert!(mean <= MEAN, "{label}: mean {mean:e}");
 }
 
-/// Whether a pixel is what it would be with an alpha on the other side of the cut.
+/// True if the pixel matches the oracle with the alpha cut moved slightly up or down.
 fn is_at_cut(found: &[f32; 4], oracle: &Oracle, [i, j]: [usize; 2]) -> bool {
     [1.0 - CUT_BAND, 1.0 + CUT_BAND].into_iter().any(|share| {
         let moved = oracle.with_thresholds(ALPHA_CUT * share, 0.0).pixel(i, j);
@@ -61,7 +61,7 @@ fn is_at_cut(found: &[f32; 4], oracle: &Oracle, [i, j]: [usize; 2]) -> bool {
     })
 }
 
-/// Largest error of a channel; the oracle's colours end at 1.
+/// Largest error of a channel; the oracle clamps colours to 1.
 pub fn error(found: &[f32; 4], expected: &Sample) -> f64 {
     let pairs = found.iter().zip(&expected.rgba);
     pairs.fold(0.0, |worst, (found, expected)| {

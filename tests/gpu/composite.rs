@@ -1,4 +1,4 @@
-//! The GPU compares pictures as `render::compare` does.
+//! The GPU combines two images as `render::compare` does.
 
 use super::fixture::Fixture;
 use std::ops::Deref;
@@ -25,7 +25,7 @@ impl Gpu {
         Fixture::shared().map(Self)
     }
 
-    /// A splat image of this size: `second` over what `first` shows.
+    /// Composes a splat image of this size from `first` and `second`.
     fn composed(
         &self,
         size: [u32; 2],
@@ -52,7 +52,7 @@ impl Gpu {
         window
     }
 
-    /// A splat image that shows a picture and nothing behind it.
+    /// A splat image that shows a picture with full coverage.
     fn target(&self, picture: &RgbImage) -> SplatTarget {
         let size = [picture.width as u32, picture.height as u32];
         let photo = PhotoTexture::new(&self.device, &self.queue, picture).unwrap();
@@ -69,7 +69,7 @@ impl Gpu {
     }
 }
 
-/// A picture of bytes without two equal pixels side by side.
+/// A picture of bytes in which neighbouring pixels differ.
 fn picture(width: usize, height: usize, seed: usize) -> RgbImage {
     let value = |i: usize| ((seed + 89 * i + 31 * (i / 7)) % 256) as f32 / 255.0;
     let data = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]);
@@ -90,7 +90,7 @@ const COMBINATIONS: [Combination; 5] = [
     Combination::Difference(6.0),
 ];
 
-/// Half floats near 1.
+/// Half-float rounding near 1.
 const HALF_FLOAT: f32 = 1e-3;
 
 #[test]
@@ -121,7 +121,7 @@ fn a_photograph_fills_its_area_as_on_the_cpu() {
         let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
         let mut expected = first_shown.clone();
         combine(&mut expected, &photo, area, how);
-        // A sampler's weights have eight bits, in both directions.
+        // Sampler weights have eight bits, in both directions.
         let gain = if let Combination::Difference(gain) = how { gain } else { 1.0 };
         let tolerance = HALF_FLOAT + gain * 2.0 / 256.0;
         assert!(largest_difference(&found, &expected) < tolerance, "{how:?}");
@@ -147,7 +147,7 @@ fn both_pictures_lie_over_the_same_background() {
 #[test]
 fn each_picture_is_finished_by_itself() {
     let Some(gpu) = Gpu::new() else { return };
-    // A picture over which nothing is drawn keeps its colour at full coverage.
+    // A picture keeps its colour at full coverage if nothing is drawn over it.
     let (first, second) = (gpu.target(&picture(24, 16, 5)), gpu.target(&picture(24, 16, 77)));
     let finish = Finish { exposure: [0.5, 0.25, 1.0], ..Finish::NONE };
     let how = Combination::Wipe(0.0);

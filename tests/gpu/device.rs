@@ -1,4 +1,4 @@
-//! Pictures drawn on a device.
+//! Images drawn on a device.
 
 use super::fixture::Fixture;
 use glam::DVec3;
@@ -16,7 +16,7 @@ use vbgs_studio::render::gpu::scene::{ComparedImage, GpuScene};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-/// A device and what draws on it.
+/// A device and the renderer's objects on it.
 pub struct Gpu(Fixture);
 
 impl Deref for Gpu {
@@ -28,13 +28,13 @@ impl Deref for Gpu {
 }
 
 impl Gpu {
-    /// On the device of all tests; `None` where there is no Vulkan and need not be.
+    /// Uses the shared device; `None` if Vulkan is missing and not required.
     #[track_caller]
     pub fn new() -> Option<Self> {
         Fixture::shared().map(Self)
     }
 
-    /// On a device of its own, to be lost.
+    /// Creates a separate device, which the test will lose.
     #[track_caller]
     pub fn to_be_lost() -> Option<Self> {
         Fixture::own(|_| ()).map(Self)
@@ -65,12 +65,12 @@ impl Gpu {
         self.queue.submit([encoder.finish()]);
     }
 
-    /// Premultiplied colour and coverage of the last picture.
+    /// Premultiplied colour and coverage of the last image.
     pub fn read(&self, renderer: &SplatRenderer) -> Image<[f32; 4]> {
         readback::read_premultiplied(&self.device, &self.queue, renderer.target()).unwrap()
     }
 
-    /// A picture of `splats` through a scene that already holds them.
+    /// Draws `splats` through a scene that already holds them.
     pub fn image_of(
         &self,
         scene: &mut GpuScene,
@@ -103,7 +103,7 @@ pub const PLAIN: RenderOptions = RenderOptions {
     exposure_mode: Exposing::Neutral,
 };
 
-/// Splats in a cube of side 3 around the origin, axis ratios up to 100.
+/// Random splats in a cube of side 3 around the origin, axis ratios up to 100.
 pub fn random_scene(seed: u64, n: usize, largest: f64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
     (0..n)
@@ -133,7 +133,7 @@ pub fn camera(width: u32, height: u32, eye: DVec3, fov: f64) -> Camera {
     }
 }
 
-/// From outside the cube of [`random_scene`].
+/// A camera outside the cube of [`random_scene`].
 pub fn outside(width: u32, height: u32) -> Camera {
     camera(width, height, DVec3::new(4.0, -3.0, 1.0), 0.8)
 }

@@ -1,23 +1,23 @@
-//! The exact renderer of the GPU against maxima found by search (see `common/exactness.rs`).
+//! The exact GPU renderer against maxima found by search (`common/exactness.rs`).
 
 use super::device::Gpu;
 use crate::common::exactness::{N_SPLATS, Tolerance, check};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::DrawPath;
 
-/// Half floats hold alpha to 5e-4; a real driver's arithmetic adds a little.
+/// Half floats resolve alpha to 5e-4; real drivers add a little rounding.
 const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };
 
 #[test]
 #[ignore = "half a minute or more: more than a thousand pictures"]
 fn no_awkward_splat_is_wrong_or_missing() {
     let Some(gpu) = Gpu::new() else { return };
-    // By tiles five of every kind in every view: cores draw one of those in a sixth of a second, most of it
-    // for workgroups that find nothing to do.
+    // Five splats of each kind per view for the tile path: software drivers need a sixth of a
+    // second each, mostly for workgroups without work.
     for (path, n_splats) in [(DrawPath::Quads, N_SPLATS), (DrawPath::Tiles, 240)] {
         let mut renderer = gpu.renderer();
         renderer.set_path(path);
-        // One scene throughout: its pipelines take longer than a picture.
+        // One scene for all splats: creating its pipelines takes longer than drawing.
         let mut scene = gpu.scene(&[Splat::default()]);
         let figures = check(
             n_splats,

@@ -1,4 +1,4 @@
-//! Lost devices and errors that no call returns.
+//! Lost devices, and errors that no call returns.
 
 use super::compare::largest_difference;
 use super::device::{Gpu, PLAIN, outside, random_scene};
@@ -15,7 +15,7 @@ fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
     let _ = gpu.device.poll(wgpu::PollType::Poll);
     assert!(gpu.faults.is_lost());
     assert_eq!(gpu.faults.take_new().len(), 1);
-    // A read from a dead device is an error, not a panic and not a hang.
+    // Reading from a lost device gives an error, not a panic or a hang.
     let mut renderer = gpu.renderer();
     gpu.draw(&mut renderer, &mut gpu.scene(&splats), &splats, &view, &PLAIN);
     assert!(readback::read_premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
@@ -29,7 +29,7 @@ fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
 fn uncaptured_errors_reach_the_sink() {
     let Some(gpu) = Gpu::new() else { return };
     for _ in 0..3 {
-        // Without MAPPABLE_PRIMARY_BUFFERS, MAP_WRITE goes with COPY_SRC only.
+        // Invalid usage: without MAPPABLE_PRIMARY_BUFFERS, MAP_WRITE allows COPY_SRC only.
         let _ = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("invalid"),
             size: 4,

@@ -1,14 +1,14 @@
-//! One device for all tests, taken in turns.
+//! One device shared by all tests, which take turns.
 //!
-//! Making a device and loading its driver takes longer than most pictures here, and drivers were
-//! seen to fail when devices come and go. Only tests that lose a device or limit it have their own.
+//! Creating a device and loading its driver takes longer than most images here, and some drivers
+//! fail if devices come and go. Only tests that lose or limit a device create their own.
 
 use crate::common::adapter::{Turn, now, turn, vulkan};
 use std::sync::OnceLock;
 use vbgs_studio::render::gpu::adapters::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::error::GpuFaults;
 
-/// A device, the right to use it, and what it says after the fact.
+/// A device, its lock, and the errors that it reports later.
 pub struct Fixture {
     pub adapter: wgpu::Adapter,
     pub device: wgpu::Device,
@@ -18,7 +18,7 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// The device of all tests; `None` where there is no Vulkan and need not be.
+    /// Locks the shared device; `None` if Vulkan is missing and not required.
     #[track_caller]
     pub fn shared() -> Option<Self> {
         static ADAPTER: OnceLock<wgpu::Adapter> = OnceLock::new();
@@ -30,12 +30,12 @@ impl Fixture {
         let adapter = ADAPTER.get()?.clone();
         let (device, queue, faults) =
             DEVICE.get_or_init(|| opened(&adapter, &device_descriptor(&adapter))).clone();
-        // What a test that failed left behind is not this one's.
+        // Discards errors that an earlier, failed test left behind.
         faults.take_new();
         Some(Self { adapter, device, queue, faults, _turn: turn })
     }
 
-    /// A device of its own, to be lost or limited; `limit` changes what is asked for.
+    /// Creates a separate device, to be lost or limited; `limit` changes the requested limits.
     #[track_caller]
     pub fn own(limit: impl FnOnce(&mut wgpu::Limits)) -> Option<Self> {
         let shared = Self::shared()?;

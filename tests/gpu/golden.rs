@@ -8,9 +8,9 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::GpuError;
 use vbgs_studio::render::{ALPHA_CUT, TRANSMITTANCE_STOP};
 
-/// Half floats hold a channel to 2.4e-4; a golden pixel blends up to forty.
+/// Half floats resolve a channel to 2.4e-4; a golden pixel blends up to forty splats.
 const TOLERANCE: f64 = 2e-3;
-/// A pixel lies on a threshold if it is this close to it, relatively.
+/// Relative distance to a threshold within which a pixel counts as on it.
 const BAND: f64 = 1e-4;
 
 #[test]
@@ -45,7 +45,7 @@ fn golden_pixels_of_every_renderer() {
     gpu.assert_no_faults();
 }
 
-/// On a threshold either branch is right, and the GPU finishes no pixel.
+/// Error of a pixel. On a threshold either branch is right, and the GPU has no early stop.
 fn error_of(view: &GoldenView, [i, j]: [usize; 2], found: &[f64; 4], expected: &Sample) -> f64 {
     let error = |sample: &Sample| {
         let pairs = found.iter().zip(&sample.rgba);

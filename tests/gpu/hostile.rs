@@ -1,4 +1,4 @@
-//! Splats, scenes and viewports that are broken, empty or enormous.
+//! Invalid splats, and empty or enormous scenes and viewports.
 
 use super::compare::{TOLERANCE, error, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, camera, outside, random_scene};
@@ -24,7 +24,7 @@ fn empty_scenes_and_viewports() {
         assert_eq!((image.width, image.height), (width as usize, height as usize));
         assert_eq!(image.data.len(), (width * height) as usize);
     }
-    // A scene that began empty takes splats later.
+    // A scene created empty accepts splats later.
     let view = camera(32, 32, eye, 0.8);
     let mut scene = gpu.scene(&[]);
     scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
@@ -58,7 +58,7 @@ fn hostile_splats_leave_the_rest_of_the_picture_alone() {
     all.push(Splat { opacity: -1.0, ..template });
     all.push(Splat { opacity: 0.0, ..template });
     all.push(Splat { opacity: 1.0 / 256.0, ..template });
-    // Finite, but neither their variance nor their place fits in f32.
+    // Finite values, but their variance or position overflows f32.
     all.push(Splat { scale: [3e38; 3], ..template });
     all.push(Splat { mean: [3e38, -3e38, 3e38], ..template });
     let expected = gpu.image(&good, &view, &PLAIN);
@@ -66,7 +66,7 @@ fn hostile_splats_leave_the_rest_of_the_picture_alone() {
     assert!(found.data.iter().flatten().all(|v| v.is_finite()));
     assert_eq!(largest_difference(&expected, &found), 0.0);
 
-    // Zero scale is a point, drawn as the low-pass; f64 agrees.
+    // A splat of zero scale is drawn as the low-pass filter's kernel, as in f64.
     let point = Splat { scale: [0.0; 3], mean: [0.1, 0.2, 0.0], opacity: 0.9, ..template };
     let image = gpu.image(&[point], &view, &PLAIN);
     let oracle = oracle(&[point], &view, &PLAIN);

@@ -1,4 +1,4 @@
-//! Whole pictures of random scenes against the f64 oracle.
+//! Whole images of random scenes against the f64 oracle.
 
 use super::compare::{TOLERANCE, assert_close, error, oracle};
 use super::device::{Gpu, PLAIN, camera, outside, random_scene};
@@ -12,7 +12,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
-/// Every renderer with every setting that changes the shaders' formulas.
+/// Every renderer with every option that changes the shaders' formulas.
 const METHODS: [RenderMethod; 6] = [
     RenderMethod::PROJECTED,
     RenderMethod::EXACT,
@@ -54,7 +54,8 @@ fn random_scenes_agree_with_f64() {
 fn every_method_agrees_with_the_oracle() {
     let Some(gpu) = Gpu::new() else { return };
     for (seed, scene) in SCENES.iter().enumerate() {
-        // Needles of a hundredth of a pixel that nothing widens are beyond f32's pixel positions.
+        // Without antialiasing, needles of a hundredth of a pixel are below the resolution of f32
+        // pixel positions.
         let resolves = |method| match method {
             RenderMethod::Projected(_) => true,
             RenderMethod::Exact(exact) => {
@@ -64,7 +65,7 @@ fn every_method_agrees_with_the_oracle() {
         for method in METHODS.into_iter().filter(|method| resolves(*method)) {
             let mut splats = scene.splats(seed as u64);
             if scene.opacity.1 < 0.7 {
-                // Half floats lose what hundreds of veils add to each other.
+                // Half floats lose the sum of hundreds of faint layers.
                 splats.truncate(N_VEILS);
             }
             let (view, options) = (camera_of(method), options(method));
@@ -137,7 +138,7 @@ fn long_needles_keep_their_width_in_f32() {
             mean: [0.1, 0.2, -0.1],
             opacity: 0.9,
             color: [1.0, 0.5, 0.25],
-            // About 7000 px long, well under a pixel thin.
+            // About 7000 px long, and much thinner than a pixel.
             scale: [100.0, 1e-4, 1e-4],
             rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
         };
@@ -146,7 +147,7 @@ fn long_needles_keep_their_width_in_f32() {
             let image = gpu.image(&[needle], &view, &options);
             let label = format!("{angle} {method:?}");
             assert_close(&image, &oracle(&[needle], &view, &options), &label);
-            assert!(image.data.iter().any(|p| p[3] > 0.5), "{label}: nothing drawn");
+            assert!(image.data.iter().any(|p| p[3] > 0.5), "{label}: nothing is drawn");
         }
     }
 }
@@ -154,7 +155,7 @@ fn long_needles_keep_their_width_in_f32() {
 #[test]
 fn a_scene_far_from_the_origin_looks_the_same() {
     let Some(gpu) = Gpu::new() else { return };
-    // Multiples of 2⁻⁸, so moving them by 4096 is exact in f32; the camera's place is not.
+    // Multiples of 2⁻⁸, so a shift by 4096 is exact in f32; the camera's position is not.
     let dyadic = |v: f32| (v * 256.0).round() / 256.0;
     let splats: Vec<Splat> = random_scene(15, 300, 0.1)
         .into_iter()
@@ -197,7 +198,7 @@ fn a_camera_inside_a_splat_sees_it_everywhere() {
         let oracle = oracle(&[around], &view, &options);
         for (found, expected) in image.data.iter().zip(&oracle.render().data) {
             assert!(error(found, expected) < TOLERANCE, "{method:?}: {found:?} {expected:?}");
-            // Beyond half a turn a fisheye sees nothing; 190° across is less.
+            // A fisheye sees up to 180° from its axis; a field of view of 190° stays well within.
             assert!(method == RenderMethod::PROJECTED || found[3] > 0.1, "{method:?}: {found:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! A whole view of a trained scene: every path of the GPU against the f64 oracle.
+//! A whole view of a trained scene: every GPU path against the f64 oracle.
 
 use super::device::Gpu;
 use crate::common::oracle::Oracle;
@@ -15,9 +15,9 @@ use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 
-/// Frames learnt: enough to cover every side.
+/// Enough frames to cover every side.
 const N_FRAMES: usize = 60;
-/// Issue figures: mean absolute error and PSNR of a GPU image.
+/// Limits of the mean absolute error and the PSNR of a GPU image.
 const MOST_MEAN_ERROR: f64 = 0.5 / 255.0;
 const LEAST_PSNR: f64 = 50.0;
 
@@ -26,7 +26,8 @@ const LEAST_PSNR: f64 = 50.0;
 fn a_view_of_lego_is_what_the_oracle_sees() {
     let (Some(path), Some(gpu)) = (shared("data/lego400"), Gpu::new()) else { return };
     let (splats, mut camera) = trained(&path);
-    // The oracle looks at every splat for every pixel: a quarter of them, each still covered by several splats.
+    // Half the size, because the oracle visits every splat for every pixel. Each pixel is still
+    // covered by several splats.
     camera.intrinsics = camera.intrinsics.scaled(0.5);
     for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let options = RenderOptions::evaluation(method, [0.0; 3]);
@@ -48,13 +49,13 @@ fn a_view_of_lego_is_what_the_oracle_sees() {
     gpu.assert_no_faults();
 }
 
-/// Used splats of the paper's model without reassignment, and the first camera kept for evaluation.
+/// Used splats of the paper's model without reassignment, and the first evaluation camera.
 fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
     let val = dataset.split_named("val").unwrap();
     let camera = dataset.splits[val].frames[0].camera;
     let selection = Selection { max_frames: Some(N_FRAMES), ..Selection::all_frames() };
-    // Without reassignment a seventh of the components is used, which the oracle can draw.
+    // Without reassignment a seventh of the components is used, few enough for the oracle.
     let overrides =
         PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&overrides).unwrap();
@@ -66,7 +67,6 @@ fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
     (splats, camera)
 }
 
-/// Mean absolute error and PSNR.
 fn report(
     who: &str,
     method: RenderMethod,

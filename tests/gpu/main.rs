@@ -1,4 +1,4 @@
-//! The GPU renderers on a real Vulkan driver (software ones count) against f64 references.
+//! The GPU renderers on a Vulkan driver (software drivers count) against f64 references.
 #![cfg(feature = "gui")]
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 

@@ -1,4 +1,4 @@
-//! Triangles of a user interface, kept as a picture: the right pixels, and only those.
+//! Triangles of the user interface in the stored window image: the right pixels and no others.
 
 use super::fixture::Fixture;
 use vbgs_studio::math::image::{Image, RgbImage};
@@ -13,7 +13,7 @@ const SIZE: [u32; 2] = [8, 4];
 const WHOLE: PixelRect = PixelRect { min: [0; 2], max: SIZE };
 const RED: [u8; 4] = [255, 0, 0, 255];
 const WHITE: [u8; 4] = [255; 4];
-/// Half floats near 1.
+/// Half-float rounding near 1.
 const HALF_FLOAT: f32 = 1e-3;
 
 struct Window<'a> {
@@ -26,7 +26,7 @@ impl<'a> Window<'a> {
         Self { gpu, painter: MeshPainter::new(&gpu.device, wgpu::TextureFormat::Rgba16Float) }
     }
 
-    /// Draws a list and reads what the window shows then.
+    /// Draws a list and returns the window's image.
     fn draw(&mut self, size: [u32; 2], list: &MeshList) -> Image<[f32; 4]> {
         let Fixture { device, queue, .. } = self.gpu;
         let target = SplatTarget::new(device, size[0], size[1]).unwrap();
@@ -70,7 +70,7 @@ impl<'a> Window<'a> {
     }
 }
 
-/// Adds two triangles that cover everything the scissor lets through.
+/// Adds two triangles that cover the scissor rectangle.
 fn cover(list: &mut MeshList, kind: MeshKind, scissor: PixelRect, color: [u8; 4]) {
     let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
     let (vertex, index) = (list.vertices.len() as u32, list.indices.len() as u32);
@@ -102,10 +102,10 @@ fn batches_are_drawn_in_order_within_their_scissors() {
     let mut list = MeshList::default();
     cover(&mut list, MeshKind::Opaque, WHOLE, RED);
     let columns = |from, to| PixelRect { min: [from, 0], max: [to, 2] };
-    // Half of blue over red, and half of that in the texture's white half.
+    // Blue at half opacity over red, and green at half opacity times the texture.
     cover(&mut list, MeshKind::Blended, columns(1, 3), [0, 0, 128, 128]);
     cover(&mut list, MeshKind::Textured(7), columns(3, 6), [0, 128, 0, 128]);
-    // A texture that is not there leaves the rest as it is.
+    // A missing texture draws nothing and keeps the rest.
     cover(&mut list, MeshKind::Textured(8), WHOLE, WHITE);
     let shown = window.draw(SIZE, &list);
     let half = 128.0 / 255.0;
@@ -147,10 +147,10 @@ fn textures_are_read_as_they_ask_for() {
         row(&window.draw(SIZE, &list)).iter().map(|pixel| pixel[0]).collect::<Vec<f32>>()
     };
     assert_eq!(gray(false), [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
-    // Between the middles of the texels, a quarter and three quarters of the way.
+    // Linear interpolation between the centres of the texels.
     let smooth = gray(true);
     let expected = [0.0, 0.0, 0.125, 0.375, 0.625, 0.875, 1.0, 1.0];
-    // A sampler's weights have eight bits.
+    // Sampler weights have eight bits.
     let is_near = smooth.iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 0.01);
     assert!(is_near, "{smooth:?}");
     window.painter.retain_textures(|_| false);

@@ -1,5 +1,5 @@
-//! The published algorithm trained on a GPU: the processor's bits, whatever it is given and whatever
-//! becomes of the device.
+//! Training of the published algorithm on a GPU gives the CPU's bits, for any input and after a
+//! device failure.
 
 use super::common::wavy::wavy_frame;
 use super::fixture::Fixture;
@@ -17,7 +17,7 @@ use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::learner::PaperLearner;
 use vbgs_studio::train::timing::StageMs;
 
-/// Tiles a side of a frame.
+/// Tiles per side of a frame.
 const SIDE: usize = 12;
 const FRAMES: usize = 4;
 
@@ -35,7 +35,7 @@ fn frames() -> Vec<Points<f32>> {
     (0..FRAMES).map(|t| wavy_frame(0.3 * t as f32, SIDE)).collect()
 }
 
-/// Padded reassignment of 3,000 components, unless asked otherwise.
+/// A learner with padded reassignment and 3,000 components, unless overridden.
 fn begun(asked: &PaperOverrides, first: &Points<f32>) -> Box<dyn PaperLearner> {
     let overrides = PaperOverrides { components: asked.components.or(Some(3000)), ..asked.clone() };
     let config = PaperConfig::paper().with(&overrides).unwrap();
@@ -46,7 +46,8 @@ fn begun(asked: &PaperOverrides, first: &Points<f32>) -> Box<dyn PaperLearner> {
     learner::begin(&config, &draw, Normalization::IDENTITY).unwrap()
 }
 
-/// Trains beside the processor and compares after every frame; `before` each may harm the device.
+/// Trains on the GPU and on the CPU and compares after every frame. `before` runs before each frame
+/// and may break the device.
 fn compared(
     gpu: &Fixture,
     asked: &PaperOverrides,
@@ -77,7 +78,7 @@ fn counts(used: &PassUse) -> [u64; 2] {
     [used.device_frames, used.processor_frames]
 }
 
-/// The first frame is both's, and the processor's word counts.
+/// Frames of the device and of the CPU: both compute the first frame, and the CPU's result is used.
 const ALL_OF_THEM: [u64; 2] = [FRAMES as u64 - 1, 1];
 
 #[test]
@@ -118,14 +119,14 @@ fn any_number_of_candidates_and_components_gives_the_processors_bits() {
     gpu.assert_no_faults();
 }
 
-/// Of equal components, shared points and points on means, which need the exponential or do not.
+/// Ties between equal components, duplicate points, and points on means, with and without the exponential.
 #[test]
 fn equal_components_share_as_on_the_processor() {
     let Some(gpu) = Fixture::shared() else { return };
     let mut points = Points::new();
     for tile in 0..40 {
         for k in 0..64 {
-            // Every third point is there thrice, and points lie halfway between others.
+            // Each point occurs three times, and points lie halfway between others.
             let at = ((tile * 64 + k) / 3) as f32 * 0.125;
             let position = [at % 2.0, (at / 2.0).floor() * 0.25, 0.5];
             points.push([position[0], position[1], position[2], 0.25, 0.25, 0.25]);
@@ -183,19 +184,19 @@ fn what_the_device_has_no_room_for_is_said() {
     let why = refused.to_string();
     assert!(why.contains("means of components need a buffer of 1 MiB"), "{why}");
     assert_eq!(learner.pass_use().unwrap().device, None);
-    // Few components, but a frame that is too large: the processor learns it.
+    // Few components, but a frame that is too large for the device: the CPU trains it.
     let few = PaperOverrides { components: Some(2000), ..PaperOverrides::default() };
     let used = compared(&gpu, &few, &frames, |_| ());
     assert_eq!(counts(&used), [0, FRAMES as u64]);
     assert!(used.given_up.is_some_and(|why| why.contains("points of a frame")));
 }
 
-/// Milliseconds of a frame of the paper's size on this device and on the processor.
+/// Milliseconds per frame of the paper's size, on this device and on the CPU.
 #[test]
-#[ignore = "a measurement: run it alone, on the machine and the card in question"]
+#[ignore = "a measurement: run it alone, on the machine and GPU of interest"]
 fn figures_of_a_frame_of_the_papers_size() {
     let Some(gpu) = Fixture::shared() else { return };
-    // On the cores every frame takes seconds, and times say nothing of a card: few enough to see it run.
+    // Software drivers need seconds per frame and their times are meaningless: only check that it runs.
     let (n_frames, side) = if caps(&gpu).is_software() { (2, 16) } else { (16, 58) };
     let frames: Vec<_> = (0..n_frames).map(|t| wavy_frame(0.05 * t as f32, side)).collect();
     println!("{} points, {} threads", frames[0].len(), rayon::current_num_threads());
@@ -222,7 +223,7 @@ fn figures_of_a_frame_of_the_papers_size() {
     }
 }
 
-/// Medians over the second half of the frames: whole, then by stage.
+/// Medians over the second half of the frames: total, then by stage.
 fn milliseconds(learner: &mut dyn PaperLearner, frames: &[Points<f32>]) -> String {
     let times: Vec<_> = frames.iter().map(|points| learner.learn(points).unwrap().ms).collect();
     let median = |of: &dyn Fn(&StageMs) -> f64| {

@@ -1,4 +1,4 @@
-//! What options change: looks, paints and the cap on a splat's extent.
+//! Display options: styles, paints and the cap on a splat's extent.
 
 use super::compare::{assert_close, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, outside, random_scene};
@@ -8,7 +8,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::finish::MARKER_COLOR;
 use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions};
 
-/// Two compilations of the same formulas may round apart, by one step of a half float.
+/// Two compilations of the same formulas may differ by one step of a half float.
 const ROUNDING: f32 = 1e-3;
 
 #[test]
@@ -40,7 +40,7 @@ fn looks_and_paints_agree_with_the_oracle() {
             &gpu.image(native, &view, &painted),
             &gpu.image(&splats, &view, &painted),
         );
-        assert!(difference < ROUNDING, "{method:?}: {difference}: a paint covers the appearance");
+        assert!(difference < ROUNDING, "{method:?}: {difference}: a paint hides the appearance");
     }
     gpu.assert_no_faults();
 }
@@ -57,7 +57,7 @@ fn an_appearance_of_zeros_is_none() {
         let plain = gpu.image(&splats, &view, &options);
         let difference = largest_difference(&plain, &gpu.image(native, &view, &options));
         assert!(difference < ROUNDING, "{method:?}: {difference}");
-        assert!(plain.data.iter().any(|p| p[3] > 0.5), "something is drawn at all");
+        assert!(plain.data.iter().any(|p| p[3] > 0.5), "some pixels are covered");
     }
 }
 

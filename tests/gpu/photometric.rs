@@ -1,4 +1,4 @@
-//! What the GPU finds of photographs, against the processor's walk.
+//! Photometric comparison on the GPU against the CPU.
 
 use super::device::{Gpu, outside, random_scene};
 use super::fixture::Fixture;
@@ -18,14 +18,14 @@ use vbgs_studio::render::cpu::photometric::{
 use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::photometric::GpuComparer;
 
-/// On a device of tests.
+/// A comparer on a test device.
 pub fn comparer(fixture: &Fixture) -> GpuComparer {
     let caps = GpuCaps::new(&fixture.adapter, &fixture.device);
     let (device, queue) = (fixture.device.clone(), fixture.queue.clone());
     GpuComparer::new(device, queue, fixture.faults.clone(), &caps)
 }
 
-/// Splats, some with flat tops, whose colours vary over each and with the direction.
+/// Splats, some with flat tops, whose colours vary over the splat and with the direction.
 struct Scene {
     splats: Vec<Splat>,
     appearance: Vec<Appearance>,
@@ -49,10 +49,10 @@ fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowSubset) -> S
     let pixel = |i: usize| {
         let (x, y) = ((i % columns) as f32, (i / columns) as f32);
         let color = Vec3::new((0.2 * x).sin(), (0.3 * y).cos(), (0.1 * (x + y)).sin());
-        // Surfaces, background, and what nobody knows.
+        // Surface, background, unknown and partial coverage.
         let coverage = [1.0, 0.0, f32::NAN, 0.7][(i / 5) % 4];
         let pixel = MeasuredPixel::without_depth((0.5 + 0.4 * color).extend(coverage).to_array());
-        // A slope through the splats, and what nobody knows.
+        // A slope through the splats, and pixels without depth.
         let depth = [0.0, 2.0 + 0.03 * x, 2.0 + 0.03 * x][(i / 7) % 3];
         pixel.with_depth(depth, [0.1, 0.05])
     };
@@ -62,12 +62,12 @@ fn scene(seed: u64, n: usize, (width, height): (u32, u32), rows: RowSubset) -> S
     Scene { splats, appearance, camera: outside(width, height), photograph, rule, rows }
 }
 
-/// Everything that a comparison says.
+/// Complete result of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 struct Found {
     squared_error: f64,
     pixels: f64,
-    /// By splat: gradients and blocks by all its parameters.
+    /// By splat: gradients and curvature blocks of all its parameters.
     splats: Vec<(u32, Vec<f32>)>,
 }
 
@@ -102,15 +102,15 @@ fn found(comparer: &mut dyn PhotometricComparer, scene: &Scene) -> Found {
     Found { squared_error, pixels, splats }
 }
 
-/// Largest difference of a number from the processor's over the root mean square of that number over
-/// all splats.
+/// Largest difference of a value from the CPU's, relative to the root mean square of that value
+/// over all splats.
 fn difference(processor: &Found, device: &Found) -> f64 {
     let ids = |found: &Found| found.splats.iter().map(|(id, _)| *id).collect::<Vec<_>>();
     assert_eq!(ids(processor), ids(device));
     assert_eq!(processor.pixels, device.pixels);
     let error = (device.squared_error / processor.squared_error - 1.0).abs();
     let n = processor.splats.len();
-    assert!(n > 20, "only {n} splats are seen");
+    assert!(n > 20, "only {n} splats are visible");
     let of_number = |k: usize| {
         let wide = |found: &Found| -> Vec<f64> {
             found.splats.iter().map(|(_, values)| f64::from(values[k])).collect()
@@ -124,7 +124,7 @@ fn difference(processor: &Found, device: &Found) -> f64 {
     (0..processor.splats[0].1.len()).map(of_number).fold(error, f64::max)
 }
 
-/// Sizes that are no multiples of a tile, every choice of rows, with crack filling and without.
+/// Sizes that are not multiples of a tile, several row subsets, with and without crack filling.
 #[test]
 fn sums_are_the_processors() {
     let Some(gpu) = Gpu::new() else { return };
@@ -163,7 +163,7 @@ fn every_run_gives_the_same_bits() {
     let scenes = [RowSubset::ALL, RowSubset::new(4, 1)].map(|rows| scene(5, 400, (61, 47), rows));
     let mut first = comparer(&gpu);
     let once: Vec<Found> = scenes.iter().map(|scene| found(&mut first, scene)).collect();
-    // On buffers that held another view before, and on fresh ones.
+    // Buffers that held another view must give the same bits as fresh ones.
     let again = found(&mut first, &scenes[0]);
     let fresh: Vec<Found> = scenes.iter().map(|scene| found(&mut comparer(&gpu), scene)).collect();
     assert_eq!(once, fresh);

@@ -1,4 +1,4 @@
-//! Training whose photographs a GPU compares, and what becomes of it when that fails.
+//! Training with photographs compared on a GPU, and the fallback when the GPU fails.
 
 use super::fixture::Fixture;
 use super::photometric::comparer;
@@ -31,13 +31,13 @@ fn room() -> Arc<Dataset> {
 }
 
 fn session(room: &Arc<Dataset>) -> Session {
-    // Each at once: devices are lost at frames that are counted.
+    // No shuffle buffer: devices are lost at frames that are counted, so each frame trains at once.
     let (photometric, shuffle_buffer) = (Some(PhotometricMode::Full), Some(0));
     let asked = SceneOverrides { photometric, shuffle_buffer, ..SceneOverrides::default() };
     Session::new(room.clone(), asked, Selection::all_frames()).unwrap()
 }
 
-/// On a device, which `before` each frame may harm.
+/// Trains on a device; `before` runs before each frame and may break it.
 fn on_device(room: &Arc<Dataset>, gpu: &Fixture, before: impl Fn(usize)) -> Session {
     let mut session = session(room);
     session.compare_on(Box::new(comparer(gpu)), DevicePolicy::Device);
@@ -58,7 +58,7 @@ fn frames(used: &ComparerUse) -> [u64; 2] {
     [used.device_frames, used.processor_frames]
 }
 
-/// Mean PSNR over the views that no frame was, dB.
+/// Mean PSNR over the evaluation views, dB.
 fn psnr(room: &Arc<Dataset>, session: &Session) -> f64 {
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);

@@ -1,5 +1,4 @@
-//! Scenes whose points are fitted on a GPU: the processor's bits, whatever they are given and whatever
-//! becomes of the device.
+//! Fitting the points of a scene on a GPU gives the CPU's bits, for any input and after a device failure.
 
 use super::fixture::Fixture;
 use glam::DVec3;
@@ -24,7 +23,7 @@ use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 use vbgs_studio::train::scene::spacing::NearSpacing;
 
-/// Structural scale of frames that are made here, world units.
+/// Structural scale of the synthetic frames, world units.
 const H: f64 = 0.05;
 const FRAMES: usize = 5;
 
@@ -38,10 +37,10 @@ fn counts(used: &PassUse) -> [u64; 2] {
     [used.device_frames, used.processor_frames]
 }
 
-/// The first frame is both's, and the processor's word counts.
+/// Frames of the device and of the CPU: both compute the first frame, and the CPU's result is used.
 const ALL_OF_THEM: [u64; 2] = [FRAMES as u64 - 1, 1];
 
-/// A wavy wall with an edge, seen from a place that moves with `t`.
+/// A wavy wall with an edge, seen from a position that moves with `t`.
 fn wall(t: usize) -> Observation {
     let mut rng = Rng::new(7, Purpose::Synthetic, t as u64);
     let phase = 0.4 * t as f32;
@@ -69,7 +68,8 @@ fn walls() -> Vec<Observation> {
     (0..FRAMES).map(wall).collect()
 }
 
-/// Trains beside the processor and compares after every frame; `before` each may harm the device.
+/// Trains on the GPU and on the CPU and compares after every frame. `before` runs before each frame
+/// and may break the device.
 fn compared(
     gpu: &Fixture,
     config: &SceneConfig,
@@ -92,7 +92,7 @@ fn compared(
             ),
             "frame {i}"
         );
-        assert!(beside.checkpoint_model() == alone.checkpoint_model(), "sums of frame {i}");
+        assert!(beside.checkpoint_model() == alone.checkpoint_model(), "statistics of frame {i}");
         assert_eq!(beside.changed(), alone.changed(), "frame {i}");
     }
     beside.point_use().unwrap()
@@ -130,7 +130,7 @@ fn merging_and_a_wider_scale_in_the_middle_of_a_frame_change_no_bit() {
 fn what_only_the_processor_can_sum_is_left_to_it() {
     let Some(gpu) = Fixture::shared() else { return };
     let mut frames = walls();
-    // Numbers that are none, or out of all bounds; places beyond the grid.
+    // Values that are not finite or out of range, and positions outside the grid.
     for (i, bad) in [f32::NAN, f32::INFINITY, -1e30, 5.0].into_iter().enumerate() {
         frames[2].points[500 * i].normal[1] = bad;
         frames[3].points[500 * i].color[2] = bad;
@@ -139,7 +139,7 @@ fn what_only_the_processor_can_sum_is_left_to_it() {
             frames[4].points[500 * i + 3].position[2] = bad;
         }
     }
-    // A wall right before the camera: more points of one component than a row holds.
+    // A wall close to the camera: one component gets more points than a row holds.
     let first = frames[1].points[0].position;
     frames[1].points.iter_mut().for_each(|point| point.position = first);
     frames[1].point_weight = 4;
@@ -183,7 +183,7 @@ fn what_the_device_has_no_room_for_is_said() {
     assert!(why.contains("points of a frame need a buffer of 1 MiB"), "{why}");
 }
 
-/// Places near the origin, some beyond all seeds.
+/// Random positions near the origin.
 fn places(n: usize, stream: u64) -> Vec<[f32; 3]> {
     let mut rng = Rng::new(2, Purpose::Init, stream);
     (0..n).map(|_| [0; 3].map(|_| rng.range(-1.0, 1.0) as f32)).collect()
@@ -203,7 +203,7 @@ fn nearest(gpu: &mut GpuPoints, points: &[SurfacePoint]) -> Vec<u32> {
     gpu.nearest().unwrap().to_vec()
 }
 
-/// By looking at all seeds.
+/// Nearest seed by a search of all seeds.
 fn expected(seeds: &[[f32; 3]], [x, y, z]: [f32; 3]) -> u32 {
     let distance2 = |s: &[f32; 3]| {
         let d = [x - s[0], y - s[1], z - s[2]];
@@ -218,14 +218,14 @@ fn seeds_are_found_as_a_search_of_all_of_them_finds_them() {
     let Some(fixture) = Fixture::shared() else { return };
     let mut gpu = points(&fixture);
     let mut filed = places(9000, 0);
-    // Two at one place, and seeds at exactly the scale and at the rim.
+    // Two seeds at one position, seeds exactly one scale from a point, and seeds at the rim of the grid.
     filed.extend([filed[17], [3.0, 0.0, 0.0], [3.2, 0.0, 0.0], [102.35, -102.35, 0.0]]);
     let mut looked_for: Vec<_> = places(3000, 1).into_iter().map(at).collect();
     looked_for.extend(filed[..40].iter().copied().map(at));
     let corners =
         [[3.1, 0.0, 0.0], [102.39, -102.39, 0.0], [102.41, -102.3, 0.0], [0.0, 1e30, 0.0]];
     looked_for.extend(corners.map(at));
-    // Few at first: they are filed anew when their buckets become too few.
+    // The hash table of seeds grows with their number and is rebuilt.
     for n in [0, 1000, 1001, 5000, filed.len()] {
         gpu.set_seeds(&seeds(&filed[..n], false)).unwrap();
         let found = nearest(&mut gpu, &looked_for);
@@ -235,7 +235,7 @@ fn seeds_are_found_as_a_search_of_all_of_them_finds_them() {
             assert_eq!(found, expected, "{point:?} of {n}");
         }
     }
-    // Others than before, and a crowd that a device does not walk through.
+    // Replaces all seeds by a crowded cell, which the device leaves to the CPU.
     let crowd = vec![[0.05; 3]; 20_000];
     gpu.set_seeds(&seeds(&crowd, true)).unwrap();
     let found = nearest(&mut gpu, &[at([0.0; 3]), at([0.9; 3]), at([f32::NAN; 3])]);
@@ -251,7 +251,7 @@ fn sums_are_those_of_terms_in_whole_quanta() {
     let mut vector = |lo: f64, hi: f64| [0; 3].map(|_| rng.range(lo, hi) as f32);
     let summed: Vec<SurfacePoint> = (0..3001)
         .map(|_| SurfacePoint {
-            // Some are farther from their seed than terms are formed of.
+            // Some lie beyond the clamp on offsets from the seed.
             position: vector(-0.4, 0.4),
             color: vector(0.0, 1.0),
             normal: vector(-1.0, 1.0),
@@ -262,7 +262,7 @@ fn sums_are_those_of_terms_in_whole_quanta() {
     let references: Vec<[f32; 4]> =
         (0..7).map(|_| vector(-0.2, 0.2)).map(|[x, y, z]| [x, y, z, 0.0]).collect();
     let shifts: Vec<f32> = (0..summed.len()).map(|_| vector(-0.01, 0.01)[0]).collect();
-    // In runs and alone, and some nowhere.
+    // Runs of equal slots, single ones, and points without a seed.
     let slot = |i: usize| if i % 11 == 3 { NO_SEED } else { (i / 5 % 8).min(i % 7) as u32 };
     let fits: Vec<[u32; 2]> = (0..).zip(&shifts).map(|(i, s)| [slot(i), s.to_bits()]).collect();
     let (gain, per_h, weight) = ([1.2f32, 0.7, 1.0], 10.5f32, 4.0f32);
@@ -283,7 +283,7 @@ fn sums_are_those_of_terms_in_whole_quanta() {
     gpu.set_points(bytemuck::cast_slice(&summed)).unwrap();
     let asked = SlotSums { points: &fits, seeds: &references, per_h, gain, weight };
     assert!(gpu.sums(&asked).unwrap() == expected);
-    // Sums of another frame are refused, and those of nothing are nothing.
+    // A point count of another frame is refused; an empty list gives no sums.
     assert!(gpu.sums(&SlotSums { points: &fits[1..], ..asked }).is_err());
     let nothing = SlotSums { points: &[], seeds: &[], ..asked };
     assert_eq!(gpu.sums(&nothing).unwrap().len(), 0);
@@ -319,7 +319,7 @@ fn a_session_trains_to_the_processors_bits() {
             session
         };
         let [alone, beside] = [false, true].map(trained);
-        // Frames that contradict the photographs before are not summed.
+        // Outlier frames of the photometric check are not summed.
         let [_, summed] = counts(&alone.learner().point_use().unwrap());
         assert_eq!(counts(&beside.learner().point_use().unwrap()), [summed - 1, 1]);
         assert!(summed > 5);

@@ -1,4 +1,4 @@
-//! Every WGSL file is valid, and its structs lie in memory as Rust's do.
+//! Every WGSL file is valid, and its structs have the memory layout of their Rust counterparts.
 
 use std::collections::BTreeMap;
 use std::mem::offset_of;
@@ -24,26 +24,26 @@ use wgpu::naga::{
     Expression, Handle, Literal, Module, TypeInner, back::spv, front::wgsl, proc::Layouter, valid,
 };
 
-/// The module of a shader behind the constants it shares with Rust.
+/// Parses and validates a shader after the constants it shares with Rust.
 fn validated(name: &str, shader: &str) -> Module {
     let source = &with_constants(shader);
     let module =
         wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
-    // No optional capability: what passes here runs on every backend.
+    // No optional capability, so the shader runs on every backend.
     let info = valid::Validator::new(valid::ValidationFlags::all(), valid::Capabilities::empty())
         .validate(&module)
         .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
-    // Constants that pipelines set; with all code paths on.
+    // Sets all pipeline constants to 1, which enables every code path.
     let names = module.overrides.iter().filter_map(|(_, constant)| constant.name.clone());
     let values: PipelineConstants = names.map(|name| (name, 1.0)).collect();
     let (module, info) = process_overrides(&module, &info, None, &values).unwrap();
-    // The backend that every Vulkan device gets refuses some of what the validator lets through.
+    // The SPIR-V backend, which every Vulkan device uses, refuses some valid modules.
     spv::write_vec(&module, &info, &spv::Options::default(), None)
         .unwrap_or_else(|e| panic!("{name}: {e}"));
     module.into_owned()
 }
 
-/// Files that others are built on; each is valid behind those before it.
+/// Files that others include, in order; each is valid after those before it.
 const SHARED: [&str; 3] = ["common.wgsl", "paint.wgsl", "record.wgsl"];
 
 fn read(name: &str) -> String {
@@ -72,14 +72,14 @@ fn every_file_is_valid_and_used() {
         let whole = whole.unwrap_or_else(|| panic!("{name} is in no pipeline"));
         let prefix = whole.strip_suffix(&text).unwrap();
         let bases = ["", &read("common.wgsl"), shader::RECORD];
-        assert!(bases.contains(&prefix), "{name}: built on what?");
+        assert!(bases.contains(&prefix), "{name}: unknown base files");
         assert!(!validated(&name, whole).entry_points.is_empty(), "{name} has no entry point");
         n_files += 1;
     }
     assert_eq!(n_files, used.len());
 }
 
-/// The constants in front of every shader are Rust's to the last bit.
+/// The constants in front of every shader have the same bits as in Rust.
 #[test]
 fn shared_constants_keep_their_bits() {
     let module = validated("constants", "");
@@ -111,7 +111,7 @@ fn shared_constants_keep_their_bits() {
     }
 }
 
-/// The numbers that a constant is made of, as bits.
+/// Bits of the numbers in a constant.
 fn words(module: &Module, expression: Handle<Expression>) -> Vec<u32> {
     match &module.global_expressions[expression] {
         Expression::Literal(Literal::U32(value)) => vec![*value],
@@ -201,7 +201,7 @@ fn shared_structs_agree_with_rust() {
     assert!(size_of::<GpuView>() <= 256, "`rendering.md`, Splat record");
 }
 
-/// Files of the tile path that others are built on.
+/// Files of the tile path that others include.
 const SHARED_BY_TILES: [&str; 3] = ["stages.wgsl", "footprint.wgsl", "packed.wgsl"];
 
 #[test]
@@ -220,7 +220,7 @@ fn every_file_of_the_tile_path_is_valid_and_used() {
     }
     assert_eq!(n_files, used.len() + SHARED_BY_TILES.len());
 
-    // What `tiles/buffers.rs` and `tiles/sort.rs` allot.
+    // Sizes that `tiles/buffers.rs` and `tiles/sort.rs` allocate.
     for (module, name, size) in [
         (&modules[0], "Digit", 32),
         (&modules[1], "Packed", 64),
@@ -231,7 +231,7 @@ fn every_file_of_the_tile_path_is_valid_and_used() {
     }
 }
 
-/// Bytes from one struct of an array to the next.
+/// Array stride of a struct, in bytes.
 fn stride(module: &Module, name: &str) -> u32 {
     let mut layouter = Layouter::default();
     layouter.update(module.to_ctx()).unwrap();
@@ -254,7 +254,7 @@ fn every_file_of_the_comparison_is_valid_and_used() {
         n_files += 1;
     }
     assert_eq!(n_files, 5);
-    // What `photometric/layout.rs` holds and allots.
+    // Sizes in `photometric/layout.rs`.
     for (name, size) in [("Frame", 40), ("Splat", 80), ("Measured", 24), ("Pixel", 64)] {
         assert_eq!(stride(&modules[0], name), size, "{name}");
     }
@@ -270,7 +270,7 @@ fn the_files_of_a_pass_are_valid() {
     let index = validated("index", mixture::INDEX);
     assert_eq!(index.entry_points.len(), 5);
     assert_eq!(mixture::INDEX, cells + &read("mixture/index.wgsl"));
-    // What `mixture/layout.rs` holds.
+    // Sizes in `mixture/layout.rs`.
     assert_eq!(stride(&module, "Frame"), 96);
     for (name, size) in [("Index", 48), ("Mean", 32)] {
         assert_eq!(stride(&index, name), size, "{name}");
@@ -289,7 +289,7 @@ fn the_files_of_points_are_valid() {
         assert_eq!(whole, parts.collect::<String>());
         let module = validated("points", whole);
         assert_eq!(module.entry_points.len(), 1);
-        // What `points/layout.rs` and `points/memory.rs` hold, and points as frames hold them.
+        // Sizes in `points/layout.rs` and `points/memory.rs`, and of points in frames.
         assert_eq!([stride(&module, "Settings"), stride(&module, "Point")], [64, 64]);
     }
     assert_eq!(stride(&validated("points", points::FIND), "Seed"), 16);

@@ -21,10 +21,10 @@ fn sparse_updates_equal_a_whole_upload() {
     for &id in &changed {
         splats[id as usize] = others[id as usize];
     }
-    // Ids past the end come from a dirty list older than the scene and are left out.
+    // Ids past the end come from a dirty list older than the scene; they are ignored.
     let stale: Vec<u32> = changed[..140].iter().copied().chain([1000, u32::MAX]).collect();
     let bytes = scene.update(&gpu.device, &gpu.queue, &stale, &splats).unwrap();
-    assert_eq!(bytes, 140 * 80, "140 of 1000 splats go as sparse records");
+    assert_eq!(bytes, 140 * 80, "140 of 1000 splats are uploaded as sparse records");
     let bytes = scene.update(&gpu.device, &gpu.queue, &changed[140..], &splats).unwrap();
     assert_eq!(bytes, 12 * 80);
     let sparse = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
@@ -34,7 +34,7 @@ fn sparse_updates_equal_a_whole_upload() {
     let many: Vec<u32> = (0..200).collect();
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &many, &splats).unwrap(), 64_000);
 
-    // Growth keeps the picture of what was there and of the order; then 50 more fit as they are.
+    // Growth keeps the old splats and their order drawn; the new capacity fits 50 more.
     splats.extend_from_slice(&others[1000..1001]);
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 64 * 1001);
     assert_eq!(scene.capacity(), 1500);
@@ -44,7 +44,7 @@ fn sparse_updates_equal_a_whole_upload() {
     let grown = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
     assert_eq!(largest_difference(&grown, &gpu.image(&splats, &view, &PLAIN)), 0.0);
 
-    // Shrinking empties the order: it may name splats that are gone.
+    // Shrinking clears the order, because it may refer to removed splats.
     splats.truncate(900);
     scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
     assert_eq!((scene.n_splats(), scene.n_drawn(ComparedImage::First)), (900, 0));
@@ -92,8 +92,12 @@ fn appearance_follows_sparse_updates_and_comes_and_goes() {
     assert_eq!(largest_difference(&sparse, &whole), 0.0);
 
     let bytes = scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
-    assert_eq!(bytes, 400 * 64, "losing it changes every splat");
-    assert_eq!(scene.n_drawn(ComparedImage::First), 400 - n_hidden(&splats), "the order stays");
+    assert_eq!(bytes, 400 * 64, "removal changes every splat");
+    assert_eq!(
+        scene.n_drawn(ComparedImage::First),
+        400 - n_hidden(&splats),
+        "the order is retained"
+    );
     let plain = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
     assert_eq!(largest_difference(&plain, &gpu.image(&splats, &view, &PLAIN)), 0.0);
     assert!(largest_difference(&plain, &whole) > 0.1);
@@ -115,7 +119,7 @@ fn broken_splats_are_counted_through_every_kind_of_update() {
     splats[9].rotation = [0.0; 4];
     splats[10] = Splat::default();
     let mut scene = gpu.scene(&splats);
-    assert_eq!(scene.n_invalid(), 2, "an empty slot is not broken");
+    assert_eq!(scene.n_invalid(), 2, "an empty slot is not invalid");
     splats[3] = splats[0];
     splats[4].scale[0] = -1.0;
     splats[5].opacity = f32::INFINITY;
@@ -128,7 +132,7 @@ fn broken_splats_are_counted_through_every_kind_of_update() {
     appearance[8].gradient[2][0] = f32::NAN;
     let native = SplatView::new(&splats, &appearance).unwrap();
     scene.update(&gpu.device, &gpu.queue, &[], native).unwrap();
-    assert_eq!(scene.n_invalid(), 3, "an appearance can be broken too");
+    assert_eq!(scene.n_invalid(), 3, "an appearance can be invalid too");
     scene.update(&gpu.device, &gpu.queue, &[], &[]).unwrap();
     assert_eq!(scene.n_invalid(), 0);
     gpu.assert_no_faults();
@@ -151,6 +155,6 @@ fn growth_draws_the_old_order_until_a_new_one_comes() {
     gpu.queue.submit([encoder.finish()]);
     let after = gpu.read(&renderer);
     assert_eq!(largest_difference(&before, &after), 0.0);
-    assert!(before.data.iter().any(|p| p[3] > 0.5), "something is drawn at all");
+    assert!(before.data.iter().any(|p| p[3] > 0.5), "some pixels are covered");
     gpu.assert_no_faults();
 }

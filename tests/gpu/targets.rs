@@ -1,4 +1,4 @@
-//! Where pictures go: formats, part of a foreign pass, and the time they took.
+//! Render targets: formats, part of a foreign pass, and timing.
 
 use super::device::{Gpu, PLAIN, outside, random_scene};
 use vbgs_studio::render::gpu::adapters::GpuCaps;
@@ -26,7 +26,7 @@ fn every_target_format_shows_the_same_values() {
         for channel in 0..3 {
             let value = texel[channel] + (1.0 - texel[3]) * background[channel];
             let expected = value.clamp(0.0, 1.0) * 255.0;
-            // A GPU blends and rounds by its own rules, but never further off than one level.
+            // GPUs may blend and round differently, by at most one level.
             assert!((f32::from(plain[channel]) - expected).abs() <= 1.0, "{plain:?} {expected}");
             assert!(plain[channel].abs_diff(encoding[channel]) <= 1, "{plain:?} {encoding:?}");
         }
@@ -46,7 +46,7 @@ fn composites_into_part_of_a_foreign_pass() {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let alone = gpu.read(&renderer);
 
-    // A window of Rgba16Float, so that the same readback serves: the image at (5, 3).
+    // A window in Rgba16Float, so that the same readback works; the image is at (5, 3).
     let window = SplatTarget::new(device, 40, 30).unwrap();
     let mut compositor = Compositor::new(device, wgpu::TextureFormat::Rgba16Float);
     compositor.prepare(device, queue, renderer.target(), [0.0, 0.0, 1.0]);
@@ -97,7 +97,7 @@ fn pass_times_come_back_where_the_adapter_has_them() {
         gpu.draw(&mut renderer, &mut scene, &splats, &view, &PLAIN);
         gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
     }
-    // Encoders that are never submitted must not use the timer up.
+    // Encoders that are never submitted must not exhaust the timer's slots.
     for _ in 0..8 {
         let mut lost = gpu.device.create_command_encoder(&Default::default());
         renderer.render(&gpu.device, &gpu.queue, &mut lost, &scene, &view, &PLAIN).unwrap();

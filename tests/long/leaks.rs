@@ -1,5 +1,5 @@
-//! Training, saving and loading leave nothing behind, however many frames there were: of every allocation
-//! of the process it is known whether it was given back.
+//! Training, saving and loading leak no memory, for any number of frames: the test counts every allocation of
+//! the process.
 
 use crate::common::live::blocks;
 use std::path::Path;
@@ -14,10 +14,10 @@ use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
 
-/// How long threads that were told to end may take.
+/// Longest wait for threads to exit.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Trains so many frames, saves, reads what was saved and goes on with it.
+/// Trains `n_frames`, saves, reads the checkpoint, and resumes for one frame.
 fn once(dataset: &Arc<Dataset>, asked: &MethodRequest, n_frames: usize, file: &Path) {
     let selection = Selection { max_frames: Some(n_frames), ..Selection::all_frames() };
     let mut session = Session::new(Arc::clone(dataset), asked.clone(), selection).unwrap();
@@ -29,10 +29,10 @@ fn once(dataset: &Arc<Dataset>, asked: &MethodRequest, n_frames: usize, file: &P
     resumed.step().unwrap();
 }
 
-/// How often a run that left something is run again.
+/// Maximum number of runs to find one without leftover blocks.
 const ROUNDS: usize = 4;
 
-/// Blocks that a run leaves, once its threads are gone.
+/// Number of blocks left after a run, once its threads have exited.
 fn left_by_one(run: impl Fn()) -> isize {
     let before = blocks();
     run();
@@ -46,8 +46,8 @@ fn left_by_one(run: impl Fn()) -> isize {
     }
 }
 
-/// The fewest blocks that a run leaves: a leak is left by each of them, what a thread of the pool makes once
-/// in its life only by the run in which that thread is first given such work.
+/// Smallest number of blocks left by several runs. A leak occurs in every run; a pool thread's one-time
+/// allocation remains only after the run in which the thread first gets such work.
 fn left_by(run: impl Fn()) -> isize {
     let mut least = left_by_one(&run);
     for _ in 1..ROUNDS {
@@ -58,10 +58,11 @@ fn left_by(run: impl Fn()) -> isize {
     least
 }
 
-/// Both presets, with frames that are prepared by a thread of their own and by the trainer's threads.
+/// Checks both presets on one and on four threads, with frames prepared by a separate thread or by the
+/// trainer's threads.
 ///
 /// # Panics
-/// Where anything is left.
+/// Panics if any block is left.
 pub fn nothing_is_left(dataset: Dataset) {
     let (dataset, folder) = (Arc::new(dataset), tempfile::tempdir().unwrap());
     let file = folder.path().join("checkpoint.vbgs");
@@ -72,7 +73,7 @@ pub fn nothing_is_left(dataset: Dataset) {
         for n_threads in [1, 4] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
             let run = |n_frames| pool.install(|| once(&dataset, &asked, n_frames, &file));
-            // What is made once in the life of a process, or of a thread of the pool.
+            // Warm-up: makes the one-time allocations of the process and of the pool's threads.
             run(all);
             let [few, many] = [all / 8, all].map(|n_frames| left_by(|| run(n_frames)));
             eprintln!(

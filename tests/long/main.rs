@@ -1,5 +1,5 @@
-//! A camera that goes round and round the same room: memory and time per frame stay flat, and sums do
-//! not drift. Alone in its process, so that the memory it measures is its own.
+//! A camera circles the same room many times: memory and time per frame stay flat, and sums do not drift. The
+//! test has a process of its own, since it measures the memory of the process.
 //!
 //! `VBGS_LONG_FRAMES=10000 cargo test --release --test long -- --nocapture` is the long run.
 #![allow(clippy::unwrap_used)]
@@ -30,14 +30,13 @@ use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 #[global_allocator]
 static ALLOCATOR: Counted = Counted;
 
-/// Frames of one round.
 const ROUND: usize = 24;
-/// Rounds in CI.
+/// Default number of rounds, as in CI.
 const ROUNDS: usize = 25;
-/// Structural scale, world units: coarse, so that the room is full after one round.
+/// Structural scale, world units. Coarse, so that all components are born in the first round.
 const H: f64 = 0.15;
 
-/// The synthetic room, small.
+/// Parameters of a small synthetic room.
 fn small() -> SyntheticParams {
     SyntheticParams {
         width: 64,
@@ -49,7 +48,7 @@ fn small() -> SyntheticParams {
     }
 }
 
-/// The camera's round through it.
+/// Observations of one round of the camera.
 fn round(surface: &SurfaceSettings) -> Vec<Observation> {
     let room = dataset(&small()).unwrap();
     let mut preparer = Preparer::new();
@@ -71,8 +70,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Milliseconds that all threads of the process have computed so far, which others on the machine change far
-/// less than they change the clock's; the clock's where the system does not tell.
+/// CPU milliseconds of all threads of the process so far, on which other load has little influence. Falls
+/// back to wall-clock milliseconds if the system does not report CPU time.
 fn computed_ms() -> f64 {
     static STARTED: OnceLock<Instant> = OnceLock::new();
     let of_thread = |task: DirEntry| {
@@ -86,22 +85,22 @@ fn computed_ms() -> f64 {
     }
 }
 
-/// By how much the last tenth of some values, one a round, is above the tenth after warm-up.
+/// Relative rise from the second tenth of the values (one per round) to the last tenth.
 fn rise(by_round: &[f64]) -> f64 {
     let tenth = (by_round.len() / 10).max(2);
     let of = |part: &[f64]| median(part.to_vec());
     of(&by_round[by_round.len() - tenth..]) / of(&by_round[tenth..2 * tenth]) - 1.0
 }
 
-/// How much some values grow from round to round: the median of the slopes between any two of them (Theil
-/// and Sen), which single slow rounds do not tilt.
+/// Growth per round: the median of the slopes between all pairs of values (Theil–Sen estimator), which is
+/// robust against single slow rounds.
 fn slope(by_round: &[f64]) -> f64 {
     let n = by_round.len();
     let from = |i: usize| (i + 1..n).map(move |j| (by_round[j] - by_round[i]) / (j - i) as f64);
     median((0..n).flat_map(from).collect())
 }
 
-/// Bytes of the wide rows: once in its life, when it has seen 4,096 points, a component is given one.
+/// Bytes of the wide rows. A component gets its single wide row after 4,096 points.
 fn of_wide_rows(scene: &dyn SceneLearner) -> usize {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
         panic!("a scene is stored as one")
@@ -111,13 +110,13 @@ fn of_wide_rows(scene: &dyn SceneLearner) -> usize {
     wide.len() * size_of::<[f64; N_SUMS]>()
 }
 
-/// Bytes of what is kept of every frame for good, its gains and its pose, in lists that double.
+/// Bytes stored permanently per frame (gains and pose), in vectors whose capacity doubles.
 fn of_frames(n_frames: u64) -> usize {
     let of_each = size_of::<FrameExposure>() + size_of::<FramePose>();
     n_frames.next_power_of_two() as usize * of_each
 }
 
-/// The sums of all components.
+/// Sums of all components.
 fn totals(scene: &dyn SceneLearner) -> Vec<[f64; N_SUMS]> {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
         panic!("a scene is stored as one")
@@ -131,7 +130,7 @@ fn totals(scene: &dyn SceneLearner) -> Vec<[f64; N_SUMS]> {
     totals
 }
 
-/// One test, since a second one's memory would count.
+/// A single test, since a second one would add to the measured memory.
 #[test]
 fn a_long_run_is_flat_and_its_sums_are_exact() {
     let n = rounds();
@@ -141,7 +140,7 @@ fn a_long_run_is_flat_and_its_sums_are_exact() {
     leaks::nothing_is_left(dataset(&params).unwrap());
 }
 
-/// Everything that a scene learns from, photographs too.
+/// Checks memory and time of training with depth and photographs.
 fn memory_and_time_stay_flat(n: usize) {
     let mut surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
     surface.photograph = true;
@@ -160,15 +159,15 @@ fn memory_and_time_stay_flat(n: usize) {
         let wide = of_wide_rows(scene.as_ref());
         model.push((scene.model_bytes() - wide) as f64);
         used.push(scene.used() as f64);
-        // They stand in a tree, whose nodes are two thirds full.
+        // Wide rows are stored in a tree whose nodes are two thirds full.
         let kept = scene.model_bytes() + wide / 2 + of_frames(scene.frames());
         memory.push(bytes() as f64 - kept as f64);
         resident.extend(rss_bytes().map(|bytes| bytes as f64));
     }
     let [of_model, of_components, of_time] = [&model, &used, &ms].map(|values| rise(values));
     eprintln!(
-        "{} frames: {} components, {:.1} KB; from the second tenth to the last one components \
-         {:+.2} %, model {:+.2} %, computed ms a frame {:+.1} % of {:.2}",
+        "{} frames: {} components, {:.1} KB; from the second to the last tenth: components \
+         {:+.2} %, model {:+.2} %, CPU ms per frame {:+.1} % of {:.2}",
         n * ROUND,
         scene.used(),
         model[model.len() - 1] / 1e3,
@@ -178,37 +177,37 @@ fn memory_and_time_stay_flat(n: usize) {
         ms[n / 10],
     );
     assert!(of_model <= 0.03, "the model grows by {of_model}");
-    // Others use the machine, too: what grows with the number of frames does so by far more.
-    assert!(of_time <= 0.5, "a frame takes {of_time} longer");
+    // The bound allows for other load on the machine; real growth with the number of frames is far larger.
+    assert!(of_time <= 0.5, "the time per frame grows by {of_time}");
     let warm = &ms[n / 10..];
     let slope = slope(warm);
     let growth = slope * warm.len() as f64 / median(warm.to_vec());
     eprintln!(
-        "slope of computed ms a frame {:+.4} in 1,000 frames, {:+.1} % from the second tenth on",
+        "slope of CPU ms per frame {:+.4} per 1,000 frames, {:+.1} % from the second tenth on",
         slope * 1e3 / ROUND as f64,
         100.0 * growth
     );
-    // In a short run whatever else the machine does is the slope; two threads of one core take a third more
-    // time each than one does alone.
+    // In a short run other load dominates the slope: two hyperthreads of one core each take a third more time
+    // than one alone.
     if n > ROUNDS {
-        assert!(growth <= 0.5, "from round to round a frame takes longer, {growth} in all");
+        assert!(growth <= 0.5, "the time per frame grows by {growth} in all");
     }
     let of_memory = rise(&memory);
     eprintln!(
-        "held beside it and {:.2} MB of frames {:.2} MB, {:+.2} %",
+        "allocated beside the model and {:.2} MB of frames: {:.2} MB, {:+.2} %",
         of_frames(scene.frames()) as f64 / 1e6,
         memory[n - 1] / 1e6,
         100.0 * of_memory
     );
     assert!(of_memory <= 0.03, "memory grows by {of_memory}");
     if !resident.is_empty() {
-        // Files that the system maps or drops count here, too: said, not held to anything.
+        // Includes files that the system maps or drops, so it is only printed, not checked.
         let of_resident = 100.0 * rise(&resident);
-        eprintln!("resident with it {:.1} MB, {of_resident:+.2} %", resident[n - 1] / 1e6);
+        eprintln!("resident in all: {:.1} MB, {of_resident:+.2} %", resident[n - 1] / 1e6);
     }
 }
 
-/// What depends on no order is added up to the bit: so many rounds are so many times the first.
+/// Order-independent sums are exact: after `n` rounds they are exactly `n` times those of the first round.
 fn sums_do_not_drift(n: usize) {
     let surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
     let frames = round(&surface);

@@ -1,6 +1,5 @@
-//! The rational conic and the tight bounds that fast renderers compute with (`rendering.md`,
-//! Rational conic), written down here from the specification and held to the
-//! oracle's vector form.
+//! The rational conic and the tight bounds of the fast renderers (`rendering.md`, Rational conic),
+//! implemented here from the specification and compared with the oracle's vector form.
 
 use crate::common::oracle::{Oracle, SplatF64};
 use crate::common::scenes::exact;
@@ -12,13 +11,13 @@ use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, RenderOptions, Response};
 
 const OPACITY: f64 = 0.9;
 
-/// A camera at the origin that looks along z, so that world and camera space are the same.
+/// Camera at the origin facing +z, so that world and camera space are the same.
 fn camera() -> Camera {
     let intrinsics = Intrinsics { fy: 70.0, ..Intrinsics::from_horizontal_fov(120, 90, 1.5) };
     Camera { intrinsics, pose: Pose::IDENTITY }
 }
 
-/// White, uncut, over black.
+/// Oracle of one white splat over black, without alpha cut.
 fn oracle(splat: SplatF64) -> Oracle {
     let options = RenderOptions {
         near: 0.0,
@@ -40,7 +39,7 @@ fn random_splat(rng: &mut Rng, scale: (f64, f64)) -> SplatF64 {
     }
 }
 
-/// `D² = δᵀQδ / (1 + l·δ + δᵀGδ)` where the maximum lies ahead, `|p|²` elsewhere.
+/// `D² = δᵀQδ / (1 + l·δ + δᵀGδ)` where the maximum lies ahead of the camera, `|p|²` elsewhere.
 struct Conic {
     centre: DVec2,
     q: DMat2,
@@ -107,7 +106,7 @@ fn the_rational_conic_is_the_vector_form() {
     assert!(n_compared > 2000 && n_behind > 100, "{n_compared} {n_behind}");
 }
 
-/// `Q = (J S Jᵀ)⁻¹`: why one record serves both renderers.
+/// `Q = (J S Jᵀ)⁻¹`, so one record per splat serves both renderers.
 #[test]
 fn the_conic_is_the_inverse_of_the_projected_covariance() {
     let mut rng = Rng::new(7, Purpose::Synthetic, 0);
@@ -129,7 +128,7 @@ fn the_conic_is_the_inverse_of_the_projected_covariance() {
     }
 }
 
-/// Which row of the table of bounds applies.
+/// Row of the table of bounds that applies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Outline {
     Shadow,
@@ -138,7 +137,7 @@ enum Outline {
     CrossesLeft,
 }
 
-/// Range of `x/z` (axis 0) or `y/z` (axis 1) of what lies inside `k` standard deviations.
+/// Range of `x/z` (axis 0) or `y/z` (axis 1) over the ellipsoid of `k` standard deviations.
 fn tangent_range(s: &DMat3, m: DVec3, axis: usize, k2: f64) -> (Outline, [f64; 2]) {
     let t = |i: usize, j: usize| k2 * s.col(i)[j] - m[i] * m[j];
     let (t00, t02, t22) = (t(axis, axis), t(axis, 2), t(2, 2));
@@ -197,12 +196,12 @@ fn bounds_hold_all_that_passes_the_cut_and_no_more() {
     assert!(n_shadow > 100 && n_in_front > 100 && n_crossing > 100);
 }
 
-/// Alpha where the plane `x = end·z` (or `y`) touches the ellipsoid: the cut, if the bound is tight.
+/// Alpha where the plane `x = end·z` (or `y`) touches the ellipsoid; a tight bound gives the alpha cut.
 fn alpha_at_bound(oracle: &Oracle, s: &DMat3, m: DVec3, axis: usize, end: f64) -> f64 {
     let mut n = DVec3::new(0.0, 0.0, -end);
     n[axis] = 1.0;
     let touching = m - *s * n * (n.dot(m) / n.dot(*s * n));
-    assert!(touching.z > 0.0, "the bound belongs to what lies behind the camera: {touching}");
+    assert!(touching.z > 0.0, "the bound touches behind the camera: {touching}");
     let k = camera().intrinsics;
     let point = touching.truncate() / touching.z * DVec2::new(k.fx, k.fy);
     oracle.at(point + DVec2::new(k.cx, k.cy)).rgba[0]

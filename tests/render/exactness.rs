@@ -1,4 +1,4 @@
-//! The exact renderer against maxima found by search (see `common/exactness.rs`).
+//! The exact renderer against response maxima found by search (see `common/exactness.rs`).
 
 use crate::common::exactness::{Figures, N_SPLATS, Tolerance, check};
 use crate::common::oracle::Oracle;
@@ -18,7 +18,7 @@ fn the_oracle_is_exact() {
     report("oracle", &figures);
 }
 
-/// `rendering.md`, Rational conic: the rational form in f32 errs by up to 1.9e-5.
+/// The tolerance follows `rendering.md`, Rational conic: the rational form in f32 errs by up to 1.9e-5.
 #[test]
 fn the_cpu_renderer_is_exact() {
     let tolerance = Tolerance { alpha: 2e-5, cut_band: 1e-3 };

@@ -1,4 +1,4 @@
-//! Golden pixels: every case, every variant.
+//! Golden pixels of every case and variant.
 
 use crate::common::agreement::{branches, largest_error, samples};
 use crate::common::oracle::{Oracle, Sample};
@@ -7,13 +7,13 @@ use crate::draw;
 use std::collections::BTreeMap;
 use vbgs_studio::model::splat::splats::Splat;
 
-/// Of `rendering.md`, Tolerances.
+/// See `rendering.md`, Tolerances.
 const F64_TOLERANCE: f64 = 1e-9;
 const F32_TOLERANCE: f64 = 2e-5;
-/// Depth in f32, relative: the quotient by a coverage of 1/255 keeps five digits.
+/// Relative tolerance of depth in f32: division by a coverage of 1/255 leaves about five digits.
 const F32_DEPTH_TOLERANCE: f64 = 1e-4;
 
-/// All pinhole pixels by six variants, the fisheye's by the four that can draw it.
+/// Pinhole pixels in six variants, fisheye pixels in the four variants that support them.
 const N_PIXELS: usize = (105 - 7) * 6 + 7 * 4;
 
 #[test]

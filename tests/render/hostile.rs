@@ -1,4 +1,4 @@
-//! Splats and cameras that make no sense.
+//! Invalid and extreme splats and cameras.
 
 use crate::common::scenes::{METHODS, SCENES, camera, camera_of, options};
 use crate::{ball, bits, draw};
@@ -70,8 +70,8 @@ fn extreme_splats_draw_what_the_formulas_say() {
 }
 
 fn assert_extremes(render: impl Fn(&[Splat]) -> Rendered) {
-    // A splat much larger than the scene is a veil of its opacity; one of scale 0 is a point that
-    // the low-pass turns into a blot of 0.3 px².
+    // A splat much larger than the scene covers every pixel with its opacity. One of scale 0 is a point
+    // that the low-pass widens to a variance of 0.3 px².
     let centre = |image: &Rendered| *image.coverage.at(58, 38);
     for scale in [1e4, 1e8, MAX_LENGTH] {
         let veil = render(&[Splat { scale: [scale; 3], ..ball(0.6) }]);
@@ -95,7 +95,7 @@ fn assert_extremes(render: impl Fn(&[Splat]) -> Rendered) {
     assert!((g - 0.05).abs() < 1e-4 && (b - 0.54).abs() < 1e-4, "{g} {b}");
 }
 
-/// Any number, and often a bad one.
+/// Any number, often an extreme or non-finite one.
 fn number() -> impl Strategy<Value = f32> {
     prop_oneof![
         6 => -3.0f32..3.0,
@@ -128,14 +128,14 @@ fn hostile_splat() -> impl Strategy<Value = Splat> {
     })
 }
 
-/// Not an empty slot, and nothing that can be drawn.
+/// True for an invalid splat that is not an empty slot.
 fn is_broken(splat: &Splat) -> bool {
     let is_slot = splat.opacity <= 0.0;
     !is_slot && !splat.is_valid()
 }
 
 proptest! {
-    // Counterexamples become cases of the tests above; none is kept beside them.
+    // No file of counterexamples: they become cases of the tests above.
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]

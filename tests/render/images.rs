@@ -1,4 +1,4 @@
-//! Whole images: the CPU renderer against the oracle, and what must not show in an image.
+//! Whole images: the CPU renderer against the oracle, and invariance to threads, splat order and position.
 
 use crate::common::scenes::{METHODS, SCENES, Scene, camera, camera_of, options};
 use crate::{agreement, bits, draw};
@@ -23,13 +23,13 @@ fn whole_images_agree_with_the_oracle() {
             assert!(agreement.mean < 1e-5, "{label}: {agreement:?}");
             assert!(agreement.worst_depth < 1e-3, "{label}: {agreement:?}");
             let in_picture = agreement.n_covered * 20 > agreement.n_pixels;
-            assert!(in_picture, "{label}: the scene is in the picture");
+            assert!(in_picture, "{label}: the scene covers too few pixels");
         }
     }
 }
 
-/// Whether f32 can place pixels on every splat: needles of a hundredth of a pixel that nothing
-/// widens change within the rounding of a pixel's position.
+/// True if f32 resolves every splat. Without antialiasing, needles of a hundredth of a pixel change within
+/// the rounding of a pixel's position.
 fn resolves(method: RenderMethod, scene: &Scene) -> bool {
     match method {
         RenderMethod::Projected(_) => true,
@@ -63,7 +63,7 @@ fn render(splats: &[Splat]) -> Rendered {
 
 #[test]
 fn order_of_splats_with_distinct_depths_does_not_show() {
-    // More than one chunk of the preparation.
+    // Enough splats for more than one chunk of the preparation.
     let scene = Scene { n_splats: 9000, radius: 0.5, ..SCENES[1] };
     let (rotation, translation) = camera().pose.inverse();
     let depth =
@@ -103,7 +103,7 @@ fn equal_depths_keep_the_order_of_the_input() {
 
 #[test]
 fn a_scene_far_from_the_origin_looks_the_same() {
-    // All coordinates are multiples of 2⁻⁸, so moving by 4096 is exact in f32.
+    // All coordinates are multiples of 2⁻⁸, so a shift by 4096 is exact in f32.
     let dyadic = |v: f32| (v * 256.0).round() / 256.0;
     let splats: Vec<Splat> =
         SCENES[0].splats(2).into_iter().map(|s| Splat { mean: s.mean.map(dyadic), ..s }).collect();

@@ -1,5 +1,4 @@
-//! What the exact renderer's response is by definition (`rendering.md`, Exact renderer), on the
-//! oracle.
+//! The oracle against the definition of the exact renderer's response (`rendering.md`, Exact renderer).
 
 use crate::common::oracle::{Oracle, SplatF64};
 use crate::common::ray::GaussianOnRay;
@@ -14,19 +13,19 @@ use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response
 const RAY: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Pinhole);
 const LINE: RenderMethod = exact(Response::Line, Antialias::None, Lens::Pinhole);
 const FISHEYE: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Fisheye);
-/// Below the cap, so that alpha tells the response everywhere.
+/// Below the cap, so that alpha is proportional to the response everywhere.
 const OPACITY: f64 = 0.9;
 
-/// Alpha along a unit direction of the world, uncut, through a camera whose lens can see it.
+/// Alpha without cut along a unit world direction, which must be visible to the camera's lens.
 fn alpha(splat: &SplatF64, camera: &Camera, method: RenderMethod, direction: DVec3) -> f64 {
     let options = RenderOptions::evaluation(method, [0.0; 3]);
     let oracle = Oracle::new(std::slice::from_ref(splat), camera, &options);
     let point = image_point(camera, method.lens(), direction);
-    // The colour of a white splat: coverage is a difference from 1 and loses small alphas.
+    // Reads the colour of a white splat: coverage is a difference from 1 and loses small alphas.
     oracle.with_thresholds(0.0, 0.0).at(point).rgba[0]
 }
 
-/// Where a direction of the world meets the image.
+/// Image point of a world direction.
 fn image_point(camera: &Camera, lens: Lens, direction: DVec3) -> DVec2 {
     let k = &camera.intrinsics;
     let d = camera.pose.rotation().transpose() * direction;
@@ -42,7 +41,7 @@ fn random_unit(rng: &mut Rng) -> DVec3 {
     DVec3::from_array([0; 3].map(|_| rng.normal())).normalize()
 }
 
-/// Some way ahead of an eye that looks along `forward`, at most 30° off.
+/// Random splat 1 to 4 units ahead of an eye facing `forward`, at most 30° off axis.
 fn random_splat(eye: DVec3, forward: DVec3, rng: &mut Rng) -> SplatF64 {
     let towards = (forward * 2.0 + random_unit(rng)).normalize();
     SplatF64 {
@@ -62,7 +61,7 @@ fn random_camera(rng: &mut Rng) -> Camera {
     Camera { intrinsics: Intrinsics::from_horizontal_fov(90, 70, 1.2), pose }
 }
 
-/// A unit direction at most 75° off the camera's axis.
+/// Random unit direction at most 75° off the camera's axis.
 fn random_direction(camera: &Camera, rng: &mut Rng) -> DVec3 {
     loop {
         let direction = (camera.pose.forward() + random_unit(rng)).normalize();
@@ -86,7 +85,7 @@ fn a_ball_follows_the_sine_of_the_angle() {
     for step in 0..20 {
         let angle = f64::from(step) * 0.15;
         let direction = DQuat::from_axis_angle(axis, angle) * towards;
-        // The nearest point of a ray that leads away is the camera.
+        // On a ray that leads away from the ball, the nearest point is the camera.
         let sine = if angle < 0.5 * std::f64::consts::PI { angle.sin() } else { 1.0 };
         let expected = OPACITY * (-0.5 * (distance / sigma * sine).powi(2)).exp();
         let mut found = vec![alpha(&ball, &camera, FISHEYE, direction)];
@@ -143,7 +142,7 @@ fn alpha_of_the_line_is_the_normalised_integral() {
     assert!(n_compared >= 100, "{n_compared}");
 }
 
-/// The published form as well: `∫ N(x; µ, Σ) dℓ = (2π)^−3/2 |Σ|^−1/2 √2π / |M d̂| · exp(−D²/2)`.
+/// Checks the published form `∫ N(x; µ, Σ) dℓ = (2π)^−3/2 |Σ|^−1/2 √2π / |M d̂| · exp(−D²/2)`.
 #[test]
 fn the_integral_of_the_normal_density_has_its_closed_form() {
     let mut worst = 0f64;
@@ -152,7 +151,7 @@ fn the_integral_of_the_normal_density_has_its_closed_form() {
         let camera = random_camera(&mut rng);
         let eye = camera.pose.centre();
         let splat = random_splat(eye, camera.pose.forward(), &mut rng);
-        // Close to the mean: the density there is far from 0.
+        // The ray passes close to the mean, where the density is far from 0.
         let beside = splat.scale.min_element() * random_unit(&mut rng);
         let direction = (splat.mean + beside - eye).normalize();
         let axes = DMat3::from_quat(splat.rotation);
@@ -167,7 +166,7 @@ fn the_integral_of_the_normal_density_has_its_closed_form() {
         let response = alpha(&splat, &camera, LINE, direction) / OPACITY;
         let thickness = direction.dot(precision * direction).sqrt().recip();
         let expected = normalisation * std::f64::consts::TAU.sqrt() * thickness * response;
-        // A sum of evenly spaced values is exact for a Gaussian once the step is below its width.
+        // An equidistant sum over a Gaussian is exact to rounding once the step is below its deviation.
         let reach = (splat.mean - eye).length() + 12.0 * splat.scale.max_element();
         let step = 0.5 * thickness;
         let n = (reach / step).ceil() as i64;
@@ -203,7 +202,7 @@ fn turning_the_camera_changes_no_alpha_but_the_projected_one() {
     let projected = turned(RenderMethod::PROJECTED);
     println!("turning the camera: exact {spreads:?}, projected {projected:.2}");
     assert!(spreads.iter().all(|spread| *spread <= 1e-12), "{spreads:?}");
-    assert!(projected > 0.1, "the projected renderer should show why the exact one exists");
+    assert!(projected > 0.1, "the projected renderer should depend on the camera's rotation");
 }
 
 #[test]

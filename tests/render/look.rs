@@ -1,5 +1,4 @@
-//! What a viewer may change about every splat: the oracle by its definition, the CPU renderer by the
-//! oracle.
+//! Display styles of the viewer: the oracle against the definition, the CPU renderer against the oracle.
 
 use crate::common::oracle::{Oracle, Sample};
 use crate::common::scenes::{METHODS, SCENES, camera_of, options, random_appearance};
@@ -59,7 +58,7 @@ fn whole_changed_images_agree_with_the_oracle() {
     }
 }
 
-/// The colour in the middle of one splat 4 ahead of a camera that looks along z.
+/// Colour at the centre of one splat, 4 units ahead of a camera facing +z.
 fn painted(splat: Splat, method: RenderMethod, paint: Paint) -> [f64; 3] {
     let splat = Splat { mean: [0.0, 0.0, 4.0], ..splat };
     let camera = Camera { pose: Pose::IDENTITY, ..camera_of(method) };
@@ -106,12 +105,12 @@ fn depth_is_painted_by_distance() {
 
 #[test]
 fn normals_are_the_shortest_axis_towards_the_camera() {
-    // A quarter turn about x takes y to z.
+    // A quarter turn about x maps y to z.
     let quarter = std::f32::consts::FRAC_1_SQRT_2;
     let cases = [
         ([0.3, 0.2, 0.1], [1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.0]),
         ([0.3, 0.1, 0.2], [quarter, quarter, 0.0, 0.0], [0.5, 0.5, 0.0]),
-        // The same turned by 180° about y: the axis pointed away, and is flipped.
+        // Turned by 180° about y: the axis points away from the camera and is flipped.
         ([0.3, 0.2, 0.1], [0.0, 0.0, 1.0, 0.0], [0.5, 0.5, 0.0]),
     ];
     for method in METHODS {
@@ -121,7 +120,7 @@ fn normals_are_the_shortest_axis_towards_the_camera() {
             assert_color(found, expected, &format!("{method:?} {rotation:?}"));
         }
     }
-    // Seen edge on, either side will do; of equal axes it is the first.
+    // Of equal axes the first counts; edge-on, either sign is correct.
     let found = painted(ball(0.9), METHODS[0], Paint::Normal);
     assert!([0.0, 1.0].iter().any(|red| (found[0] - red).abs() < 1e-6), "{found:?}");
 }

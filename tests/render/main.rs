@@ -1,4 +1,4 @@
-//! The CPU renderer against golden pixels and its f64 oracle, the oracle against the laws of both
+//! The CPU renderer against golden pixels and its f64 oracle, the oracle against the definitions of both
 //! renderers, and the image metrics.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
@@ -24,7 +24,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
 
-/// One image by a renderer of its own.
+/// Renders one image with a new renderer.
 fn draw<'a>(
     splats: impl Into<SplatView<'a>>,
     camera: &Camera,
@@ -33,10 +33,10 @@ fn draw<'a>(
     CpuRenderer::new().render(splats, camera, options)
 }
 
-/// Of `rendering.md`, Tolerances.
+/// See `rendering.md`, Tolerances.
 const F32_TOLERANCE: f64 = 1e-4;
 
-/// How a whole image of the CPU renderer agrees with the oracle's.
+/// Compares a whole image of the CPU renderer with the oracle's.
 fn agreement(view: SplatView, camera: &Camera, options: &RenderOptions, label: &str) -> Agreement {
     let oracle = Oracle::of(view, camera, options);
     let found = samples(&draw(view, camera, options));
@@ -45,13 +45,13 @@ fn agreement(view: SplatView, camera: &Camera, options: &RenderOptions, label: &
     agreement
 }
 
-/// Every number of an image.
+/// Bits of every value of an image.
 fn bits(image: &Rendered) -> Vec<u32> {
     let planes = image.coverage.data.iter().chain(&image.depth.data);
     image.color.data.as_flattened().iter().chain(planes).map(|v| v.to_bits()).collect()
 }
 
-/// A white ball of 0.1 at the origin.
+/// White ball with a deviation of 0.1 at the origin.
 fn ball(opacity: f32) -> Splat {
     Splat { opacity, color: [1.0; 3], scale: [0.1; 3], ..Splat::default() }
 }

@@ -28,7 +28,7 @@ fn golden_metrics() {
     assert!((similarity - value("ssim_valid")).abs() < 1e-6);
 }
 
-/// The two images of the golden file's `image_formula`.
+/// The two images defined by `image_formula` of the golden file.
 fn formula_images() -> (Image<[f64; 3]>, Image<[f64; 3]>) {
     let (width, height) = (32, 24);
     let pixel = |i: usize| ((i % width) as f64, (i / width) as f64);
@@ -77,7 +77,7 @@ fn psnr_edges() {
     assert!((psnr(&glare, &grey).unwrap() - 6.0206).abs() < 1e-4, "the prediction is clamped");
     let mut broken = grey.clone();
     broken.data[3][1] = f32::NAN;
-    assert!(psnr(&broken, &grey).unwrap().is_nan(), "NaN is no perfect score");
+    assert!(psnr(&broken, &grey).unwrap().is_nan(), "NaN is not a perfect score");
 
     let mut half_wrong = grey.clone();
     half_wrong.data[..6].fill([0.0; 3]);
@@ -142,7 +142,7 @@ fn ssim_edges() {
 
 #[test]
 fn depth_errors_by_hand() {
-    // Valid truth: 1, 2, 4, 5; covered: all but the last. Errors 0.1, 0, 2 (ratio 1.5).
+    // Valid truths are 1, 2, 4 and 5, all covered but the last. Errors are 0.1, 0 and 2 (ratio 1.5).
     let truth = Image::from_vec(3, 2, vec![1.0, 2.0, 4.0, 5.0, 0.0, f32::NAN]);
     let found = Image::from_vec(3, 2, vec![1.1, 2.0, 6.0, 5.0, 3.0, 3.0]);
     let coverage = Image::from_vec(3, 2, vec![0.5, 1.0, 0.9, 0.49, 1.0, 1.0]);

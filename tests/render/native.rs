@@ -1,5 +1,5 @@
-//! Splats that carry more than one colour (`rendering.md`, Native appearance): the oracle by its
-//! definition, the CPU renderer by the oracle.
+//! Splats with native appearance (`rendering.md`, Native appearance): the oracle against the definition,
+//! the CPU renderer against the oracle.
 
 use crate::agreement;
 use crate::common::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
@@ -49,7 +49,7 @@ fn whole_native_images_agree_with_the_oracle() {
     }
 }
 
-/// A scene whose pixels are full from a coverage of 0.4 on, drawn as bright as its one frame was.
+/// Pixels count as full from a coverage of 0.4, and the exposure is that of the only frame.
 #[test]
 fn finished_images_agree_with_the_oracle() {
     for (seed, scene) in NATIVE_SCENES.iter().enumerate() {
@@ -80,7 +80,7 @@ fn finished_images_agree_with_the_oracle() {
     }
 }
 
-/// A splat with an appearance, faint enough that no channel saturates over black.
+/// Splats with appearance, faint enough that no channel saturates over black.
 fn faint(seed: u64) -> (Vec<Splat>, Vec<Appearance>) {
     let scene = Scene { opacity: (0.6, 0.6), n_splats: 60, ..NATIVE_SCENES[1] };
     let splats = scene.splats(seed);
@@ -88,7 +88,7 @@ fn faint(seed: u64) -> (Vec<Splat>, Vec<Appearance>) {
     (splats, appearance)
 }
 
-/// The colour of the only splat in a pixel, where it is more than a trace.
+/// Colour of the only splat in a pixel, if its alpha exceeds 0.05.
 fn color(sample: Sample) -> Option<DVec3> {
     let [r, g, b, alpha] = sample.rgba;
     (alpha > 0.05).then(|| DVec3::new(r, g, b) / alpha)
@@ -99,7 +99,7 @@ fn alone(splat: &Splat, appearance: &Appearance, method: RenderMethod) -> Oracle
     Oracle::of(view.unwrap(), &camera(), &RenderOptions::evaluation(method, [0.0; 3]))
 }
 
-/// The gradient acts at the point of maximum response, here found by search.
+/// The gradient applies at the point of maximum response, here found by search.
 #[test]
 fn exact_colour_follows_the_gradient_to_the_point_of_maximum_response() {
     let camera = camera();
@@ -128,7 +128,7 @@ fn exact_colour_follows_the_gradient_to_the_point_of_maximum_response() {
     assert!(n_compared > 1000 && n_limited > 50, "{n_compared} {n_limited}");
 }
 
-/// The projected renderer's slope is the exact one's where they touch, at the centre.
+/// At the splat's centre, where both renderers agree, their colour slopes are equal.
 #[test]
 fn projected_gradient_is_tangent_to_the_exact_one() {
     let (splats, appearance) = faint(3);
@@ -161,7 +161,7 @@ fn view_dependence_is_linear_in_the_direction_and_clamped() {
     let directional = [[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]];
     let appearance = Appearance { directional, ..Appearance::default() };
     for method in [RenderMethod::PROJECTED, EXACT] {
-        // The direction is (x, 0, 4)/5.
+        // The unit viewing direction is (x, 0, 4)/5.
         for (x, expected) in [(-3.0, [0.32, 0.5, 1.0]), (3.0, [0.68, 0.5, 0.0])] {
             let splat = Splat { mean: [x, 0.0, 4.0], ..blob() };
             let view = [splat];
@@ -175,14 +175,14 @@ fn view_dependence_is_linear_in_the_direction_and_clamped() {
     }
 }
 
-/// `o > 1`: the cap makes a plateau, and the support grows with √(2 ln 255·o).
+/// For `o > 1` the cap makes a plateau, and the support grows to √(2 ln(255·o)) deviations.
 #[test]
 fn opacity_over_one_has_a_flat_top() {
     let (sigma, distance) = (0.2, 4.0);
     let splat = Splat { opacity: 3.0, scale: [sigma as f32; 3], ..blob() };
     let oracle = Oracle::of(&[splat], &facing(), &RenderOptions::evaluation(EXACT, [0.0; 3]));
     let k = facing().intrinsics;
-    // From the isotropic closed form D = (r/σ)·sin θ.
+    // Isotropic closed form: D = (r/σ)·sin θ.
     let at = |deviations: f64| {
         let tangent = (deviations * f64::from(splat.scale[0]) / distance).asin().tan();
         oracle.at(DVec2::new(k.cx + k.fx * tangent, k.cy)).rgba[3]
@@ -195,12 +195,12 @@ fn opacity_over_one_has_a_flat_top() {
     assert!(at(0.999 * reach) > 0.0 && at(1.001 * reach) == 0.0);
 }
 
-/// Ahead of [`facing`].
+/// Splat ahead of the camera [`facing`].
 fn blob() -> Splat {
     Splat { mean: [0.0, 0.0, 4.0], color: [0.5; 3], ..crate::ball(0.6) }
 }
 
-/// A camera at the origin that looks along z.
+/// Camera at the origin facing +z.
 fn facing() -> Camera {
     Camera { pose: Pose::IDENTITY, ..camera() }
 }

@@ -1,5 +1,5 @@
-//! What the photometric walk says of splats, against the oracle: every derivative by finite differences
-//! of a picture that shares no arithmetic with it, and the blocks against the dense Gauss-Newton matrix.
+//! Derivatives of the photometric walk against finite differences of the oracle, which shares no
+//! arithmetic with it, and its blocks against the dense Gauss-Newton matrix.
 
 use crate::common::oracle::{AppearanceF64, Oracle, SplatF64};
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
@@ -22,16 +22,16 @@ use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::scene::photometric::rule::PhotometricRule;
 
 const SIZE: u32 = 40;
-/// Residuals are far below it: every pixel counts in full.
+/// Robust threshold far above all residuals, so that every pixel has full weight.
 const ALL: f32 = 1e6;
-/// Parameters of a splat: its form, then seven coefficients for each channel.
+/// Parameters of a splat: its form, then seven coefficients per channel.
 const N: usize = N_FORM + 3 * N_COLOR;
 
 fn camera() -> Camera {
     Camera { intrinsics: Intrinsics::from_horizontal_fov(SIZE, SIZE, 0.9), pose: Pose::IDENTITY }
 }
 
-/// Splats that overlap, some with flat tops; with `varied` colours that vary over each.
+/// Overlapping splats, some with flat tops; `varied` adds colour gradients.
 fn scene(varied: bool) -> (Vec<Splat>, Vec<Appearance>) {
     let mut rng = Rng::new(3, Purpose::Synthetic, 0);
     let mut draw = |lo: f64, hi: f64| rng.range(lo, hi) as f32;
@@ -68,8 +68,8 @@ fn options() -> RenderOptions {
     RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])
 }
 
-/// A photograph that no scene explains: smooth, within `[0.2, 0.7]`; every third pixel with a depth, among
-/// those of the splats.
+/// Smooth photograph within `[0.2, 0.7]`, unrelated to the scene; every third pixel has a depth within the
+/// range of the splats.
 fn photograph() -> Image<MeasuredPixel> {
     let n = SIZE as usize;
     let pixel = |i: usize| {
@@ -82,16 +82,16 @@ fn photograph() -> Image<MeasuredPixel> {
     Image::from_vec(n, n, (0..n * n).map(pixel).collect())
 }
 
-/// Weight of coverage beside colour, and of depth.
+/// Weights of the coverage and depth residuals relative to colour.
 const COVERAGE: f64 = 0.7;
 const DEPTH: f64 = 0.4;
-/// How far a surface may lie from a depth.
+/// Tolerance of a surface's distance from a measured depth.
 const MARGIN: [f32; 2] = [0.2, 0.05];
-/// Values of a pixel: colours, coverage, wrongness.
+/// Values per pixel: three colours, coverage, depth penalty.
 const N_VALUES: usize = 5;
 
-/// How wrong each splat is beside each depth that was measured, pixel by pixel: nothing of it moves with
-/// a splat, as points say where splats lie.
+/// Depth penalty of each splat at each pixel with a measured depth. It is constant under the derivatives,
+/// because points alone place splats in depth.
 struct Wrongness(Vec<Option<Vec<f64>>>);
 
 impl Wrongness {
@@ -111,7 +111,7 @@ impl Wrongness {
     }
 }
 
-/// Expected depth of a splat's own distribution at a pixel of the image, to first order.
+/// Expected depth of a splat's distribution at a point of the image, to first order.
 fn surface_depth(splat: &SplatF64, k: &Intrinsics, at: DVec2) -> f64 {
     const LOW_PASS: f64 = 0.3;
     let m = splat.mean;
@@ -132,7 +132,7 @@ fn surface_depth(splat: &SplatF64, k: &Intrinsics, at: DVec2) -> f64 {
     m.z + with_depth.dot(place.inverse() * (at - centre))
 }
 
-/// Finished colours of all pixels, and their coverage and wrongness as they count beside these.
+/// Finished colours of all pixels, with weighted coverage and depth penalty.
 fn picture(splats: &[SplatF64], wrongness: &Wrongness, full_coverage: f64) -> Vec<f64> {
     let oracle = Oracle::new(splats, &camera(), &options());
     let n = SIZE as usize;
@@ -140,7 +140,7 @@ fn picture(splats: &[SplatF64], wrongness: &Wrongness, full_coverage: f64) -> Ve
         let [r, g, b, a] = oracle.pixel(i % n, i / n).rgba;
         let fill = if a > 0.0 { (1.0 / full_coverage).min(1.0 / a) } else { 0.0 };
         let wrong = wrongness.0[i].as_ref().map_or(0.0, |wrongness| {
-            // A picture of splats as bright as they are wrong.
+            // Renders the depth penalty of each splat as its brightness.
             let shade = |(splat, wrong): (&SplatF64, &f64)| SplatF64 {
                 appearance: None,
                 color: DVec3::splat(*wrong),
@@ -154,7 +154,6 @@ fn picture(splats: &[SplatF64], wrongness: &Wrongness, full_coverage: f64) -> Ve
     (0..n * n).flat_map(value).collect()
 }
 
-/// A splat with one parameter changed.
 fn changed(splat: SplatF64, parameter: usize, by: f64) -> SplatF64 {
     let mut out = splat;
     let axis = |i: usize| DVec3::AXES[i] * by;
@@ -177,7 +176,7 @@ fn changed(splat: SplatF64, parameter: usize, by: f64) -> SplatF64 {
     out
 }
 
-/// Derivatives of every value of the picture by one parameter of one splat.
+/// Derivatives of all values of the picture with respect to one parameter of one splat.
 fn derivatives(
     splats: &[SplatF64],
     wrongness: &Wrongness,
@@ -185,7 +184,7 @@ fn derivatives(
     parameter: usize,
     full: f64,
 ) -> Vec<f64> {
-    // So small that hardly a pixel crosses the alpha cut between the two.
+    // Small enough that hardly any pixel crosses the alpha cut between the two pictures.
     const STEP: f64 = 1e-7;
     let at = |by: f64| {
         let mut splats = splats.to_vec();
@@ -196,11 +195,10 @@ fn derivatives(
     ahead.iter().zip(&back).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
 }
 
-/// What a photograph says of one splat.
+/// Sums of the photometric walk for one splat.
 struct Said {
-    /// Gradient by all parameters.
     gradient: [f64; N],
-    /// Lower triangles of the Gauss-Newton blocks of its form and of a channel's colour.
+    /// Lower triangles of the Gauss-Newton blocks of the form and of the colour of a channel.
     form: [f64; N_FORM_PRECISION],
     color: [f64; N_COLOR_PRECISION],
 }
@@ -244,7 +242,7 @@ fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Sa
     compared.visible_splats(0.0).into_iter().map(lift).collect()
 }
 
-/// Photograph less picture.
+/// Photograph minus picture.
 fn residual(splats: &[SplatF64], wrongness: &Wrongness, full: f64) -> Vec<f64> {
     let target = photograph();
     let values = |p: &MeasuredPixel| -> [f64; N_VALUES] {
@@ -255,7 +253,7 @@ fn residual(splats: &[SplatF64], wrongness: &Wrongness, full: f64) -> Vec<f64> {
     target.zip(picture(splats, wrongness, full)).map(|(y, c)| y - c).collect()
 }
 
-/// Root mean square error of each group of derivatives over their own, over all splats.
+/// Relative RMS error of each group of derivatives, over all splats.
 fn errors(varied: bool, full: f64) -> [f64; 4] {
     let (splats, appearance) = scene(varied);
     let wide = wide(&splats, &appearance);
@@ -287,7 +285,8 @@ fn every_derivative_is_the_pictures() {
     }
 }
 
-/// How a splat's plane turns under its colour gradient is left out of the derivatives by mean and form.
+/// The derivatives by mean and form neglect how the plane of a splat turns under its colour gradient, so
+/// the bounds are looser.
 #[test]
 fn colours_that_vary_change_little() {
     let [mean, form, opacity, color] = errors(true, 0.6);
@@ -295,7 +294,7 @@ fn colours_that_vary_change_little() {
     assert!(mean < 0.03 && form < 0.05 && opacity < 1e-4 && color < 1e-4);
 }
 
-/// Every choice of rows says its own part of what all rows say.
+/// The sums over disjoint row subsets add up to the sums over all rows.
 #[test]
 fn rows_add_up_to_the_whole() {
     let (splats, appearance) = scene(true);
@@ -314,10 +313,10 @@ fn rows_add_up_to_the_whole() {
         "{sum:?} of {error}, {pixels}"
     );
     assert!(quarters.iter().all(|part| part.1 < 0.3 * pixels && part.2 <= n_seen));
-    assert_eq!(compared(RowSubset::new(7, 6)), quarters[2], "the power of two below");
+    assert_eq!(compared(RowSubset::new(7, 6)), quarters[2], "7 rounds down to a power of two");
 }
 
-/// Precision of the parameters of a splat before any photograph: its diagonal.
+/// Diagonal of the prior precision of a splat's parameters.
 fn prior(splat: &Splat) -> [f64; N] {
     let prior = PhotometricRule::DEFAULT.prior;
     let extent = f64::from(splat.scale.iter().fold(0.0f32, |a, &s| a.max(s)));
@@ -339,7 +338,7 @@ fn solved(n: usize, matrix: &[f64], right: &[f64]) -> Vec<f64> {
     Cholesky::new(n, matrix).unwrap().solve(right)
 }
 
-/// Squared error once every splat has taken its step.
+/// Squared error after every splat takes its step.
 fn after(splats: &[SplatF64], wrongness: &Wrongness, steps: &[f64], full: f64) -> f64 {
     let step = |(i, splat): (usize, &SplatF64)| {
         (0..N).fold(*splat, |splat, parameter| changed(splat, parameter, steps[i * N + parameter]))
@@ -348,8 +347,8 @@ fn after(splats: &[SplatF64], wrongness: &Wrongness, steps: &[f64], full: f64) -
     residual(&stepped, wrongness, full).iter().map(|r| r * r).sum()
 }
 
-/// The blocks leave out what splats of one pixel take from each other, and a weight on them makes up
-/// for it: against the dense Gauss-Newton step with all cross terms, under the same prior and noise.
+/// The blocks neglect cross terms between splats of a pixel, and damping compensates for it. Compares
+/// their step with the dense Gauss-Newton step under the same prior and noise.
 #[test]
 fn blocks_come_near_the_dense_step() {
     let (splats, appearance) = scene(true);
@@ -362,7 +361,7 @@ fn blocks_come_near_the_dense_step() {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let n = columns.len();
     let priors: Vec<f64> = splats.iter().flat_map(prior).collect();
-    // Noise as learning takes it: several times what the picture differs by.
+    // Training assumes noise of several times the actual residual.
     let rule = PhotometricRule::DEFAULT;
     let variance = rule.noise.powi(2) * before / residual.len() as f64;
     let mut dense = vec![0.0; n * n];
@@ -399,7 +398,7 @@ fn blocks_come_near_the_dense_step() {
     let cosine = dot(&dense_step, &block_step)
         / (dot(&dense_step, &dense_step) * dot(&block_step, &block_step)).sqrt();
     println!(
-        "squared error taken away: dense {:.1} %, blocks {:.1} %; cosine of the steps {cosine:.3}",
+        "squared error removed: dense {:.1} %, blocks {:.1} %; cosine of the steps {cosine:.3}",
         100.0 * dense,
         100.0 * block
     );

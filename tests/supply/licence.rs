@@ -1,6 +1,6 @@
-//! Licence expressions as SPDX writes them, with the slash of older crates for `OR`.
+//! Evaluates SPDX licence expressions, where older crates write a slash for `OR`.
 
-/// Whether a combination of allowed licences satisfies the expression; an error for what is none.
+/// True if the allowed licences satisfy the expression; an error if it is malformed.
 pub fn is_allowed(expression: &str, allowed: &[String]) -> Result<bool, String> {
     let spaced = expression.replace('(', " ( ").replace(')', " ) ").replace('/', " OR ");
     let mut tokens = spaced.split_whitespace().peekable();

@@ -1,5 +1,5 @@
-//! What the program is built from: every dependency comes from crates.io under a licence that
-//! `deny.toml` allows, and nothing fetches more while it builds. Asks Cargo alone, off line.
+//! Supply chain: every dependency comes from crates.io under a licence that `deny.toml` allows, and
+//! no build script fetches more. Uses `cargo metadata` offline.
 #![allow(clippy::unwrap_used)]
 
 mod licence;
@@ -17,7 +17,7 @@ fn text(file: &str) -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap()
 }
 
-/// The strings of a list of `deny.toml`, which begins with `name = [` on a line of its own.
+/// Strings of a list in `deny.toml` that begins with `name = [` on its own line.
 fn listed(name: &str) -> Vec<String> {
     let config = text("deny.toml");
     let (_, list) = config.split_once(&format!("\n{name} = [\n")).unwrap();
@@ -25,7 +25,7 @@ fn listed(name: &str) -> Vec<String> {
     lines.map(|line| line.split('"').nth(1).unwrap().to_owned()).collect()
 }
 
-/// What Cargo says of the packages that a build on this machine takes, with every feature.
+/// Cargo's metadata of the packages in a build on this machine, with all features.
 fn metadata() -> &'static Value {
     static SAID: LazyLock<Value> = LazyLock::new(ask_cargo);
     &SAID
@@ -35,7 +35,7 @@ fn ask_cargo() -> Value {
     let cargo = option_env!("CARGO").unwrap_or("cargo");
     let output = Command::new(cargo)
         .args(["metadata", "--offline", "--locked", "--format-version", "1", "--all-features"])
-        // Those of other systems were never fetched.
+        // Packages of other systems may not be downloaded.
         .args(["--filter-platform", "host-tuple"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
@@ -50,7 +50,7 @@ fn packages(metadata: &Value) -> &[Value] {
     packages
 }
 
-/// The lock holds the packages of all systems, Cargo those of this one.
+/// The lock file holds the packages of all systems, the metadata those of this one.
 #[test]
 fn every_dependency_comes_from_the_registry() {
     let lock = text("Cargo.lock");
@@ -84,7 +84,7 @@ fn every_dependency_has_an_allowed_licence() {
         used.extend(allowed.iter().filter(|licence| expression.contains(licence.as_str())));
     }
     let unused: Vec<_> = allowed.iter().filter(|licence| !used.contains(licence)).collect();
-    assert!(unused.is_empty(), "deny.toml allows what nothing has: {unused:?}");
+    assert!(unused.is_empty(), "deny.toml allows unused licences: {unused:?}");
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn nothing_is_fetched_while_it_builds() {
     let banned = listed("deny");
     for package in packages.values() {
         let name = package["name"].as_str().unwrap();
-        assert!(!banned.iter().any(|banned| banned == name), "{name} speaks to a network");
+        assert!(!banned.iter().any(|banned| banned == name), "{name} is a network library");
     }
     let mut n_scripts = 0;
     for (id, package) in &packages {
@@ -103,7 +103,7 @@ fn nothing_is_fetched_while_it_builds() {
             n_scripts += 1;
             let source = fs::read_to_string(script["src_path"].as_str().unwrap()).unwrap();
             for word in ["TcpStream", "\"curl\"", "\"wget\"", "\"git\"", "\"powershell\""] {
-                assert!(!source.contains(word), "{id}: its build script has {word}");
+                assert!(!source.contains(word), "{id}: its build script contains {word}");
             }
         }
     }

@@ -1,10 +1,10 @@
-//! The paper's ablation: what each step from the dense E-step to forwarded reassignment costs and
-//! brings, on any dataset.
+//! Ablation of the published algorithm: cost and benefit of each step from the dense E-step to
+//! forwarded reassignment, on any dataset.
 //!
-//! Rows are timed in turns, since a shared machine drifts by more than neighbouring rows differ.
-//! Dense rows would take minutes a frame: they run on whole tiles, evenly spaced, and what grows
-//! with the points is scaled back. Their models saw fewer points, so their PSNR compares within
-//! those rows only; the table says so.
+//! Configurations run in turns, because a shared machine drifts by more than neighbouring rows
+//! differ. Dense rows would take minutes per frame, so they run on evenly spaced whole tiles. Times
+//! that grow with the number of points are scaled up. These models saw fewer points, so their PSNR
+//! is comparable only within those rows; a note states this.
 
 use super::runs;
 use super::runs::{Runs, TimedConfiguration};
@@ -25,31 +25,27 @@ use crate::train::timing::{PaperStage, StageMs};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Batch of the dense rows, as the reference scores them: what is written out must fit in memory.
+/// Batch size of the dense rows, as in the reference. The scores of a batch are stored and must fit
+/// in memory.
 const DENSE_BATCH: Batch = Batch::Points(128);
 
-/// How much of the ablation is run.
+/// Sizes of the ablation. `frames` and `views` are maxima.
 #[derive(Clone, Debug)]
 pub struct AblationPlan {
-    /// Components of every row, the paper's N.
     pub components: usize,
-    /// Training frames at most.
     pub frames: usize,
-    /// Held-out views at most.
     pub views: usize,
-    /// Runs of every row.
     pub repeats: usize,
-    /// Pairs of a point and a component that a dense row may score per frame; frames are thinned
-    /// to fit.
+    /// Maximum number of point-component pairs that a dense row scores per frame. Frames are
+    /// thinned to fit.
     pub dense_pairs: usize,
-    /// Batches of the truncated row.
+    /// Batch sizes of the truncated rows.
     pub batches: Vec<Batch>,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
 impl AblationPlan {
-    /// The paper's N on up to 200 frames, or a fifth of it on a dozen.
+    /// Full size: the paper's N on up to 200 frames. Quick: a fifth of N on 12 frames.
     pub fn new(options: BenchOptions) -> Self {
         let (components, frames, views, repeats, dense_pairs) = if options.quick {
             (20_000, 12, 4, 3, 10_000_000)
@@ -73,45 +69,39 @@ impl AblationPlan {
     }
 }
 
-/// One row of the table.
+/// One row of the table. Times are medians over the runs, in milliseconds per frame of all points.
 #[derive(Clone, Debug, Serialize)]
 pub struct AblationRow {
-    /// What was changed.
     pub configuration: String,
-    /// Points that pass through at once.
+    /// Points processed at once.
     pub batch: Batch,
-    /// Share of the points that was really run; times are scaled to all of them.
+    /// Share of the points that were processed. Times are scaled to all points.
     pub points_share: f64,
-    /// Median milliseconds per frame.
     pub ms: f64,
-    /// First quartile over the runs.
     pub ms_q1: f64,
-    /// Third quartile over the runs.
     pub ms_q3: f64,
-    /// Candidate search, scaled like `ms`.
+    /// Candidate search.
     pub candidates_ms: f64,
-    /// Scores and responsibilities, scaled like `ms`.
+    /// Scores and responsibilities.
     pub e_step_ms: f64,
-    /// Sums per tile, scaled like `ms`.
+    /// Sums per tile.
     pub stats_ms: f64,
-    /// Addition to the totals.
+    /// Adding the sums to the totals. Not scaled: independent of the number of points.
     pub update_ms: f64,
-    /// Choosing and moving components.
+    /// Selecting and moving components. Not scaled: independent of the number of points.
     pub reassign_ms: f64,
-    /// Mean PSNR of the projected renderer, dB, after the points that were really run.
+    /// Mean PSNR in dB, projected renderer, of the model trained on the processed points.
     pub psnr: f64,
-    /// Components with statistics at the end.
+    /// Components with statistics after the last frame.
     pub used: usize,
 }
 
-/// A configuration by its name in the table.
 struct AblationStep {
     name: String,
     config: PaperConfig,
     is_thinned: bool,
 }
 
-/// Runs the ablation.
 pub fn run(
     plan: &AblationPlan,
     dataset: Arc<Dataset>,
@@ -123,7 +113,7 @@ pub fn run(
     let frames =
         |row: &AblationStep| if row.is_thinned { &thinned[..] } else { &sample.frames[..] };
     let threads = rayon::current_num_threads();
-    // One for all rows: they start alike and differ by what is measured only.
+    // One draw for all rows, so that they differ only in the measured step.
     let draw = InitialDraw::random(plan.components, plan.options.seed);
     let variant = |row: &AblationStep| TimedConfiguration {
         config: row.config.clone(),
@@ -168,8 +158,8 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
         ..PaperOverrides::default()
     };
     let fused = PaperOverrides { statistics: Some(StatisticsForm::Fused), ..plain };
-    // The tree stays until the grid has a row of its own: what truncation brings must not be mixed
-    // with a faster index.
+    // Keep the k-d tree until the grid has a row of its own, so that truncation is not mixed with a
+    // faster index.
     let truncated = PaperOverrides {
         candidates: Some(PaperConfig::paper().candidates),
         index: Some(IndexKind::KdTree),
@@ -182,8 +172,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
     let mut rows = vec![
         ("dense E-step, statistics unfused, f64".to_owned(), plain, true),
         ("+ fused statistics".to_owned(), fused, true),
-        // On the thinned points once more: against the row above nothing but the candidates
-        // differs.
+        // The thinned points again, so that only the candidates differ from the row above.
         ("+ truncated E-step, C = 4, same points".to_owned(), truncated.clone(), true),
     ];
     for &batch in &plan.batches {
@@ -203,7 +192,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
     checked.collect()
 }
 
-/// `frame` or the number of points.
+/// Formats a batch size: `frame` or the number of points.
 pub fn batch_name(batch: Batch) -> String {
     match batch {
         Batch::Frame => "frame".to_owned(),
@@ -218,7 +207,7 @@ fn measured(
     frames: &[Points<f32>],
 ) -> Result<AblationRow, BenchError> {
     let points_share = count(frames) as f64 / count(&sample.frames) as f64;
-    // What is done per component does not grow with the points.
+    // Work per component does not grow with the number of points.
     let scaled = |ms: &StageMs| {
         let per_component =
             [PaperStage::Update, PaperStage::Reassign].map(|stage| ms.values()[stage as usize]);
@@ -270,12 +259,12 @@ fn notes(plan: &AblationPlan, sample: &TrainingSample, thinned: &[Points<f32>]) 
     let n_frames = sample.frames.len();
     vec![
         format!(
-            "{n_frames} frames of {} points on average, {} runs in turns; a run is the median over its frames without the first.",
+            "{n_frames} frames of {} points on average, {} runs in turns; the time of a run is the median over its frames without the first.",
             count(&sample.frames) / n_frames,
             plan.repeats
         ),
         format!(
-            "Rows below 100 % ran on {} points a frame (whole tiles, evenly spaced); all but update and reassignment is scaled to all points, and their PSNR is that of a model which saw no others: compare it within those rows only.",
+            "Rows below 100 % ran on {} points per frame (evenly spaced whole tiles). Their times, except update and reassignment, are scaled to all points. Their models were trained on these points only: compare their PSNR within these rows only.",
             count(thinned) / n_frames
         ),
         format!(
@@ -312,7 +301,7 @@ fn panels(rows: &[AblationRow]) -> [Panel; 2] {
             series("fewer points, time scaled", true, x, label),
         ],
     };
-    // Both panels have the same rows; naming them twice would leave no room for marks.
+    // Both panels have the same rows. Repeating the names would leave no room for the marks.
     let blank = vec![String::new(); rows.len()];
     [
         panel(

@@ -1,5 +1,5 @@
-//! Benches of the published algorithm: its ablation, speed against error, cost against size,
-//! stability on hard cases, and the search for its fastest arithmetic.
+//! Benches of the published algorithm: ablation, speed against error, scaling, numerical stability,
+//! and the search for the fastest precision.
 
 pub mod ablation;
 pub mod oracle;

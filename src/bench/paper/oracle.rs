@@ -1,11 +1,11 @@
-//! Distance of an engine to the f64 dense oracle, which starts from equal means and sees equal
-//! points.
+//! Distance of an engine's posterior from that of the dense f64 oracle. Both start from equal means
+//! and train on equal points.
 //!
-//! Reassignment is off in both: it draws points by their ELBO, where one rounding moves another
-//! component and errors of arithmetic could no longer be told from other draws. Quantiles weigh a
-//! component by its evidence, since the covariance of a component with one point is all prior and
-//! its relative error says nothing. Means are compared relative to their size, but never to less
-//! than the standard deviation of their component.
+//! Reassignment is off in both. It samples points by their ELBO, so a single rounding error can
+//! move another component, and arithmetic errors could not be separated from sampling. Quantiles
+//! weight each component by its evidence, because the covariance of a component with one point is
+//! almost all prior. Errors of means are relative to the larger of the mean's length and the
+//! component's standard deviation.
 
 use crate::bench::findings::BenchError;
 use crate::math::measured_pixel::Normalization;
@@ -20,69 +20,64 @@ use crate::train::paper::learner;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Responsibilities of one point that are not zero.
+/// Non-zero responsibilities of one point, by component.
 pub(super) type Shares = BTreeMap<u32, f64>;
 
-/// What the dense f64 engine makes of some frames.
+/// Reference results of the dense f64 engine on some frames.
 pub struct DenseOracle<'a> {
     draw: InitialDraw,
     frames: &'a [Points<f32>],
     seen: Seen,
 }
 
-/// What an engine says after some frames.
+/// Results of an engine after some frames.
 struct Seen {
-    /// ELBO of every point of the last frame, nats.
+    /// ELBO of each point of the last frame, nats.
     elbo: Vec<f64>,
-    /// Responsibilities of every point of the last frame, zeros left out.
+    /// Non-zero responsibilities of each point of the last frame.
     responsibilities: Vec<Shares>,
     posteriors: Vec<ComponentPosterior>,
 }
 
-/// Differences to the oracle.
+/// Differences from the oracle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// Largest difference of a point's ELBO, nats.
+    /// Largest ELBO difference of a point, nats.
     pub elbo_max: f64,
-    /// Mean difference of a point's ELBO, nats.
+    /// Mean ELBO difference of a point, nats.
     pub elbo_mean: f64,
-    /// Mean over the points of the total variation between the responsibilities.
+    /// Mean over the points of the total variation of their responsibilities.
     pub variation_mean: f64,
-    /// Largest total variation of a point's responsibilities.
     pub variation_max: f64,
-    /// Relative errors of the posteriors.
     pub posterior: PosteriorErrors,
 }
 
-/// Relative differences of posteriors. A quantile counts every component with its evidence `N_k`.
+/// Relative errors of posteriors. Quantiles weight each component by its evidence `N_k`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct PosteriorErrors {
     /// 99 % quantile of `|m − m*| / max(|m*|, sd)`.
     pub mean_p99: f64,
-    /// Largest relative error of a posterior mean.
     pub mean_max: f64,
     /// 99 % quantile of `‖Σ − Σ*‖ / ‖Σ*‖`, Frobenius.
     pub covariance_p99: f64,
-    /// Largest relative error of a posterior covariance, Frobenius.
     pub covariance_max: f64,
 }
 
 impl PosteriorErrors {
-    /// The larger of the two quantiles: what bounds are stated on.
+    /// Larger of the two 99 % quantiles. Error bounds refer to it.
     pub fn p99(&self) -> f64 {
         self.mean_p99.max(self.covariance_p99)
     }
 }
 
 impl<'a> DenseOracle<'a> {
-    /// Trains the oracle from `draw`, whose numbers are first rounded to f32 as every engine reads
-    /// them.
+    /// Trains the oracle from `draw`, rounded to f32 first because every engine reads f32.
     pub fn new(
         config: &PaperConfig,
         draw: &InitialDraw,
         frames: &'a [Points<f32>],
     ) -> Result<Self, BenchError> {
-        // Else the rounding of the input would count as an error of the arithmetic.
+        // Otherwise the rounding of the input would count as an arithmetic error.
         let rounded = |row: &[f64; 6]| row.map(|v| f64::from(v as f32));
         let means = draw.means.iter().map(rounded).collect();
         let draw = InitialDraw { means, alpha: draw.alpha.clone() };
@@ -96,7 +91,7 @@ impl<'a> DenseOracle<'a> {
         Ok(Self { draw, frames, seen })
     }
 
-    /// How far an engine of this configuration, without reassignment, is from the oracle.
+    /// Errors of an engine with this configuration, run without reassignment.
     pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
         let fixed =
             PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
@@ -122,7 +117,7 @@ impl Seen {
         draw: &InitialDraw,
         frames: &[Points<f32>],
     ) -> Result<Self, BenchError> {
-        // Points and means are in model coordinates already, and nothing here asks for the world.
+        // Points and means are already in model coordinates, and no result is in world coordinates.
         let mut engine = learner::begin(config, draw, Normalization::IDENTITY)?;
         for frame in frames {
             engine.learn(frame)?;
@@ -130,7 +125,7 @@ impl Seen {
         let elbo = engine.point_elbo();
         let posteriors = (0..engine.components()).map(|k| engine.posterior(k)).collect();
         let mut responsibilities = Vec::new();
-        // Tile by tile: a dense engine lists every component for every point.
+        // Tile by tile to limit memory: a dense engine returns every component for every point.
         for tile in frames.last().map_or_else(Vec::new, tiles) {
             let shares = engine.responsibilities(&tile).into_iter();
             responsibilities
@@ -153,15 +148,14 @@ fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
     (0..points.n_tiles()).map(tile).collect()
 }
 
-/// Half the sum of absolute differences.
+/// Total variation: half the sum of absolute differences.
 pub(super) fn total_variation(a: &Shares, b: &Shares) -> f64 {
     let here = a.iter().map(|(id, r)| (r - b.get(id).unwrap_or(&0.0)).abs());
     let only_there = b.iter().filter(|(id, _)| !a.contains_key(id)).map(|(_, r)| r.abs());
     0.5 * (here.sum::<f64>() + only_there.sum::<f64>())
 }
 
-/// Relative differences over the components the truth has evidence for. A value that is no number
-/// counts as infinite.
+/// Relative errors over the components with evidence in `truth`. NaN counts as infinite.
 pub fn posterior_errors(
     found: &[ComponentPosterior],
     truth: &[ComponentPosterior],
@@ -175,7 +169,7 @@ pub fn posterior_errors(
 }
 
 fn mean_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f64 {
-    // A mean near the origin has no size of its own to compare with.
+    // A mean near the origin has no meaningful length.
     let size = truth.mean_space.length().max(truth.expected_covariance().trace().sqrt());
     number_or_infinity((found.mean_space - truth.mean_space).length() / size)
 }
@@ -195,7 +189,8 @@ fn number_or_infinity(value: f64) -> f64 {
     if value.is_nan() { f64::INFINITY } else { value }
 }
 
-/// The error that 99 % of the weight stays below, and the largest one.
+/// Returns the error below which 99 % of the weight lies, and the largest error. Items are (error,
+/// weight).
 fn weighted_p99_and_max(mut errors: Vec<(f64, f64)>) -> [f64; 2] {
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = errors.iter().map(|(_, weight)| weight).sum();

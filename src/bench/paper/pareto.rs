@@ -1,10 +1,9 @@
-//! Speed against error: one setting at a time is moved away from a base, and each stop is timed,
-//! rendered and compared with the f64 dense oracle.
+//! Speed against error: varies one setting of a base configuration at a time. Each configuration is
+//! timed, rendered and compared with the dense f64 oracle.
 //!
-//! One setting at a time: the full grid would be thousands of runs. Dense reassignment is left to
-//! the ablation, since it costs a dense pass a frame. Oracle and engine start from the means that
-//! the timed run ended with: of fresh random means few ever receive a point, so they would compare
-//! little.
+//! A full grid would need thousands of runs. Dense reassignment appears only in the ablation,
+//! because it costs a dense pass per frame. Oracle and engine start from the final means of the
+//! timed run: few fresh random means ever receive a point, so they would compare little.
 
 use super::ablation::batch_name;
 use super::oracle::{DenseOracle, Errors};
@@ -26,40 +25,31 @@ use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// How much of the sweep is run.
+/// Values and sizes of the sweeps. `frames` and `views` are maxima.
 #[derive(Clone, Debug)]
 pub struct ParetoPlan {
-    /// The base that every sweep departs from.
+    /// Configuration of which every sweep varies one setting.
     pub base: PaperOverrides,
-    /// Numbers of components that are tried.
     pub components: Vec<usize>,
-    /// Candidates per point that are tried.
     pub candidates: Vec<usize>,
-    /// Points at once that are tried.
     pub batches: Vec<Batch>,
-    /// Named precisions that are tried.
     pub precisions: Vec<Precision>,
-    /// Threads; those above the machine's are left out.
+    /// Values above the machine's number of threads are skipped.
     pub threads: Vec<usize>,
-    /// Reassignment policies that are tried.
     pub policies: Vec<ReassignPolicy>,
-    /// Training frames at most.
     pub frames: usize,
-    /// Held-out views at most.
     pub views: usize,
-    /// Runs of every stop.
     pub repeats: usize,
-    /// Pairs of a point and a component that the oracle may score per frame.
+    /// Maximum number of point-component pairs that the oracle scores per frame.
     pub oracle_pairs: usize,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
-/// Frames that the oracle learns from.
+/// Number of final frames that the oracle trains on.
 const ORACLE_FRAMES: usize = 2;
 
 impl ParetoPlan {
-    /// Around the paper's N, or half of it.
+    /// Base with the paper's N, or half of it if quick.
     pub fn new(options: BenchOptions) -> Self {
         use ReassignPolicy::{Forwarded, Off, Padded, Truncated};
         let quick = options.quick;
@@ -69,7 +59,7 @@ impl ParetoPlan {
             seed: Some(options.seed),
             ..PaperOverrides::default()
         };
-        // Sweeps leave the base's own values out: those are the row `base`.
+        // The sweeps leave out the base's own values, which are in row `base`.
         let components: &[usize] =
             if quick { &[1000, 10_000, 100_000] } else { &[1000, 10_000, 30_000, 300_000] };
         let (frames, views, repeats) = if quick { (12, 4, 3) } else { (60, 12, 5) };
@@ -89,14 +79,14 @@ impl ParetoPlan {
         }
     }
 
-    /// The base and every stop: name of the sweep, of the stop, configuration, threads.
+    /// The base and every configuration of the sweeps.
     fn stops(&self) -> Result<Vec<SweepPoint>, BenchError> {
         let all_threads = rayon::current_num_threads();
         let mut stops = Vec::new();
         let mut add =
             |sweep, name: String, change: PaperOverrides, threads| -> Result<(), BenchError> {
                 let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
-                // By the setting's own N, which one of the sweeps moves.
+                // One sweep varies N, so each configuration draws its own means.
                 let draw = InitialDraw::random(config.components, config.seed);
                 stops.push(SweepPoint { sweep, name, config, draw, threads });
                 Ok(())
@@ -119,7 +109,7 @@ impl ParetoPlan {
             let change = PaperOverrides { precision: Some(precision), ..none() };
             add("precision", named(&precision), change, all_threads)?;
         }
-        // All threads is the base itself.
+        // The base already uses all threads.
         for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
             add(
                 "threads",
@@ -139,7 +129,7 @@ impl ParetoPlan {
     }
 }
 
-/// A setting as files spell it.
+/// Formats a setting as in settings files.
 fn named(setting: &impl Serialize) -> String {
     let json = serde_json::to_value(setting).ok();
     json.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
@@ -165,60 +155,50 @@ impl SweepPoint {
     }
 }
 
-/// One stop of a sweep.
+/// One configuration of a sweep. Times are medians over the runs, in milliseconds per frame. Errors
+/// are differences from the oracle.
 #[derive(Clone, Debug, Serialize)]
 pub struct ParetoRow {
-    /// Setting that was moved.
+    /// Name of the varied setting.
     pub sweep: String,
-    /// The setting and the value it was moved to.
+    /// Varied setting with its value.
     pub setting: String,
-    /// Number of components N.
     pub components: usize,
-    /// Candidates per point.
     pub candidates: Candidates,
-    /// Points at once.
+    /// Points processed at once.
     pub batch: Batch,
-    /// Precision by name.
     pub precision: Precision,
-    /// Policy by which unused components move.
     pub reassign: ReassignPolicy,
-    /// Threads of the pool it ran on.
     pub threads: usize,
-    /// Median milliseconds per frame.
     pub ms: f64,
-    /// First quartile over the runs.
     pub ms_q1: f64,
-    /// Third quartile over the runs.
     pub ms_q3: f64,
-    /// Median milliseconds per frame of the candidate search.
+    /// Candidate search.
     pub candidates_ms: f64,
-    /// Median milliseconds per frame of scores and responsibilities.
+    /// Scores and responsibilities.
     pub e_step_ms: f64,
-    /// Median milliseconds per frame of sums per tile.
+    /// Sums per tile.
     pub stats_ms: f64,
-    /// Median milliseconds per frame of the addition to the totals.
+    /// Adding the sums to the totals.
     pub update_ms: f64,
-    /// Median milliseconds per frame of choosing and moving components.
+    /// Selecting and moving components.
     pub reassign_ms: f64,
     /// Mean PSNR of the held-out views, dB.
     pub psnr: f64,
-    /// Largest difference of a point's ELBO to the oracle's, nats.
+    /// Largest ELBO difference of a point, nats.
     pub elbo_diff_max: f64,
-    /// Mean difference of a point's ELBO to the oracle's, nats.
+    /// Mean ELBO difference of a point, nats.
     pub elbo_diff_mean: f64,
-    /// Mean total variation of the responsibilities.
+    /// Mean over the points of the total variation of their responsibilities.
     pub total_variation_mean: f64,
-    /// Largest total variation of a point's responsibilities.
     pub total_variation_max: f64,
-    /// Relative error of posterior means, 99 % of the evidence below.
+    /// 99 % quantile of the relative error of posterior means, weighted by evidence.
     pub mean_error_p99: f64,
-    /// Largest relative error of a posterior mean.
     pub mean_error_max: f64,
-    /// Relative error of posterior covariances, 99 % of the evidence below.
+    /// 99 % quantile of the relative error of posterior covariances, weighted by evidence.
     pub covariance_error_p99: f64,
-    /// Largest relative error of a posterior covariance.
     pub covariance_error_max: f64,
-    /// Whether no other stop with all threads is both faster and of higher PSNR.
+    /// True if no other configuration on all threads is both faster and higher in PSNR.
     pub on_front: bool,
 }
 
@@ -228,7 +208,6 @@ impl ParetoRow {
     }
 }
 
-/// Runs the sweeps.
 pub fn run(
     plan: &ParetoPlan,
     dataset: Arc<Dataset>,
@@ -238,7 +217,7 @@ pub fn run(
     let stops = plan.stops()?;
     let variants: Vec<TimedConfiguration> =
         stops.iter().map(|stop| stop.variant(&sample)).collect();
-    // One step more for each stop: its views and the oracle.
+    // One extra step per configuration for its views and the oracle.
     let steps = (plan.repeats.max(1) + 1) * stops.len();
     let mut done = 0;
     let mut step = || {
@@ -308,8 +287,7 @@ fn measured(
     })
 }
 
-/// Starts engine and oracle from the means the timed run ended with: those are spread as
-/// reassignment leaves them.
+/// Runs engine and oracle from the final means of the timed run, which reassignment has spread out.
 fn errors(
     config: &PaperConfig,
     runs: &Runs,
@@ -333,7 +311,7 @@ fn mark_front(rows: &mut [ParetoRow]) {
         let beaten = |&(threads, ms, psnr): &(usize, f64, f64)| {
             threads == most && ms < row.ms && psnr > row.psnr
         };
-        // Runs on fewer threads show what threads bring; nobody would choose them.
+        // Rows with fewer threads show the speed-up by threads. They are never the best choice.
         row.on_front = row.threads == most && !all.iter().any(beaten);
     }
 }
@@ -382,18 +360,18 @@ fn text(rows: &[ParetoRow]) -> String {
 fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &ParetoRow) -> Vec<String> {
     vec![
         format!(
-            "base: {}, {} threads; every other row changes one setting of it. {} frames, {} runs in turns; a run is the median over its frames without the first.",
+            "base: {}, {} threads. Each other row changes one setting. {} frames, {} runs in turns; the time of a run is the median over its frames without the first.",
             base_name(base),
             base.threads,
             sample.frames.len(),
             plan.repeats
         ),
         format!(
-            "Errors are differences to the f64 dense oracle, both started from the row's final means, on about {} points (at this N) of each of the last {ORACLE_FRAMES} frames: ELBO in nats, TV the mean total variation of responsibilities, mean and covariance relative errors of the posterior that 99 % of the evidence stays below.",
+            "Errors are differences from the dense f64 oracle. Both start from the row's final means, on about {} points (at this N) of each of the last {ORACLE_FRAMES} frames. ELBO: nats. TV: mean total variation of responsibilities. mean, covariance: relative errors of the posterior, 99 % quantile by evidence.",
             plan.oracle_pairs / base.components
         ),
         format!(
-            "PSNR: projected renderer, {} held-out views. Dense reassignment is not swept: see `bench ablation`. front: no row is both faster and better in PSNR.",
+            "PSNR: projected renderer, {} held-out views. Dense reassignment is measured only by `bench ablation`. front: no row is both faster and better in PSNR.",
             sample.n_views()
         ),
     ]
@@ -426,7 +404,7 @@ fn panels(rows: &[ParetoRow]) -> [Panel; 2] {
     [
         panel("quality", Axis::Linear("PSNR, dB".to_owned()), &|r| r.psnr),
         panel(
-            "distance to the f64 dense oracle",
+            "distance from the dense f64 oracle",
             Axis::Log("relative error of covariances (99 %)".to_owned()),
             &|r| r.covariance_error_p99,
         ),

@@ -1,5 +1,5 @@
-//! Timing of configurations against each other: they take turns, A B C A B C, so that whatever else
-//! the machine does slows all of them alike.
+//! Timing of configurations in turns (A B C A B C), so that other load on the machine slows all of
+//! them alike.
 
 use crate::bench::findings::BenchError;
 use crate::eval::metrics::Spread;
@@ -12,40 +12,37 @@ use crate::train::paper::learner::PaperLearner;
 use crate::train::timing::{PAPER_STAGES, StageMs};
 use rayon::ThreadPoolBuilder;
 
-/// A configuration and what it is run on.
+/// A configuration with its input.
 pub struct TimedConfiguration<'a> {
-    /// Settings of the engine.
     pub config: PaperConfig,
-    /// Threads it may use.
     pub threads: usize,
     /// Initial means and weights.
     pub draw: &'a InitialDraw,
-    /// Frames of a run.
     pub frames: &'a [Points<f32>],
 }
 
-/// Times of one variant.
+/// Times of a configuration.
 pub struct Runs {
-    /// Per run the median over its frames, stage by stage.
+    /// Median of each stage over the frames of a run, by run.
     pub runs: Vec<StageMs>,
-    /// The model after the last run.
+    /// Model after the last run.
     pub engine: Box<dyn PaperLearner>,
 }
 
 impl Runs {
-    /// Median and quartiles over the runs.
+    /// Median and quartiles of `of` over the runs.
     pub fn spread(&self, of: impl Fn(&StageMs) -> f64) -> Spread {
         Spread::of(self.runs.iter().map(of).collect())
     }
 
-    /// Medians of all stages, in the order of [`PAPER_STAGES`].
+    /// Median of each stage, in the order of [`PAPER_STAGES`].
     pub fn stages(&self) -> [f64; PAPER_STAGES.len()] {
         std::array::from_fn(|i| self.spread(|ms| ms.values()[i]).median)
     }
 }
 
-/// Trains every variant from its start over all its frames, `repeats` times in turns. The first
-/// frame of a run warms its buffers up and does not count where there are others. `done` hears of
+/// Trains each variant from its initial draw on all its frames, `repeats` times in turns. The first
+/// frame of a run warms up buffers and is excluded unless it is the only one. Calls `done` after
 /// every run.
 pub fn in_turns(
     variants: &[TimedConfiguration],
@@ -55,7 +52,7 @@ pub fn in_turns(
     let mut found: Vec<Option<Runs>> = variants.iter().map(|_| None).collect();
     for _ in 0..repeats.max(1) {
         for (variant, slot) in variants.iter().zip(&mut found) {
-            // The model of the turn before is dropped first: at most one of each variant is in
+            // Drop the model of the previous turn first, so that each variant has at most one in
             // memory.
             let mut runs = slot.take().map_or_else(Vec::new, |earlier| earlier.runs);
             let (engine, ms) = with_threads(variant.threads, || run(variant))??;
@@ -67,12 +64,12 @@ pub fn in_turns(
     Ok(found.into_iter().flatten().collect())
 }
 
-/// Runs `work` on a pool of its own.
+/// Runs `work` on a thread pool of its own.
 pub fn with_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, BenchError> {
-    // The global pool cannot change its number of threads between two turns.
+    // The number of threads of the global pool cannot change between turns.
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
 }
@@ -84,12 +81,12 @@ fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs),
     for frame in *frames {
         times.push(engine.learn(frame)?.ms);
     }
-    // A single frame counts, cold as it is: without it there would be no time at all.
+    // A single frame counts although it is cold: otherwise there would be no time.
     let counted = &times[usize::from(times.len() > 1)..];
     Ok((engine, median(counted)))
 }
 
-/// Median of every stage on its own.
+/// Median of each stage.
 pub fn median(times: &[StageMs]) -> StageMs {
     StageMs::combine(times, |values| Spread::of(values).median)
 }

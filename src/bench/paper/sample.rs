@@ -1,4 +1,4 @@
-//! Frames of a dataset in memory, and the views that measure what was learnt from them.
+//! Frames of a dataset in memory, and the held-out views that measure a model trained on them.
 
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
@@ -16,28 +16,26 @@ use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::paper::learner::PaperLearner;
 use std::sync::Arc;
 
-/// Points of evenly spaced training frames, ready to be trained on again and again.
+/// Points of evenly spaced training frames, for repeated training.
 pub struct TrainingSample {
-    /// Where they are from.
     pub dataset: Arc<Dataset>,
-    /// Model coordinates to world.
+    /// Maps world to model coordinates.
     pub normalization: Normalization,
-    /// Points frame by frame, in the order of the dataset.
+    /// In the order of the dataset.
     pub frames: Vec<Points<f32>>,
-    /// Split and positions of the views that measure.
+    /// Split and frame indices of the held-out views.
     views: (usize, Vec<usize>),
 }
 
 impl TrainingSample {
-    /// Decodes up to `n_frames` evenly spaced training frames; unusable ones are passed over.
+    /// Decodes up to `n_frames` evenly spaced training frames. Unusable frames are skipped.
     pub fn load(
         dataset: Arc<Dataset>,
         n_frames: usize,
         n_views: usize,
     ) -> Result<Self, BenchError> {
-        // The session knows which frames are for training, and how they are unprojected.
-        // The session is asked for its plan alone: a model of the paper's size would be made for
-        // nothing.
+        // The session only provides the plan and the unprojection settings. One component avoids
+        // allocating a model of the paper's size.
         let small = PaperOverrides { components: Some(1), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&small)?;
         let session = Session::new(dataset.clone(), config.clone(), Selection::all_frames())?;
@@ -67,10 +65,10 @@ impl TrainingSample {
         Ok(Self { dataset, normalization, frames, views })
     }
 
-    /// Mean PSNR over the held-out views, dB, black background, against the photographs' RGB as the
-    /// paper compares.
+    /// Mean PSNR of the held-out views in dB: black background, against RGB without alpha, as in
+    /// the paper.
     pub fn psnr(&self, engine: &dyn PaperLearner, config: &PaperConfig) -> Result<f64, BenchError> {
-        // The timed engine knows no world: its frames were normalised here.
+        // The engine was trained in model coordinates, so its splats are converted to world here.
         let splat = |k| config.conversion.splat(&engine.posterior(k), &self.normalization);
         let splats: Vec<_> = (0..engine.components()).map(splat).collect();
         let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
@@ -80,30 +78,30 @@ impl TrainingSample {
         Ok(report.psnr_mean)
     }
 
-    /// Views that measure.
     pub fn n_views(&self) -> usize {
         self.views.1.len()
     }
 
-    /// The frames with about `n_points` each.
+    /// Frames thinned to about `n_points` points each.
     pub fn thinned(&self, n_points: usize) -> Vec<Points<f32>> {
         self.frames.iter().map(|frame| thin(frame, n_points)).collect()
     }
 }
 
-/// Up to `n` of the items, evenly spaced.
+/// Returns up to `n` evenly spaced items.
 pub(in crate::bench) fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
     let n = n.min(items.len());
     (0..n).map(|i| items[i * items.len() / n]).collect()
 }
 
-/// Evenly spaced whole tiles of a frame that hold about `n_points` together, at least one.
+/// Returns evenly spaced whole tiles of a frame with about `n_points` points in total, at least one
+/// tile.
 pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     let tiles: Vec<usize> = (0..points.n_tiles()).collect();
     let n_tiles = n_points * tiles.len() / points.len().max(1);
     let mut thinned = Points::new();
-    // Whole tiles, because search and sums work on tiles (`dataset.md`, Tile order): points picked
-    // one by one would lie far apart in theirs and be slower than they are.
+    // Whole tiles, because search and sums work on tiles (`dataset.md`, Tile order). Points picked
+    // one by one would be far apart within a tile and slower to process.
     for tile in spaced(&tiles, n_tiles.max(1)) {
         for i in points.tile(tile) {
             let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
@@ -114,7 +112,7 @@ pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     thinned
 }
 
-/// Points of all frames together.
+/// Total number of points.
 pub fn count(frames: &[Points<f32>]) -> usize {
     frames.iter().map(Points::len).sum()
 }

@@ -1,5 +1,6 @@
-//! Other programs beside ours on the same frames. They take turns frame by frame, so that whatever else
-//! the machine does slows all of them alike, and every time is told as a ratio to ours on that frame.
+//! Comparison with other programs on the same frames. Programs run in turns frame by frame, so that
+//! other load on the machine slows all of them alike. Each time is also given as a ratio to ours on
+//! the same frame.
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::paper::sample::spaced;
@@ -29,49 +30,39 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 use tempfile::TempDir;
 
-/// Frames of a run, the first of which warms up, and the same of a quick one.
+/// Frames per run, including one warm-up frame.
 const FRAMES: usize = 11;
 const QUICK_FRAMES: usize = 4;
 
-/// What is measured.
 #[derive(Clone, Debug)]
 pub struct PeersPlan {
-    /// Programs to compare with.
     pub peers: Vec<PeerCommand>,
-    /// Components of every mixture.
     pub components: usize,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
-/// One program.
+/// Times of one program, with first and third quartiles.
 #[derive(Clone, Debug, Serialize)]
 pub struct PeerRow {
-    /// Its name.
     pub name: String,
-    /// Frames that count.
+    /// Timed frames, without the warm-up frame.
     pub frames: usize,
-    /// Median milliseconds of learning a frame.
+    /// Median milliseconds to train on a frame.
     pub ms: f64,
-    /// A quarter of the frames took less.
     pub ms_q1: f64,
-    /// A quarter took more.
     pub ms_q3: f64,
-    /// Median of its time over ours on the same frame, without reassignment.
+    /// Median ratio of its time to ours without reassignment on the same frame.
     pub ratio: f64,
-    /// A quarter of these are less.
     pub ratio_q1: f64,
-    /// A quarter are more.
     pub ratio_q3: f64,
 }
 
-/// Who learns frames in turns.
+/// A timed program: this engine or a peer process.
 enum Learning {
     Ours(Box<dyn PaperLearner>),
     Theirs(PeerProcess),
 }
 
-/// Times every program on every frame.
 pub fn run(
     plan: &PeersPlan,
     dataset: &Arc<Dataset>,
@@ -117,9 +108,9 @@ pub fn run(
     findings(plan, &dataset.name, rows)
 }
 
-/// The row of a program's times beside ours, frame by frame.
+/// Summarises the times `own` of a program relative to `ours`, frame by frame.
 fn row(name: String, own: &[f64], ours: &[f64]) -> PeerRow {
-    // The first frame warms up, unless it is the only usable one.
+    // The first frame warms up and is excluded unless it is the only usable one.
     let counted = usize::from(own.len() > 1)..;
     let (own, ours) = (&own[counted.clone()], &ours[counted]);
     let ms = Spread::of(own.to_vec());
@@ -131,7 +122,7 @@ fn row(name: String, own: &[f64], ours: &[f64]) -> PeerRow {
 
 fn findings(plan: &PeersPlan, dataset: &str, rows: Vec<PeerRow>) -> Result<Bench, BenchError> {
     let notes = vec![format!(
-        "{} components in every mixture; ms: median over frames of learning one from memory, the first left out; ratio: median of the time over vbgs-studio's on the same frame, without reassignment; quartiles beside both. Each program's own threads.",
+        "{} components in every mixture. ms: median time to train on a frame in memory, without the first frame. ratio: median of the time relative to vbgs-studio without reassignment on the same frame. Quartiles in parentheses. Each program uses its own threads.",
         plan.components
     )];
     Findings {
@@ -141,7 +132,7 @@ fn findings(plan: &PeersPlan, dataset: &str, rows: Vec<PeerRow>) -> Result<Bench
         options: plan.options,
         notes,
         table: text(&rows),
-        plot: draw::draw("The same frames by other programs", &[panel(&rows)])?,
+        plot: draw::draw("Time per frame of other programs", &[panel(&rows)])?,
         summary: json!({ "components": plan.components }),
         rows,
     }
@@ -168,32 +159,32 @@ fn panel(rows: &[PeerRow]) -> Panel {
     };
     let marks = rows.iter().enumerate().map(mark).collect();
     Panel {
-        title: "time a frame, ours without reassignment = 1".to_owned(),
-        x: Axis::Log("times as long".to_owned()),
+        title: "time per frame relative to ours without reassignment".to_owned(),
+        x: Axis::Log("ratio of times".to_owned()),
         y: Axis::Names(rows.iter().map(|row| row.name.clone()).collect()),
         series: vec![Series { name: "ratio".to_owned(), marks, connected: false }],
     }
 }
 
-/// A program to compare with.
+/// Command line of a program to compare with.
 #[derive(Clone, Debug)]
 pub struct PeerCommand {
-    /// What tables call it.
+    /// Name in tables.
     pub name: String,
-    /// The program.
     pub program: OsString,
-    /// Its arguments before the folder of the frames.
+    /// Arguments before the folder of frames.
     pub arguments: Vec<OsString>,
 }
 
 impl PeerCommand {
-    /// Open3D's fusion into a truncated signed distance, by a Python that has Open3D.
+    /// Open3D's TSDF integration, run by a Python that has Open3D.
     pub fn open3d(python: &Path) -> Self {
         let arguments = vec!["-c".into(), include_str!("open3d.py").into()];
         Self { name: "Open3D TSDF".to_owned(), program: python.into(), arguments }
     }
 
-    /// The published implementation in a checkout of its repository, by a Python that has what it needs.
+    /// The published implementation in a checkout of its repository, run by a Python with its
+    /// dependencies.
     pub fn published(python: &Path, checkout: &Path) -> Self {
         let script = include_str!("published.py");
         let arguments = vec!["-c".into(), script.into(), checkout.into()];
@@ -201,37 +192,19 @@ impl PeerCommand {
     }
 }
 
-/// Why a program gives no times.
 #[derive(Debug, thiserror::Error)]
 pub enum PeerError {
-    /// It is not there.
-    #[error(
-        "{name}: `{program}` does not start: {source}; install it, or leave the comparison with it out"
-    )]
-    Start {
-        /// What tables call it.
-        name: String,
-        /// The program.
-        program: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// It says so itself.
+    #[error("{name}: `{program}` does not start: {source}; install it, or omit this comparison")]
+    Start { name: String, program: String, source: std::io::Error },
+    /// The program reported an error.
     #[error("{name}: {reason}")]
-    Refused {
-        /// What tables call it.
-        name: String,
-        /// In its own words.
-        reason: String,
-    },
-    /// It ended, or answered what nobody understands.
-    #[error("{name}: expected a line such as {expected}, found {found}")]
+    Refused { name: String, reason: String },
+    /// The program ended or sent an unexpected line.
+    #[error("{name}: expected an output line such as {expected}, found {found}")]
     Answer {
-        /// What tables call it.
         name: String,
-        /// Such a line.
+        /// Example of a valid line.
         expected: &'static str,
-        /// What came instead.
         found: String,
     },
 }
@@ -244,7 +217,7 @@ enum Answer {
     Error(String),
 }
 
-/// The program while it runs; ends with its handle.
+/// A running peer program. Dropping it ends the process.
 struct PeerProcess {
     name: String,
     child: Child,
@@ -253,13 +226,14 @@ struct PeerProcess {
 }
 
 impl PeerProcess {
-    /// Starts it on a folder of frames and waits until it is ready.
+    /// Starts the program on a folder of frames and waits until it is ready.
     pub fn start(command: &PeerCommand, frames: &Path) -> Result<Self, PeerError> {
         let PeerCommand { name, program, arguments } = command;
         let started = Command::new(program)
             .args(arguments)
             .arg(frames)
             .stdin(Stdio::piped())
+            // stderr is inherited, so that the program's own messages reach the user.
             .stdout(Stdio::piped())
             .spawn();
         let mut child = started.map_err(|source| PeerError::Start {
@@ -276,9 +250,9 @@ impl PeerProcess {
         }
     }
 
-    /// Milliseconds that it takes to learn a frame.
+    /// Requests training on a frame and returns its milliseconds.
     pub fn learn(&mut self, frame: usize) -> Result<f64, PeerError> {
-        // One that has ended is told from what it does not answer.
+        // A failed write means that the program has ended. The missing answer then reports it.
         let asked = self.asks.as_mut().map(|asks| writeln!(asks, "{frame}"));
         drop(asked);
         match self.answer()? {
@@ -287,9 +261,11 @@ impl PeerProcess {
         }
     }
 
-    /// The next line that is for us; `None` after the last.
+    /// Returns the next line in the protocol's format, or `None` at the end. Other lines are
+    /// ignored.
     fn answer(&mut self) -> Result<Option<Answer>, PeerError> {
         let lines = self.answers.iter_mut().flatten().map_while(Result::ok);
+        // Libraries also print to stdout, so skip lines that are not in the protocol's format.
         match lines.filter_map(|line| serde_json::from_str(&line).ok()).next() {
             Some(Answer::Error(reason)) => {
                 Err(PeerError::Refused { name: self.name.clone(), reason })
@@ -301,7 +277,7 @@ impl PeerProcess {
     fn unexpected(&mut self, expected: &'static str, found: Option<Answer>) -> PeerError {
         let found = found.map_or_else(
             || match self.child.wait() {
-                Ok(status) => format!("its end ({status})"),
+                Ok(status) => format!("the end of its output ({status})"),
                 Err(error) => error.to_string(),
             },
             |answer| format!("{answer:?}"),
@@ -312,23 +288,23 @@ impl PeerProcess {
 
 impl Drop for PeerProcess {
     fn drop(&mut self) {
-        // It may have ended already; nobody is left to tell.
+        // Errors are ignored: the program may have ended already.
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-/// Frames in memory for us and in a folder for others.
+/// Frames in memory for this engine, and as files for other programs.
 struct SharedFrames {
-    /// By frame what the mixture learns from.
+    /// Points by frame.
     pub points: Vec<Points<f32>>,
-    /// Where the same lies for others; goes with its handle.
+    /// Folder with the same frames as files. Deleted on drop.
     pub folder: TempDir,
 }
 
 impl SharedFrames {
-    /// Up to `n` training frames, evenly spaced; unusable ones are passed over. `told` is what programs
-    /// are told besides.
+    /// Writes up to `n` evenly spaced training frames. Unusable frames are skipped. The last
+    /// argument is passed on to the programs in `frames.json`.
     pub fn write(
         dataset: &Arc<Dataset>,
         n: usize,
@@ -339,6 +315,7 @@ impl SharedFrames {
         let normalization = *session.normalization();
         let preparation = config.preparation(session.config(), normalization);
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n));
+        // Only the plan and the preparation are needed: free the model before decoding.
         drop(session);
         let folder = tempfile::tempdir().map_err(at(&std::env::temp_dir()))?;
         let (mut all, mut described, mut first_problem) = (Vec::new(), Vec::new(), None);
@@ -395,17 +372,17 @@ fn write_frame(
     Ok(json!({
         "name": frame.name,
         "intrinsics": [k.fx, k.fy, k.cx, k.cy],
-        // Columns of the rotation, camera to world in OpenCV's axes, and the camera's centre.
+        // Rotation columns (camera to world, OpenCV axes) and camera centre.
         "axes": pose.rotation().to_cols_array_2d(),
         "centre": pose.centre().to_array(),
     }))
 }
 
-/// An array as NumPy stores it, version 1.0.
+/// Encodes an array in NumPy's file format, version 1.0.
 fn npy(kind: &str, shape: &[usize], bytes: &[u8]) -> Vec<u8> {
-    /// Bytes before the data are a multiple of this.
+    /// Alignment of the data, bytes.
     const ALIGNMENT: usize = 64;
-    /// Magic, version, and the length of what follows.
+    /// Total length of magic, version and header length, bytes.
     const BEFORE: usize = 10;
     let shape: String = shape.iter().map(|n| format!("{n}, ")).collect();
     let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}");

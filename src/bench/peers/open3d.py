@@ -1,4 +1,4 @@
-"""Open3D's fusion of frames into a truncated signed distance, for `vbgs-studio bench peers`."""
+"""Open3D's TSDF integration of frames, for `vbgs-studio bench peers`."""
 
 import json
 import os
@@ -14,13 +14,13 @@ def main(folder):
     with open(os.path.join(folder, "frames.json")) as file:
         described = json.load(file)
     threads = described["told"]["threads"]
-    # Read by OpenMP when it is loaded.
+    # OpenMP reads this when it is loaded.
     os.environ.setdefault("OMP_NUM_THREADS", str(threads))
     try:
         import numpy as np
         import open3d as o3d
     except ImportError as missing:
-        say({"error": f"{missing}; name a Python that has Open3D by --python, or leave --open3d out"})
+        say({"error": f"{missing}; choose a Python that has Open3D with --python, or omit --open3d"})
         return
 
     def array(name, number):
@@ -36,7 +36,7 @@ def main(folder):
         frames.append(
             (
                 o3d.t.geometry.Image(core.Tensor(array("depth", number))),
-                # Integration wants colour and depth in one kind of number.
+                # Integration requires colour and depth of the same type.
                 o3d.t.geometry.Image(core.Tensor(array("color", number).astype(np.float32) / 255)),
                 core.Tensor(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)),
                 core.Tensor(np.linalg.inv(pose)),
@@ -44,7 +44,7 @@ def main(folder):
         )
     depths = np.concatenate([array("depth", i).ravel() for i in range(len(frames))])
     depths = depths[depths > 0]
-    # Two pixels wide at the median depth, and all of the depth.
+    # Voxels are two pixels wide at the median depth. The range covers all depth.
     voxel = 2 * float(np.median(depths)) / described["frames"][0]["intrinsics"][0]
     farthest = float(depths.max()) * 1.01
     grid = o3d.t.geometry.VoxelBlockGrid(

@@ -1,4 +1,4 @@
-"""The published implementation's own step on every frame, for `vbgs-studio bench peers`."""
+"""One step of the published implementation per frame, for `vbgs-studio bench peers`."""
 
 import copy
 import json
@@ -6,7 +6,7 @@ import os
 import sys
 import time
 
-# Pairs of a point and a component that are in memory at once.
+# Maximum number of point-component pairs in memory at once.
 PAIRS = 20_000_000
 
 
@@ -24,20 +24,20 @@ def main(checkout, folder):
         from vbgs.model import train
         from vbgs.model.utils import random_mean_init
     except ImportError as missing:
-        say({"error": f"{missing}; name a checkout by --published and a Python with what it needs by --python"})
+        say({"error": f"{missing}; choose a checkout with --published and a Python with its dependencies with --python"})
         return
-    # Its name has changed.
+    # The function has different names in different versions.
     names = ("fit_gmm_step", "fit_delta_gmm_step")
     step = next((getattr(train, name) for name in names if hasattr(train, name)), None)
     if step is None:
-        say({"error": f"vbgs.model.train has none of {names}: a version that is not known here"})
+        say({"error": f"vbgs.model.train has none of {names}: this version is not supported"})
         return
     with open(os.path.join(folder, "frames.json")) as file:
         described = json.load(file)
     n = described["told"]["components"]
     count = len(described["frames"])
     frames = [np.load(os.path.join(folder, f"points-{i}.npy")) for i in range(count)]
-    # One size for all: what is compiled is compiled for a size.
+    # One batch size for all frames, because JAX compiles for a fixed size.
     batch = max(1, min(max(len(frame) for frame in frames), PAIRS // n))
     key, for_means, for_model = jr.split(jr.PRNGKey(0), 3)
     means = random_mean_init(

@@ -1,8 +1,8 @@
-//! PNG plots of benches: panels side by side, linear, logarithmic or named axes, error bars, and a
-//! font of our own, since a bare machine has none.
+//! PNG plots of benches: panels side by side; linear, logarithmic or named axes; error bars.
 //!
-//! Panels share no axes: a bench shows two quantities side by side. A panel whose axis has names
-//! gets the room that its longest name takes; the others share what is left.
+//! The font is bundled, because a bare machine has none. Panels share no axes, because a bench
+//! plots two different quantities. A panel with a named axis gets the width of its longest name;
+//! the others share the rest.
 
 use crate::bench::plot;
 use crate::bench::plot::{Axis, Ticked};
@@ -12,10 +12,10 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::register_font;
 
-/// Width and height of every plot, pixels.
+/// Size of every plot, pixels.
 pub const SIZE: [u32; 2] = [1200, 800];
 
-/// Distinguishable by the colour-blind too (Okabe and Ito).
+/// Palette for colour-blind readers (Okabe and Ito).
 const COLORS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -28,16 +28,15 @@ const COLORS: [RGBColor; 8] = [
 ];
 const FONT: &str = "plot";
 const GRID: RGBColor = RGBColor(225, 225, 225);
-/// Pixels of one character of the names on an axis.
+/// Width of a character of axis names, pixels.
 const CHARACTER: usize = 9;
-/// Height of the room for titles and labels of an axis, pixels.
+/// Height reserved for labels and title of an axis, pixels.
 const LABEL_HEIGHT: u32 = 56;
-/// Height of a line of the legend, pixels.
+/// Height of a legend line, pixels.
 const LEGEND_LINE: f64 = 22.0;
-/// About the height of the axes, pixels.
+/// Approximate height of the plotting area, pixels.
 const AXES_HEIGHT: f64 = 640.0;
 
-/// The plot could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[error("drawing the plot `{title}` failed: {reason}")]
 pub struct PlotError {
@@ -48,40 +47,33 @@ pub struct PlotError {
 /// One point of a series.
 #[derive(Clone, Debug)]
 pub struct Mark {
-    /// Position on the first axis.
     pub x: Spread,
-    /// Position on the second axis.
     pub y: Spread,
-    /// Text beside it.
+    /// Text beside the mark.
     pub label: Option<String>,
 }
 
-/// Points that belong together.
+/// Marks of one colour with one legend entry.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// As the legend names it.
     pub name: String,
-    /// In the order a line connects them.
+    /// In the order of the connecting line.
     pub marks: Vec<Mark>,
-    /// Whether a line connects them.
+    /// Draws a line through the marks.
     pub connected: bool,
 }
 
 /// One pair of axes with its series.
 #[derive(Clone, Debug)]
 pub struct Panel {
-    /// Text above the panel.
     pub title: String,
-    /// The axis to the right.
     pub x: Axis,
-    /// The axis upwards.
     pub y: Axis,
-    /// What it shows.
     pub series: Vec<Series>,
 }
 
 type Chart<'a, 'b> = ChartContext<'a, BitMapBackend<'b>, Cartesian2d<Ticked, Ticked>>;
-// Errors of plotters name the drawing area in their type; here only their text is needed.
+// Errors of plotters contain the type of the drawing area. Only their text is needed here.
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
 /// Draws panels side by side under a title.
@@ -100,7 +92,7 @@ fn draw_into(bytes: &mut [u8], title: &str, panels: &[Panel]) -> Drawn<()> {
     let root = BitMapBackend::with_buffer(bytes, SIZE.into()).into_drawing_area();
     root.fill(&WHITE)?;
     let area = root.titled(title, (FONT, 24).into_font())?;
-    // A panel with names on its axis needs room for them.
+    // A panel with a named axis needs room for the names.
     let wide: Vec<u32> = panels.iter().map(Panel::label_width).collect();
     let plain = (SIZE[0] - wide.iter().sum::<u32>()) / panels.len().max(1) as u32;
     let mut rest = area;
@@ -122,7 +114,7 @@ fn draw_into(bytes: &mut [u8], title: &str, panels: &[Panel]) -> Drawn<()> {
 }
 
 impl Panel {
-    /// Pixels the labels of the upward axis take.
+    /// Width of the y axis labels, pixels.
     fn label_width(&self) -> u32 {
         let longest = self.y.names().iter().map(|n| n.chars().count()).max();
         longest.map_or(64, |n| (CHARACTER * n) as u32 + 24)
@@ -130,7 +122,7 @@ impl Panel {
 
     fn draw(&self, area: &DrawingArea<BitMapBackend, Shift>) -> Drawn<()> {
         let marks = || self.series.iter().flat_map(|s| &s.marks);
-        // The legend must not cover what is drawn.
+        // Reserve headroom so that the legend does not cover marks.
         let n_lines = if self.series.len() > 1 { self.series.len() } else { 0 };
         let legend = (n_lines as f64 * LEGEND_LINE + 8.0) / AXES_HEIGHT;
         let x = Ticked::new(&self.x, marks().map(|m| m.x), 0.0);
@@ -184,7 +176,7 @@ impl Panel {
             .collect();
         let bounds = [[columns.start, rows.start], [columns.end, rows.end]];
         for ((_, label, color), corner) in labelled.iter().zip(plot::place(&pixels, bounds)) {
-            // Drawn on the panel: a text has no place in the axes' units.
+            // Draw in pixels, because the corner of a text is not in axis units.
             let shift = (corner[0] - columns.start, corner[1] - rows.start);
             let style = (FONT, 15).into_font().color(color);
             area.strip_coord_spec().draw(&Text::new((*label).to_owned(), shift, style))?;

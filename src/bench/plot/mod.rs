@@ -1,4 +1,4 @@
-//! Plots of benches.
+//! Label placement and axes of bench plots.
 
 pub mod draw;
 
@@ -8,9 +8,9 @@ use std::ops::Range;
 
 /// Width of a character and height of a line, pixels.
 const CHARACTER: [i32; 2] = [8, 15];
-/// Half the side of a mark, pixels.
+/// Half the width of a mark, pixels.
 const MARK: i32 = 6;
-/// Steps up and down that are tried.
+/// Number of vertical offsets tried in each direction.
 const STEPS: i32 = 14;
 
 #[derive(Clone, Copy)]
@@ -29,11 +29,11 @@ impl Rect {
     }
 }
 
-/// Upper left corner of every text, in the order given; `marks` are centres in pixels, `area` the
-/// corners that the texts must stay between.
+/// Places a text beside each mark and returns the texts' upper left corners, in order. All
+/// positions are in pixels. `area` holds the two corners that texts must stay between.
 pub fn place(marks: &[([i32; 2], &str)], area: [[i32; 2]; 2]) -> Vec<[i32; 2]> {
     let around = |[x, y]: [i32; 2]| Rect { lo: [x - MARK, y - MARK], hi: [x + MARK, y + MARK] };
-    // All marks before the first text, or a text could cover a mark that comes later.
+    // Reserve all marks before placing texts, so that no text covers a later mark.
     let mut taken: Vec<Rect> = marks.iter().map(|(at, _)| around(*at)).collect();
     let mut corners = Vec::with_capacity(marks.len());
     for (at, text) in marks {
@@ -41,7 +41,7 @@ pub fn place(marks: &[([i32; 2], &str)], area: [[i32; 2]; 2]) -> Vec<[i32; 2]> {
         let choices: Vec<Rect> = candidates(*at, width).collect();
         let free =
             |r: &&Rect| r.is_within(area[0], area[1]) && !taken.iter().any(|other| other.meets(r));
-        // Where everything is taken, the first place inside is as good as any.
+        // If no place is free, use the first one inside the area.
         let chosen = choices
             .iter()
             .find(free)
@@ -53,7 +53,7 @@ pub fn place(marks: &[([i32; 2], &str)], area: [[i32; 2]; 2]) -> Vec<[i32; 2]> {
     corners
 }
 
-/// Beside the mark, then ever further up and down.
+/// Candidate places: beside the mark, then further up and down.
 fn candidates([x, y]: [i32; 2], width: i32) -> impl Iterator<Item = Rect> {
     let [_, height] = CHARACTER;
     let shifts = (0..STEPS).flat_map(move |i| [-i * height, (i + 1) * height]);
@@ -66,22 +66,21 @@ fn candidates([x, y]: [i32; 2], width: i32) -> impl Iterator<Item = Rect> {
 
 /// Share of the span left free at both ends.
 const MARGIN: f64 = 0.06;
-/// Ticks a linear axis has at most.
+/// Maximum number of ticks of a linear axis.
 const MAX_TICKS: f64 = 9.0;
 
-/// An axis before anything is known of its values; the text is its title with the unit.
+/// Kind of an axis with its title or names. Titles include the unit.
 #[derive(Clone, Debug)]
 pub enum Axis {
-    /// Evenly spaced values.
     Linear(String),
-    /// Evenly spaced powers; values at or below zero lie on the lower end.
+    /// Values at or below zero are drawn at the lower end.
     Log(String),
-    /// Names from the top down; the value is the position of the name.
+    /// Names from top to bottom. A value is the index of a name.
     Names(Vec<String>),
 }
 
 impl Axis {
-    /// Title with the unit.
+    /// Title with the unit. Empty for an axis of names.
     pub fn title(&self) -> &str {
         match self {
             Self::Linear(title) | Self::Log(title) => title,
@@ -89,7 +88,7 @@ impl Axis {
         }
     }
 
-    /// Names from the top down; none unless the axis is one of names.
+    /// Names from top to bottom. Empty for other axes.
     pub fn names(&self) -> &[String] {
         match self {
             Self::Names(names) => names,
@@ -98,17 +97,17 @@ impl Axis {
     }
 }
 
-/// An axis with its span and ticks.
+/// An axis with its range and ticks.
 #[derive(Clone, Debug)]
 pub struct Ticked {
     axis: Axis,
-    /// In axis units: logarithms where the axis is logarithmic.
+    /// In axis units: log10 of the value on a logarithmic axis.
     span: [f64; 2],
     ticks: Vec<f64>,
 }
 
 impl Ticked {
-    /// Spans the measured values, with a share of the axis left free at its far end.
+    /// Covers the values. `headroom` is the share of the axis left free at its far end.
     pub fn new(axis: &Axis, values: impl Iterator<Item = Spread>, headroom: f64) -> Self {
         let all = values.flat_map(|v| [v.median, v.quartiles[0], v.quartiles[1]]);
         let (span, ticks) = match axis {
@@ -120,14 +119,14 @@ impl Ticked {
             }
         };
         let [lo, hi] = span;
-        // The share is one of the whole axis, not of what the values span.
+        // `headroom` is a share of the whole axis, not of the range of the values.
         let span = [lo, hi + (hi - lo) * headroom / (1.0 - headroom)];
         Self { axis: axis.clone(), span, ticks }
     }
 
     fn to_axis(&self, value: f64) -> f64 {
         match self.axis {
-            // Zero error has no logarithm: it is drawn at the lower end.
+            // Zero has no logarithm and is drawn at the lower end.
             Axis::Log(_) if value <= 0.0 => self.span[0],
             Axis::Log(_) => value.log10(),
             _ => value,
@@ -144,7 +143,7 @@ fn span(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
 
 fn linear(values: impl Iterator<Item = f64>) -> ([f64; 2], Vec<f64>) {
     let [lo, hi] = span(values).unwrap_or([0.0, 1.0]);
-    // One value, or equal ones, still need an axis of some length.
+    // A single value still needs an axis of non-zero length.
     let margin = MARGIN * (hi - lo).max(1e-3 * hi.abs()).max(1e-12);
     let [lo, hi] = [lo - margin, hi + margin];
     let rough = (hi - lo) / MAX_TICKS;
@@ -160,7 +159,7 @@ fn logarithmic(values: impl Iterator<Item = f64>) -> ([f64; 2], Vec<f64>) {
     let margin = MARGIN * (hi - lo).max(0.5);
     let [lo, hi] = [lo - margin, hi + margin];
     let decades = hi - lo;
-    // Few decades leave room for ticks within them.
+    // With few decades there is room for ticks within them.
     let within: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let every = (decades / MAX_TICKS).ceil().max(1.0) as usize;
     let powers = (lo.floor() as i32..=hi.ceil() as i32).step_by(every);
@@ -175,7 +174,7 @@ impl Ranged for Ticked {
     fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
         let [lo, hi] = self.span;
         let share = (self.to_axis(*value) - lo) / (hi - lo);
-        // A mark off the axis stays just outside: its pixel, cast and added, could overflow.
+        // Clamp marks to just outside the axis: larger pixel values could overflow.
         limit.0 + (f64::from(limit.1 - limit.0) * share.clamp(-0.1, 1.1)).round() as i32
     }
 
@@ -201,13 +200,13 @@ impl ValueFormatter<f64> for Ticked {
     }
 }
 
-/// A tick in as few characters as it needs.
+/// Formats a tick in as few characters as possible.
 fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{value:.0e}");
     }
-    // Ticks are multiples of 1, 2 or 5; what lies below is rounding of the multiplication.
+    // Ticks are multiples of 1, 2 or 5. Further digits are rounding errors.
     let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }

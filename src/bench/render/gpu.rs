@@ -1,4 +1,4 @@
-//! Frames on a graphics adapter, without a window.
+//! Offscreen frames on a graphics adapter.
 
 use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
@@ -13,14 +13,15 @@ use crate::render::{RenderOptions, Renderer};
 use std::rc::Rc;
 use std::time::Instant;
 
-/// Frames before the first timed one: clocks rise, and lists grow to what the scene needs.
+/// Warm-up frames before the first timed one: clocks rise, and tile lists grow to what the scene
+/// needs.
 const WARM_UP: usize = 8;
 
-/// One path of one adapter.
+/// Timed drawing path of one adapter.
 pub struct TimedGpu {
     gpu: Rc<HeadlessGpu>,
     path: DrawPath,
-    /// One per method, so that each has its own times.
+    /// One renderer per method, so that each has its own timestamps.
     projected: TimedMethod,
     exact: TimedMethod,
     scene: GpuScene,
@@ -33,9 +34,10 @@ struct TimedMethod {
 }
 
 impl TimedGpu {
-    /// Paths on the adapter chosen.
+    /// Creates a painter for each path on the chosen adapter.
     pub fn all(choice: &AdapterChoice, paths: &[DrawPath]) -> Result<Vec<Self>, HeadlessError> {
-        // Shared by all paths: drivers were seen to break when several devices come and go.
+        // Share one device between all paths: some drivers fail when several devices are created
+        // and dropped.
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
         paths.iter().map(|&path| Self::new(gpu.clone(), path)).collect()
     }
@@ -57,7 +59,7 @@ impl TimedGpu {
         })
     }
 
-    /// Draws and waits; milliseconds of that.
+    /// Draws a frame, waits for it, and returns the milliseconds.
     fn draw(&mut self, camera: &Camera, options: &RenderOptions) -> Result<f64, TimedPaintError> {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let method = match options.method.renderer() {
@@ -75,7 +77,7 @@ impl TimedGpu {
             total = ms_since(started);
         }
         method.is_warm = true;
-        // A frame whose lists did not fit is not whole, and its time no time of a frame.
+        // A frame whose tile lists overflowed is incomplete, so its time is not that of a frame.
         match method.renderer.shortage() {
             Some(shortage) => Err(shortage.clone().into()),
             None => Ok(total),
@@ -97,17 +99,17 @@ impl TimedPainter for TimedGpu {
 
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        // Two scenes need not fit at once.
+        // Free the old scene first: two scenes may not fit in memory.
         self.scene = GpuScene::new(device, queue, &[])?;
         self.scene = GpuScene::new(device, queue, splats)?;
-        // Lists grow again with every scene.
+        // Tile lists grow again for every scene.
         (self.projected.is_warm, self.exact.is_warm) = (false, false);
-        // The upload must not end in the time of the first frame.
+        // Wait for the upload, which must not count towards the first frame.
         Ok(self.gpu.wait()?)
     }
 
-    /// The order of quads is found beside the frame and is no part of its total; stages are the
-    /// GPU's own times, of a frame or two before.
+    /// Sorts quads on the CPU before the frame; the total excludes that time. Other stages are GPU
+    /// timestamps, one or two frames old.
     fn frame(
         &mut self,
         splats: &[Splat],

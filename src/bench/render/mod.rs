@@ -1,9 +1,8 @@
-//! Frame time by stage against splats and resolution, by both renderers, on the CPU and on a GPU.
+//! Frame time by stage against number of splats and resolution, for both renderers, on CPU and GPU.
 //!
-//! Painters take turns frame by frame, from the same sides of the scene, so that whatever else the
-//! machine does slows all of them alike. The first round warms up and does not count: buffers grow
-//! and clocks rise in it. A painter that cannot draw a scene, for want of memory say, keeps its
-//! rows, with the reason instead of a time.
+//! Painters draw the same views in turns, so that other load on the machine slows all of them
+//! alike. The first round warms up buffers and clocks and is excluded. If a painter cannot draw a
+//! scene, for example for lack of memory, its rows state the reason instead of a time.
 
 #[cfg(feature = "gui")]
 mod gpu;
@@ -33,12 +32,11 @@ pub use report::Ratio;
 pub use row::RenderRow;
 pub use scene::BenchScene;
 
-/// Horizontal field of view of every view, radians.
+/// Horizontal field of view, radians.
 const FOV: f64 = 1.0;
-/// Elevation of every view above the scene, radians.
+/// Elevation of the camera above the scene, radians.
 const ELEVATION: f64 = 0.45;
 
-/// Times every combination; whoever draws takes turns frame by frame.
 pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<Bench, BenchError> {
     let mut missing = Vec::new();
     let mut painters = plan.painters(&mut missing)?;
@@ -69,11 +67,11 @@ pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<
     .into_bench()
 }
 
-/// Everybody who draws one scene.
+/// All painters with one scene.
 struct Turns<'a> {
     splats: &'a [Splat],
     painters: &'a mut [Box<dyn TimedPainter>],
-    /// Why a painter cannot draw this scene.
+    /// Error of each painter when it loaded the scene.
     refusals: Vec<Option<TimedPaintError>>,
 }
 
@@ -83,15 +81,15 @@ impl<'a> Turns<'a> {
         Self { splats, painters, refusals }
     }
 
-    /// All renderers of all painters in turns, one frame each, from the same sides of the scene.
-    /// The first round warms up and does not count.
+    /// Times all renderers of all painters in turns, one frame per round, while the camera circles
+    /// the scene. The warm-up round is excluded.
     fn time(&mut self, frames: usize, size: [u32; 2], up: DVec3) -> Vec<RenderRow> {
         let mut found: Vec<TimedTarget> = self.targets();
         let framing =
             core_sphere(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
         for round in 0..=frames {
-            // The round that warms up stands where the last one does, a whole turn away: those that
-            // count see every side once.
+            // The warm-up view equals the last one, a full turn away, so that timed views cover
+            // every side once.
             let camera = view(&framing, up, size, round as f64 / frames as f64 * TAU);
             for target in found.iter_mut().filter(|target| target.failure.is_none()) {
                 let method = target.renderer.into();
@@ -99,7 +97,7 @@ impl<'a> Turns<'a> {
                 let painter = &mut self.painters[target.painter];
                 match painter.frame(self.splats, &camera, &options) {
                     Ok(ms) if round > 0 => target.times.push(ms),
-                    // The round that warms up.
+                    // Warm-up round.
                     Ok(_) => {}
                     Err(error) => target.failure = Some(error.to_string()),
                 }
@@ -123,7 +121,6 @@ impl<'a> Turns<'a> {
     }
 }
 
-/// One renderer of one painter, and its times.
 struct TimedTarget {
     painter: usize,
     path: FramePath,
@@ -159,7 +156,7 @@ impl TimedTarget {
     }
 }
 
-/// The whole scene from a distance at which it fills the image.
+/// Camera that fits the whole scene into the image.
 fn view(framing: &Framing, up: DVec3, [width, height]: [u32; 2], azimuth: f64) -> Camera {
     let intrinsics = Intrinsics::from_horizontal_fov(width, height, FOV);
     let narrower = 2.0 * (0.5 * f64::from(width.min(height)) / intrinsics.fx).atan();

@@ -1,4 +1,4 @@
-//! Frames with their times, by whatever draws them.
+//! Painters that draw frames and time their stages.
 
 use crate::eval::report;
 use crate::math::camera::Camera;
@@ -10,7 +10,7 @@ use crate::render::gpu::{GpuError, headless::HeadlessError};
 use serde::Serialize;
 use std::time::Instant;
 
-/// How a frame comes about.
+/// Rendering path of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, strum::Display)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
@@ -25,51 +25,43 @@ pub enum FramePath {
     Tiles,
 }
 
-/// Times of one frame, milliseconds; a stage that cannot be told apart is `None`.
+/// Times of one frame, milliseconds. `None` for a stage that is not timed separately.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameStageMs {
-    /// From the splats to the finished image.
+    /// From splats to the finished image.
     pub total: f64,
     /// In the order of [`STAGES`].
     pub stages: [Option<f64>; STAGES.len()],
 }
 
-/// Stages of a frame: splats to image records, their order, lists of tiles, pixels.
+/// Stages of a frame: compute image records of splats, sort by depth, build tile lists, draw
+/// pixels.
 pub const STAGES: [&str; CpuStage::ALL.len()] = ["prepare", "sort", "bin", "draw"];
 
-/// Why a frame is not drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum TimedPaintError {
-    /// The machine has not enough memory.
     #[error("needs about {needed_mb} MB of memory, {available_mb} MB are free")]
-    Memory {
-        /// Memory needed, 10⁶ bytes.
-        needed_mb: u64,
-        /// Free memory, 10⁶ bytes.
-        available_mb: u64,
-    },
-    /// The scene or the image does not fit the adapter.
+    Memory { needed_mb: u64, available_mb: u64 },
+    /// Scene or image exceeds the adapter's limits.
     #[cfg(feature = "gui")]
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// The device failed.
     #[cfg(feature = "gui")]
     #[error(transparent)]
     BenchDevice(#[from] HeadlessError),
 }
 
-/// Draws frames of one scene after the other.
+/// Draws and times frames of one scene at a time.
 pub trait TimedPainter {
-    /// How its frames come about.
     fn path(&self) -> FramePath;
 
-    /// The adapter that draws, if one does.
+    /// Graphics adapter, if it uses one.
     fn adapter(&self) -> Option<String>;
 
-    /// Takes a scene; the frames that follow show it.
+    /// Loads the scene for the following frames.
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError>;
 
-    /// Draws a frame of the scene taken last, which is handed over again.
+    /// Draws and times a frame of the loaded scene. `splats` are those of the last `load`.
     fn frame(
         &mut self,
         splats: &[Splat],
@@ -78,11 +70,11 @@ pub trait TimedPainter {
     ) -> Result<FrameStageMs, TimedPaintError>;
 }
 
-/// The CPU renderer on all threads of the pool.
+/// CPU renderer on all threads of the pool.
 #[derive(Default)]
 pub struct TimedCpu(CpuRenderer);
 
-/// Bytes of a splat in memory and in the buffers of the renderer, about.
+/// Approximate bytes per splat in memory and in the renderer's buffers.
 const BYTES_PER_SPLAT: u64 = 256;
 
 impl TimedPainter for TimedCpu {
@@ -96,7 +88,7 @@ impl TimedPainter for TimedCpu {
 
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let needed = BYTES_PER_SPLAT * splats.len() as u64;
-        // Asked beforehand: running out of memory would take the rows that were timed along.
+        // Check in advance: running out of memory would lose the rows already timed.
         match report::available_bytes() {
             Some(available) if available < needed => Err(TimedPaintError::Memory {
                 needed_mb: needed.div_ceil(1_000_000),
@@ -116,14 +108,13 @@ impl TimedPainter for TimedCpu {
         let started = from;
         self.0.render_observed(splats.into(), camera, options, |stage| {
             stages[stage as usize] = Some(ms_since(from));
-            // Taken anew, so that noting a time is part of no stage.
+            // Read the clock again, so that recording the time belongs to no stage.
             from = Instant::now();
         });
         Ok(FrameStageMs { total: ms_since(started), stages })
     }
 }
 
-/// Milliseconds since an instant.
 pub fn ms_since(started: Instant) -> f64 {
     started.elapsed().as_secs_f64() * 1e3
 }

@@ -1,4 +1,4 @@
-//! What is timed, and who draws it.
+//! Plan of the render bench: sizes and devices.
 
 #[cfg(feature = "gui")]
 use super::gpu::TimedGpu;
@@ -9,45 +9,42 @@ use crate::render::Renderer;
 #[cfg(feature = "gui")]
 use crate::render::gpu::{DrawPath, adapters::AdapterChoice};
 
-/// Renderers that are timed, in the order of the rows.
+/// In the order of the rows.
 pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
 
-/// What draws the frames.
+/// Devices that draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString, strum::VariantNames)]
 #[strum(serialize_all = "kebab-case")]
 pub enum BenchDevice {
-    /// The CPU renderer.
     Cpu,
-    /// A graphics adapter, by both of its paths.
+    /// A graphics adapter with both of its paths.
     #[cfg(feature = "gui")]
     Gpu,
-    /// Compute tiles of a graphics adapter alone: what draws beside them costs them memory and clock.
+    /// Only the compute tiles of a graphics adapter: other painters would take memory and clock
+    /// speed from them.
     #[cfg(feature = "gui")]
     Tiles,
-    /// The CPU renderer, and a graphics adapter where there is one that is not software.
+    /// The CPU renderer, and a graphics adapter unless it is a software one.
     All,
 }
 
-/// What is timed.
+/// Sizes and devices to time.
 #[derive(Clone, Debug)]
 pub struct RenderPlan {
-    /// Numbers of splats.
     pub splats: Vec<usize>,
-    /// Columns and rows of the images.
+    /// Width and height of the images, pixels.
     pub sizes: Vec<[u32; 2]>,
-    /// What draws them.
     pub device: BenchDevice,
-    /// Name or number of the adapter, which may then be software.
+    /// Name or number of the adapter. May select a software adapter.
     #[cfg(feature = "gui")]
     pub adapter: Option<String>,
-    /// Timed frames of every combination, each from its own side.
+    /// Timed frames per combination, each from a different side.
     pub frames: usize,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
 impl RenderPlan {
-    /// 10⁴ to 4·10⁶ splats, or to 10⁶ in the quick form; a model's own number is among them.
+    /// 10⁴ to 4·10⁶ splats (10⁶ if quick), and the model's own number.
     pub fn new(options: BenchOptions, scene: &BenchScene) -> Self {
         let mut splats = vec![10_000, 100_000, 1_000_000];
         let mut sizes = vec![[400, 400], [1280, 720]];
@@ -64,13 +61,14 @@ impl RenderPlan {
             device: BenchDevice::All,
             #[cfg(feature = "gui")]
             adapter: None,
-            // Repeats are frames here: each is drawn from a side of its own.
+            // `repeats` is the number of frames, each from a different side.
             frames: options.repeats.unwrap_or(if options.quick { 5 } else { 15 }),
             options,
         }
     }
 
-    /// Everybody who draws; a GPU that was not asked for by name and is not there becomes a note.
+    /// Creates all painters. With `All` and no named adapter, a missing GPU adds a note instead of
+    /// an error.
     pub fn painters(
         &self,
         notes: &mut Vec<String>,
@@ -86,7 +84,7 @@ impl RenderPlan {
             let paths = if self.device == BenchDevice::Tiles { &all[1..] } else { &all };
             match TimedGpu::all(&choice, paths) {
                 Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
-                // One that was asked for must be there; as one of all it may be missing.
+                // A requested adapter must exist. As part of `All` it may be missing.
                 Err(error) if self.device == BenchDevice::All && self.adapter.is_none() => {
                     notes.push(format!("CPU only: {error}"));
                 }
@@ -95,7 +93,7 @@ impl RenderPlan {
         }
         #[cfg(not(feature = "gui"))]
         if self.device == BenchDevice::All {
-            notes.push("CPU only: this build draws on no GPU".to_owned());
+            notes.push("CPU only: this build has no GPU support".to_owned());
         }
         Ok(painters)
     }

@@ -1,7 +1,7 @@
-//! Rows of frame times as a table, notes, ratios and panels.
+//! Table, notes, ratios and plot of frame times.
 //!
-//! Ratios of the two renderers are formed within one scene, size and path only: across them they
-//! would compare the scenes. A stage that a path cannot tell apart is a dash, never a zero.
+//! Ratios compare the renderers only for the same scene, size and path. A stage that a path does
+//! not time separately is a dash, never zero.
 
 use super::painter::{FramePath, STAGES};
 use super::plan::{RENDERERS, RenderPlan};
@@ -13,30 +13,25 @@ use crate::eval::report;
 use crate::render::Renderer;
 use serde::Serialize;
 
-/// What follows from the rows.
+/// Values derived from the rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct RenderSummary {
-    /// Where both renderers were timed.
+    /// Combinations for which both renderers were timed.
     pub ratios: Vec<Ratio>,
 }
 
-/// How much longer one renderer takes than the other.
+/// Time of the exact renderer relative to the projected one.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ratio {
-    /// How the frames came about.
     pub path: FramePath,
-    /// Splats of the scene.
     pub splats: usize,
-    /// Columns of the image.
     pub width: u32,
-    /// Rows of the image.
     pub height: u32,
-    /// Median of the exact renderer over that of the projected one.
     pub exact_over_projected: f64,
 }
 
 impl RenderSummary {
-    /// Ratios of the pairs of rows that differ in the renderer only.
+    /// Ratios of rows that differ only in the renderer.
     pub fn of(rows: &[RenderRow]) -> Self {
         let of = |renderer| rows.iter().filter(move |row: &&RenderRow| row.renderer == renderer);
         let place = |row: &RenderRow| (row.path, row.splats, row.width, row.height);
@@ -50,7 +45,6 @@ impl RenderSummary {
     }
 }
 
-/// The rows for people.
 pub fn text(rows: &[RenderRow]) -> String {
     let cells = |row: &RenderRow| {
         let total = row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string());
@@ -67,14 +61,14 @@ pub fn text(rows: &[RenderRow]) -> String {
     report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-/// How the numbers came about, what follows from them, and what is missing.
+/// Describes the measurement, the largest ratio and the skipped rows.
 pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> Vec<String> {
     let mut notes = vec![format!(
-        "Medians of {} frames from as many sides, in turns, after one that warms up; stages are medians of their own, - where they cannot be told apart.",
+        "Medians of {} frames from as many sides, in turns, after one warm-up frame. Stages are separate medians; - marks a stage that is not timed separately.",
         plan.frames
     )];
     if rows.iter().any(|row| row.path != FramePath::Cpu) {
-        notes.push("On a GPU a frame ends when its image is done; its order is found beside it on the CPU and is not in it, drawing is timed by the GPU itself.".to_owned());
+        notes.push("On a GPU a frame ends when its image is complete. The total excludes sorting quads on the CPU; drawing is timed by the GPU.".to_owned());
     }
     let ratios = summary.ratios.iter().map(|ratio| ratio.exact_over_projected);
     if let Some(most) = ratios.reduce(f64::max) {
@@ -87,7 +81,7 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> 
             Some(format!("skipped, {} with {} splats: {why}", row.path, row.splats))
         })
         .collect();
-    // Both renderers are skipped for one reason.
+    // Both renderers are skipped for the same reason.
     reasons.dedup();
     notes.extend(reasons);
     notes

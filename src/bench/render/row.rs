@@ -1,51 +1,43 @@
-//! One row of the table of frame times.
+//! Rows of the table of frame times.
 
 use super::painter::{FramePath, STAGES};
 use crate::eval::metrics::Spread;
 use crate::render::Renderer;
 use serde::Serialize;
 
-/// One timed combination.
+/// One timed combination. Times are medians per frame in milliseconds, with quartiles. `None` if
+/// nothing was drawn or a stage is not timed separately.
 #[derive(Clone, Debug, Serialize)]
 pub struct RenderRow {
-    /// How the frames came about.
     pub path: FramePath,
-    /// Whether splats are projected or integrated exactly.
     pub renderer: Renderer,
-    /// Splats of the scene.
     pub splats: usize,
-    /// Columns of the image.
     pub width: u32,
-    /// Rows of the image.
     pub height: u32,
-    /// Number of timed frames; 0 where it could not be drawn.
+    /// Timed frames. 0 if nothing was drawn.
     pub frames: usize,
-    /// Median milliseconds per frame; `None` where it could not be drawn.
     pub ms: Option<f64>,
-    /// First quartile over the frames, milliseconds.
     pub ms_q1: Option<f64>,
-    /// Third quartile over the frames, milliseconds.
     pub ms_q3: Option<f64>,
-    /// Milliseconds from splats to records of the image; stages that cannot be told apart are
-    /// `None`.
+    /// Computing image records of splats.
     pub prepare_ms: Option<f64>,
-    /// Milliseconds of ordering the splats by depth.
+    /// Sorting splats by depth.
     pub sort_ms: Option<f64>,
-    /// Milliseconds of listing the splats of every tile.
+    /// Building the splat lists of the tiles.
     pub bin_ms: Option<f64>,
-    /// Milliseconds of drawing the pixels.
+    /// Drawing pixels.
     pub draw_ms: Option<f64>,
-    /// Why it could not be drawn.
+    /// Reason why nothing was drawn.
     pub skipped: Option<String>,
 }
 
 impl RenderRow {
-    /// Median and quartiles, milliseconds per frame; `None` where it could not be drawn.
+    /// Median and quartiles. `None` if nothing was drawn.
     pub fn spread(&self) -> Option<Spread> {
         Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
     }
 
-    /// Medians of the stages, milliseconds, in the order of `STAGES`.
+    /// Medians of the stages, in the order of `STAGES`.
     pub fn stages(&self) -> [Option<f64>; STAGES.len()] {
         [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
     }

@@ -1,8 +1,7 @@
-//! Scenes of any number of splats that cover the image alike.
+//! Scenes with any number of splats and constant coverage of the image.
 //!
-//! Sizes shrink as numbers grow, so that the image stays as covered: cost then follows the number
-//! of splats, not how much they overlap. Shapes and opacities of the synthetic scene are those of a
-//! trained one.
+//! Splats shrink as their number grows, so that the cost follows the number of splats rather than
+//! their overlap. Shapes and opacities of the synthetic scene match those of a trained one.
 
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::splats::Splat;
@@ -10,58 +9,54 @@ use glam::{DQuat, DVec3};
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
 
-/// What is drawn.
+/// A scene to draw: synthetic or a model.
 #[derive(Clone, Debug)]
 pub struct BenchScene {
     name: String,
     up: DVec3,
-    /// Splats of a model, at least one; none for the synthetic scene.
+    /// Empty for the synthetic scene.
     model: Vec<Splat>,
 }
 
-/// Balls of the synthetic scene.
 const N_BALLS: usize = 12;
-/// Radius of the disc they lie on, world units.
+/// Radius of the disc that the balls lie on, world units.
 const DISC: f64 = 1.2;
-/// Standard deviation of a splat along its surface over the side of the square it has for itself;
-/// this and the next two as on Lego, trained with the `paper` preset.
+/// Standard deviation of a splat along its surface, relative to the side of its square share of the
+/// area. This constant and the next two were measured on Lego, trained with the `paper` preset.
 const SPREAD: f64 = 0.5;
-/// Standard deviation across the surface over that along it.
+/// Standard deviation across the surface relative to that along it.
 const FLATNESS: f64 = 0.6;
 /// Standard deviation of the logarithm of a splat's size.
 const UNEVENNESS: f64 = 0.3;
-/// Opacity that training gives every splat.
+/// Opacity that training assigns to every splat.
 const OPACITY: f32 = 0.95;
 
 impl BenchScene {
-    /// Balls on a disc, their surfaces covered by flat splats as training leaves them.
+    /// Balls on a disc, with surfaces covered by flat splats as after training.
     pub fn synthetic() -> Self {
         Self { name: "synthetic balls on a disc".to_owned(), up: DVec3::Z, model: Vec::new() }
     }
 
-    /// A model by the name that reports give it; `up` points up in it. `None` if nothing of it can
-    /// be drawn.
+    /// A model with its name in reports and its up direction. `None` if it has no drawable splat.
     pub fn model(name: String, up: DVec3, mut splats: Vec<Splat>) -> Option<Self> {
         splats.retain(Splat::is_drawable);
         (!splats.is_empty()).then_some(Self { name, up, model: splats })
     }
 
-    /// As reports call it.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Direction that points up in the views.
     pub fn up(&self) -> DVec3 {
         self.up
     }
 
-    /// Splats of the model, where it is one.
+    /// Number of splats of the model. `None` for the synthetic scene.
     pub fn own_count(&self) -> Option<usize> {
         (!self.model.is_empty()).then_some(self.model.len())
     }
 
-    /// The scene in `n` splats, the smaller the more there are.
+    /// The scene with `n` splats, whose size decreases with `n`.
     pub fn splats(&self, n: usize, seed: u64) -> Cow<'_, [Splat]> {
         match self.own_count() {
             None => Cow::Owned(synthetic(n, seed)),
@@ -71,16 +66,16 @@ impl BenchScene {
     }
 }
 
-/// Every splat as often as the others, give or take one; its copies lie anywhere within it.
+/// Copies all splats equally often (±1), to random positions within the originals.
 fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let share = n as f64 / splats.len() as f64;
-    // Surfaces have two dimensions: the area of all splats stays when sides shrink by the root.
+    // Surfaces are two-dimensional: scaling sides by the square root preserves the total area.
     let shrink = share.powf(-0.5) as f32;
     let mut copy = |i: usize| {
         let original = &splats[(i as f64 / share) as usize];
         let scale = original.scale.map(|s| s * shrink);
-        // Fewer than the model has: some of its own, wider, with nothing to lie within.
+        // Fewer splats than the model has: an enlarged subset, without displacement.
         if n <= splats.len() {
             return Splat { scale, ..*original };
         }
@@ -118,7 +113,7 @@ fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     (0..n).map(splat).collect()
 }
 
-/// Evenly over all surfaces: a point and the normal there.
+/// Random point, uniform over all surfaces, with its normal.
 fn point(balls: &[Ball], areas: &[f64], area: f64, rng: &mut Rng) -> (DVec3, DVec3) {
     let mut rest = area * rng.uniform();
     for (ball, area) in balls.iter().zip(areas) {
@@ -138,7 +133,7 @@ fn direction(rng: &mut Rng) -> DVec3 {
     DVec3::new(ring * angle.cos(), ring * angle.sin(), z)
 }
 
-/// A flat splat of standard deviation about `size`, turned as the surface is.
+/// A flat splat of standard deviation about `size`, aligned with the surface.
 fn on_surface(at: DVec3, normal: DVec3, size: f64, rng: &mut Rng) -> Splat {
     let turn =
         DQuat::from_rotation_arc(DVec3::Z, normal) * DQuat::from_rotation_z(TAU * rng.uniform());

@@ -1,11 +1,11 @@
-//! What every part of the scene preset brings (`pipeline.md`, Accuracy bench), on any dataset, and
-//! how many components buy which quality.
+//! Contribution of each part of the scene preset (`pipeline.md`, Accuracy bench), and quality
+//! against number of components, on any dataset.
 //!
-//! The first two tables bracket every part: added one by one, a part is measured without those that
-//! come after it; left out of the whole, with all of them. Parts that help only beside others show
-//! in the difference. Orders of the frames are part of the measurement, since births and refinement
-//! depend on them: the spread over three orders is what a difference must exceed. All rows are
-//! judged by one camera, whatever they were trained with.
+//! The first two tables bracket each part. Added one by one, a part is measured without the parts
+//! after it; left out, with all others. The difference shows parts that help only in combination.
+//! Births and refinement depend on the order of frames, so a difference counts only if it exceeds
+//! the spread over three orders. All rows are evaluated with one camera, regardless of the camera
+//! they were trained with.
 
 pub mod real;
 mod report;
@@ -35,23 +35,20 @@ use std::sync::Arc;
 use training::{Trained, n_sweeps, ordered, train};
 use variants::{SceneVariant, Table, budgets, constants, parts, scales};
 
-/// How much of the tables is run.
+/// Sizes of the tables. `frames` and `views` are maxima.
 #[derive(Clone, Debug)]
 pub struct AccuracyPlan {
-    /// Training frames at most.
     pub frames: usize,
-    /// Held-out views at most.
     pub views: usize,
-    /// Orders of the frames: as listed, reversed, then shuffles.
+    /// Number of frame orders: as listed, reversed, then shuffled.
     pub orders: usize,
-    /// Structural scales, in those of the preset.
+    /// Structural scales relative to the preset's.
     pub scales: Vec<f64>,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
 impl AccuracyPlan {
-    /// Every frame and view in three orders, or a dozen frames in two.
+    /// All frames and views in three orders. Quick: 12 frames and 4 views in two orders.
     pub fn new(options: BenchOptions) -> Self {
         let (frames, views, orders, scales) = if options.quick {
             (12, 4, 2, vec![1.0, 1.5])
@@ -61,7 +58,7 @@ impl AccuracyPlan {
         Self {
             frames: options.max_frames.unwrap_or(frames),
             views,
-            // Repeats are orders here: the same order again would give the same bits.
+            // `repeats` is the number of orders, because repeating one order gives identical bits.
             orders: options.repeats.unwrap_or(orders),
             scales,
             options,
@@ -69,18 +66,17 @@ impl AccuracyPlan {
     }
 }
 
-/// Everything that runs share.
+/// Inputs shared by all runs.
 struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Split and positions of the held-out views.
+    /// Split and frame indices of the held-out views.
     views: (usize, Vec<usize>),
-    /// Split and positions of the views that show cracks, where there are any.
+    /// Split and frame indices of the views for crack detection, if any.
     crack_views: Option<(usize, Vec<usize>)>,
     options: EvalOptions,
 }
 
-/// Runs the tables.
 pub fn run(
     plan: &AccuracyPlan,
     dataset: Arc<Dataset>,
@@ -93,9 +89,9 @@ pub fn run(
     }
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
-    // Budgets are shares of what is born without one, which only a run of its own tells.
+    // Budgets are shares of the components born without a budget, which requires a run of its own.
     rows.extend(budgets(&base, stage.born(&base)?));
-    // Equal configurations are run once.
+    // Train equal configurations only once.
     let mut runs: Vec<SceneRun> = Vec::new();
     for row in &rows {
         if !runs.contains(&row.run) {
@@ -113,7 +109,7 @@ pub fn run(
         let ordered = ordered(&stage.plan, order, plan.options.seed);
         let trained = train(&stage.dataset, &ordered, &runs, &mut step)?;
         for (trained, measured) in trained.into_iter().zip(&mut measured) {
-            // Cracks are looked for in one order only: they cost two renders more a view.
+            // Detect cracks in one order only: it costs two more renders per view.
             let quality = stage.quality(&trained, order == 0)?;
             measured.push(Measured { trained, quality });
             step();
@@ -151,7 +147,7 @@ impl AccuracyRuns {
         let crack_views = cracks::views(&dataset, held_out.split, &views);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
         let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        // All rows are judged by the same camera, whatever they were trained with.
+        // One camera for all rows, regardless of the camera they were trained with.
         let color_camera = base.color_camera();
         let options =
             EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
@@ -159,7 +155,7 @@ impl AccuracyRuns {
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
 
-    /// Components that the preset makes of the frames as listed.
+    /// Number of components that the preset creates from the frames as listed.
     fn born(&self, base: &SceneRun) -> Result<usize, BenchError> {
         let trained = train(&self.dataset, &self.plan, std::slice::from_ref(base), &mut || ())?;
         Ok(trained.first().map_or(0, |trained| trained.born))
@@ -176,13 +172,13 @@ impl AccuracyRuns {
         Ok(measured.0)
     }
 
-    /// Early looks at what was learnt, frames as listed.
+    /// Quality on observed surfaces after the first few frames, as listed.
     fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
         let mut found = Vec::new();
         for n_frames in SEEN_AFTER.into_iter().filter(|&n| n <= self.plan.frames.len()) {
             let frames = self.plan.frames[..n_frames].to_vec();
             let plan = Plan { frames, ..self.plan.clone() };
-            // Trained anew: the runs of the tables leave nothing behind of what they were midway.
+            // Train again: the runs of the tables do not retain intermediate models.
             for early in train(&self.dataset, &plan, std::slice::from_ref(base), &mut || ())? {
                 let (dataset, splats) = (&self.dataset, early.splats.view());
                 let frames = (plan.split, plan.frames.as_slice());
@@ -215,87 +211,76 @@ impl AccuracyRuns {
     }
 }
 
-/// One row of a table; qualities are means over views, then over the orders of frames.
+/// One row of a table. Qualities are means over views, then over the orders of frames.
 #[derive(Clone, Debug, Serialize)]
 pub struct AccuracyRow {
-    /// Table that the row stands in.
     pub table: Table,
-    /// What was changed.
     pub configuration: String,
-    /// Where components are born.
     pub births: BirthRule,
-    /// How much of photographs is learnt.
     pub photographs: PhotometricMode,
     /// Structural scale, world units.
     pub h: f64,
-    /// Components that are drawn.
     pub drawn: f64,
-    /// Components that were born.
     pub born: f64,
-    /// Bytes of the model per component.
     pub bytes_per_component: f64,
-    /// Median milliseconds of training per frame.
+    /// Median milliseconds per frame.
     pub train_ms: f64,
-    /// Median milliseconds of preparation per frame, on the thread that decodes.
+    /// Median milliseconds per frame on the decoding thread.
     pub prepare_ms: f64,
-    /// PSNR of the whole frame, dB.
+    /// Whole frame, dB.
     pub psnr: f64,
-    /// Lowest of the orders.
+    /// Lowest PSNR of the orders, dB.
     pub psnr_low: f64,
-    /// Highest of the orders.
+    /// Highest PSNR of the orders, dB.
     pub psnr_high: f64,
-    /// PSNR over covered pixels, dB.
+    /// Covered pixels, dB.
     pub psnr_covered: Option<f64>,
-    /// PSNR over covered pixels with colours aligned view by view, dB.
+    /// Covered pixels with colours aligned per view, dB.
     pub psnr_aligned_covered: Option<f64>,
     /// Share of covered pixels.
     pub coverage: f64,
-    /// Mean structural similarity of the whole frame, −1 to 1.
+    /// Mean SSIM of the whole frame, −1 to 1.
     pub ssim: f64,
-    /// SSIM with colours aligned view by view.
+    /// Mean SSIM with colours aligned per view.
     pub ssim_aligned: Option<f64>,
-    /// Share of interior pixels with transmittance > 0.1 at the distance of training; this and the
-    /// next three in the first order.
+    /// Share of interior pixels with transmittance > 0.1 at the training distance. This field and
+    /// the next three are from the first order only.
     pub cracks_01: Option<f64>,
     /// Share of interior pixels with transmittance > 0.3.
     pub cracks_03: Option<f64>,
-    /// As `cracks_01`, at half the distance.
+    /// Transmittance > 0.1 at half the training distance.
     pub cracks_half_01: Option<f64>,
-    /// As `cracks_03`, at half the distance.
+    /// Transmittance > 0.3 at half the training distance.
     pub cracks_half_03: Option<f64>,
 }
 
-/// What holds for all rows.
+/// Values shared by all rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct AccuracySummary {
-    /// The preset's settings on this dataset.
+    /// Settings of the preset on this dataset.
     pub base: SceneRun,
-    /// Number of training frames.
     pub frames: usize,
-    /// Number of held-out views.
     pub views: usize,
-    /// Orders of the frames.
     pub orders: usize,
-    /// What the preset shows early of the frames it has learnt, as listed.
+    /// Quality of the preset after the first few frames, as listed.
     pub seen: Vec<SeenReport>,
 }
 
-/// A configuration in one order of the frames.
+/// A configuration trained in one order of the frames.
 pub struct Measured {
-    /// The scene and its times.
     pub trained: Trained,
-    /// How the held-out views came out.
+    /// Quality on the held-out views.
     pub quality: EvalReport,
 }
 
 impl AccuracyRow {
-    /// The row of a configuration trained in every order of the frames.
+    /// Averages a configuration over the orders of frames.
     pub fn of(variant: &SceneVariant, orders: &[Measured]) -> Self {
         let mean = |value: &dyn Fn(&Measured) -> f64| {
             mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0
         };
         let mean_known = |value: &dyn Fn(&EvalReport) -> Option<f64>| {
-            // None if one order has none: a mean over the others would not compare.
+            // `None` if any order has no value: means over different orders are not comparable.
             let values: Option<Vec<f64>> = orders.iter().map(|m| value(&m.quality)).collect();
             values.map(|values| mean_std(&values).0)
         };

@@ -1,6 +1,6 @@
-//! What recordings of real rooms look like when they were learnt (`pipeline.md`, Recordings bench): the
-//! default preset on every recording of a folder, one pass, judged by plain figures and by those that
-//! wrong poses do not hide.
+//! Quality on recordings of real rooms (`pipeline.md`, Recordings bench): the default preset on
+//! every recording of a folder, in one pass. Evaluation uses the standard metrics, and metrics that
+//! are robust to pose errors.
 
 use super::training::{Perturbed, Trained, ordered, train};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
@@ -25,116 +25,109 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Orders of the frames: as listed, reversed, shuffled.
+/// Number of frame orders: as listed, reversed, shuffled.
 const ORDERS: usize = 3;
 
-/// What is measured.
 #[derive(Clone, Debug)]
 pub struct RecordingsPlan {
-    /// Every folder in it that can be opened and has depth is a recording.
+    /// Folder of recordings: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder in which finished runs are kept.
+    /// Folder of finished runs.
     pub kept: PathBuf,
-    /// What was asked for; repeats are orders of the frames.
+    /// `repeats` is the number of frame orders.
     pub options: BenchOptions,
-    /// Which frames are held out.
     pub hold_out: HoldOut,
 }
 
-/// One group of views of a recording, learnt in one order of its frames or in the median of several: each
-/// number by itself. Means over views; PSNR in dB; without a value where nothing is covered or there is no depth.
+/// One group of views of a recording, trained in one order of its frames, or the median of each
+/// value over several orders. Values are means over views. PSNR is in dB. `None` if nothing is
+/// covered or there is no depth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RecordingRow {
-    /// Name of the recording's folder.
     pub recording: String,
-    /// Where the held-out views lie.
+    /// Location of the held-out views relative to the camera path.
     pub group: Option<ViewGroupName>,
-    /// Name of their split.
+    /// Split of the held-out views.
     pub split: String,
-    /// Frames learnt.
+    /// Frames trained on.
     pub frames: usize,
-    /// Held-out views drawn.
     pub views: usize,
     /// Components that are drawn.
     pub drawn: f64,
-    /// Median milliseconds of learning a frame.
+    /// Median milliseconds to train on a frame.
     pub train_ms: f64,
-    /// Median milliseconds of preparing a frame, on the thread that decodes.
+    /// Median milliseconds to prepare a frame on the decoding thread.
     pub prepare_ms: f64,
-    /// PSNR of the whole frame from recorded poses.
+    /// Whole frame. This field and those up to `depth_error` are from recorded poses.
     pub psnr: f64,
-    /// PSNR of covered pixels.
+    /// Covered pixels.
     pub psnr_covered: Option<f64>,
-    /// PSNR of covered pixels with colours aligned.
+    /// Covered pixels with colours aligned.
     pub psnr_aligned_covered: Option<f64>,
-    /// SSIM of the whole frame.
+    /// Whole frame.
     pub ssim: f64,
     /// Share of covered pixels.
     pub coverage: f64,
-    /// Mean absolute depth error, world units.
+    /// Mean absolute error, world units.
     pub depth_error: Option<f64>,
-    /// PSNR of the whole frame from poses corrected as the frames around them were.
+    /// Whole frame, from poses corrected like those of the frames around them.
     pub corrected_psnr: f64,
-    /// PSNR of covered pixels from those.
+    /// Covered pixels, from corrected poses.
     pub corrected_psnr_covered: Option<f64>,
-    /// PSNR of covered pixels from those with colours aligned.
+    /// Covered pixels with colours aligned, from corrected poses.
     pub corrected_psnr_aligned_covered: Option<f64>,
-    /// Shares of 2 cm and of a degree, by which every tenth recorded pose was perturbed in another run, that are
-    /// left once the scene has corrected them.
+    /// Share of the shift that remains after pose correction, in another run in which every tenth
+    /// recorded pose is moved by 2 cm and rotated by one degree.
     pub perturbed_shift_left: Option<f64>,
-    /// The same of the degree.
+    /// Share of the rotation that remains in that run.
     pub perturbed_turn_left: Option<f64>,
-    /// PSNR of the whole frame from corrected poses, learnt from perturbed ones.
+    /// Whole frame from corrected poses, trained on perturbed poses.
     pub perturbed_psnr: f64,
-    /// PSNR of covered pixels from those.
+    /// Covered pixels from corrected poses, trained on perturbed poses.
     pub perturbed_psnr_covered: Option<f64>,
-    /// PSNR of covered pixels from the poses that the photographs tell, learnt from perturbed ones.
+    /// Covered pixels from poses aligned to the photographs, trained on perturbed poses.
     pub perturbed_pose_aligned_psnr_covered: Option<f64>,
-    /// Mean distance of recorded poses from those that the photographs tell, world units; this and all
-    /// that follows from the latter.
+    /// Mean distance between recorded poses and poses aligned to the photographs, world units. This
+    /// field and all that follow use the aligned poses.
     pub pose_shift: Option<f64>,
-    /// Mean angle between both, degrees.
+    /// Mean angle between recorded and aligned poses, degrees.
     pub pose_turn: Option<f64>,
-    /// PSNR of the whole frame.
+    /// Whole frame.
     pub pose_aligned_psnr: Option<f64>,
-    /// PSNR of covered pixels.
+    /// Covered pixels.
     pub pose_aligned_psnr_covered: Option<f64>,
-    /// PSNR of covered pixels with colours aligned.
+    /// Covered pixels with colours aligned.
     pub pose_aligned_psnr_aligned_covered: Option<f64>,
-    /// SSIM with colours aligned.
     pub pose_aligned_ssim_aligned: Option<f64>,
-    /// SSIM of the gradients' lengths with colours aligned.
+    /// SSIM of gradient magnitudes with colours aligned.
     pub gradient_ssim: Option<f64>,
-    /// Energy of the finest octave of detail, of the photograph's.
+    /// Energy of the finest octave of detail relative to the photograph's. `energy_2` to `energy_4`
+    /// are coarser octaves.
     pub energy_1: Option<f64>,
-    /// Energy of the second octave.
     pub energy_2: Option<f64>,
-    /// Energy of the third octave.
     pub energy_3: Option<f64>,
-    /// Energy of the fourth octave.
     pub energy_4: Option<f64>,
-    /// Correlation of the finest octave with the photograph's.
+    /// Correlation of the finest octave with the photograph's. `correlation_2` to `correlation_4`
+    /// are coarser octaves.
     pub correlation_1: Option<f64>,
-    /// Correlation of the second octave.
     pub correlation_2: Option<f64>,
-    /// Correlation of the third octave.
     pub correlation_3: Option<f64>,
-    /// Correlation of the fourth octave.
     pub correlation_4: Option<f64>,
 }
 
-/// Learns and judges what is not kept yet, recording by recording and order by order.
+/// Trains and evaluates all runs that are not stored yet.
 ///
 /// # Errors
-/// The folder holds no recording, or one of them cannot be learnt or judged.
+/// The folder holds no recording, or a recording cannot be trained on or evaluated.
 pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (recordings, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
     let n_orders = plan.options.repeats.unwrap_or(if plan.options.quick { 1 } else { ORDERS });
     let (mut rows, mut orders) = (Vec::new(), Vec::new());
-    // A recording that is too short for a sector ends the bench before hours of work.
+    // Create all runs first: a recording too short for a sector fails before hours of work.
     let runs = recordings.iter().map(|dataset| RecordingRun::new(dataset, plan));
     let runs = runs.collect::<Result<Vec<_>, _>>()?;
+    // Separate files per hold-out rule, so that both can be stored in one folder.
     let sector = if plan.hold_out == HoldOut::Sector { "-sector" } else { "" };
     for (done, run) in runs.iter().enumerate() {
         let mut found = Vec::new();
@@ -149,13 +142,13 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
             });
             found.extend(folder::kept_or_new(&file, of, || run.measured(order))?);
         }
-        // Every order has a row of each group.
+        // Each order has one row per group.
         let of_group = |group| found.iter().skip(group).step_by(run.groups.len());
         rows.extend((0..run.groups.len()).filter_map(|group| median(of_group(group))));
         orders.extend(found);
     }
     let mut notes = vec![format!(
-        "the default preset, one pass, every number the median of {n_orders} orders of the frames; held-out views, projected renderer, black background; corrected: from poses moved as the frames around them were; pose aligned: from the pose that each view's own photograph tells; energy and correlation of luma by octave of detail from the finest, against the photograph."
+        "Default preset, one pass; each value is the median of {n_orders} orders of the frames. Held-out views, projected renderer, black background. corrected: poses moved like those of the frames around them. aligned: poses aligned to the view's photograph. energy, correlation: luma by octave of detail, finest first, against the photograph."
     )];
     notes.extend(left_out);
     Findings {
@@ -172,12 +165,11 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
     .into_bench()
 }
 
-/// One recording, ready to be learnt.
+/// A recording prepared for training.
 struct RecordingRun<'a> {
     dataset: &'a Arc<Dataset>,
     plan: Plan,
     base: SceneRun,
-    /// The held-out views.
     groups: Vec<ViewGroup>,
     seed: u64,
 }
@@ -212,7 +204,7 @@ impl<'a> RecordingRun<'a> {
         })
     }
 
-    /// A row of each group.
+    /// Trains one order of the frames and returns one row per group.
     fn measured(&self, order: usize) -> Result<Vec<RecordingRow>, BenchError> {
         let plan = self.ordered(order);
         let trained = self.trained(self.dataset, &plan)?;
@@ -300,7 +292,7 @@ impl RecordingRow {
     }
 }
 
-/// Every number's median by itself; `None` for no rows.
+/// Median of each value. `None` for no rows.
 fn median<'a>(orders: impl Iterator<Item = &'a RecordingRow>) -> Option<RecordingRow> {
     let orders: Vec<&RecordingRow> = orders.collect();
     let first = *orders.first()?;
@@ -308,7 +300,7 @@ fn median<'a>(orders: impl Iterator<Item = &'a RecordingRow>) -> Option<Recordin
         Spread::of(orders.iter().map(|row| value(row)).collect()).median
     };
     let known = |value: fn(&RecordingRow) -> Option<f64>| {
-        // None if one order has none: a median of the others would not compare.
+        // `None` if any order has no value: medians over different orders are not comparable.
         let values: Option<Vec<f64>> = orders.iter().map(|row| value(row)).collect();
         values.map(|values| Spread::of(values).median)
     };
@@ -361,13 +353,13 @@ fn text(rows: &[RecordingRow]) -> String {
         "ms/frame",
         "PSNR dB: full / covered / colours aligned",
         "corrected poses",
-        "learnt from perturbed poses: full / covered / covered, aligned poses",
-        "left of 2 cm, of 1°",
+        "trained on perturbed poses: full / covered / covered, aligned poses",
+        "remaining of 2 cm, of 1°",
         "aligned poses",
-        "poses off by",
+        "pose error",
         "depth error",
         "SSIM",
-        "of gradients",
+        "SSIM of gradients",
         "energy by octave",
         "correlation",
     ];
@@ -437,6 +429,6 @@ fn panels(rows: &[RecordingRow]) -> [Panel; 2] {
         [("finest octave", |row| row.energy_1), ("second octave", |row| row.energy_2)];
     [
         panel("quality", "PSNR, covered, colours aligned, dB", &quality),
-        panel("sharpness", "energy, of the photograph's", &sharpness),
+        panel("sharpness", "energy relative to the photograph", &sharpness),
     ]
 }

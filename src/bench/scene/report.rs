@@ -1,4 +1,4 @@
-//! The tables for people, and the plot.
+//! Tables, notes and plot of the accuracy bench.
 
 use super::variants::Table;
 use crate::bench::plot::Axis;
@@ -8,14 +8,14 @@ use crate::eval::metrics::Spread;
 use crate::eval::report;
 use crate::train::scene::photometric::rule::PhotometricMode;
 
-/// The tables, one below the other.
+/// Formats all tables that have rows.
 pub fn text(rows: &[AccuracyRow]) -> String {
     let tables = [
-        (Table::Cumulative, "Every row adds to the one above:"),
+        (Table::Cumulative, "Each row adds a part to the row above:"),
         (Table::LeaveOneOut, "One change each:"),
-        (Table::Constants, "One constant of learning from photographs each:"),
+        (Table::Constants, "One photometric constant each:"),
         (Table::Scale, "Structural scale:"),
-        (Table::Budget, "Budget, the least useful components merged:"),
+        (Table::Budget, "Budget, with the least useful components merged:"),
     ];
     let of_table = |(which, title): (Table, &str)| {
         let rows: Vec<_> = rows.iter().filter(|r| r.table == which).map(cells).collect();
@@ -61,16 +61,16 @@ fn cells(row: &AccuracyRow) -> [String; 11] {
     ]
 }
 
-/// What the numbers mean.
+/// Explains the columns.
 pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
     let AccuracySummary { frames, views, orders, seen, .. } = summary;
     let mut notes = vec![
         format!(
-            "{frames} frames in {orders} orders (as listed, reversed, shuffled); quality: projected renderer, black background, {views} held-out views, mean of the orders; orders: highest less lowest PSNR. ms: median over frames and orders, configurations in turns.",
+            "{frames} frames in {orders} orders (as listed, reversed, shuffled); quality: projected renderer, black background, {views} held-out views, mean of the orders; orders: highest minus lowest PSNR. ms: median over frames and orders, configurations in turns.",
         ),
-        "covered: pixels with coverage ≥ 0.5; aligned: the same after a factor and an offset per channel were fitted to each photograph.".to_owned(),
+        "covered: pixels with coverage ≥ 0.5; aligned: the same after fitting a factor and an offset per channel to each photograph.".to_owned(),
         format!(
-            "cracks: share of interior pixels by their transmittance, frames as listed, {n_crack_views} views; interior: more than 5 pixels from where depth jumps or ends."
+            "cracks: share of interior pixels by their transmittance, frames as listed, {n_crack_views} views; interior: more than 5 pixels from depth edges."
         ),
     ];
     for early in seen {
@@ -79,7 +79,7 @@ pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
             .coverage_interior
             .map_or_else(String::new, |share| format!(", {:.2} % away from edges", 100.0 * share));
         notes.push(format!(
-            "frames learnt: {}; where they saw a surface: {:.2} dB, {:.2} % covered{interior}.",
+            "frames trained: {}; on surfaces they observed: {:.2} dB, {:.2} % covered{interior}.",
             early.after_frames,
             early.seen.psnr,
             100.0 * early.seen.coverage
@@ -88,9 +88,10 @@ pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
     notes
 }
 
-/// Quality of the first two tables, and components against quality.
+/// Quality of the first two tables, and quality against number of components.
 pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
-    // Colours of photographs that are not registered differ by exposure more than by the model.
+    // Without registration, exposure changes colours more than the model does, so use aligned
+    // colours.
     let (title, measure): (_, fn(&AccuracyRow) -> Spread) = if is_registered {
         ("PSNR, dB (range of the orders)", |row| Spread {
             median: row.psnr,

@@ -1,9 +1,8 @@
-//! What a scene keeps of its frames: every frame's own view right after it was learnt and at the end,
-//! and the held-out views as frames come (`pipeline.md`, Retention bench).
+//! Retention of earlier frames (`pipeline.md`, Retention bench): PSNR of each frame's own view
+//! right after training on it and at the end, and PSNR of held-out views during training.
 //!
-//! Learning that forgets shows its last frames well and its first ones badly. One row without
-//! accumulated precision stands beside the others, since precision is what keeps splats where earlier
-//! frames put them.
+//! A model that forgets renders its last frames well and its first ones badly. One configuration
+//! omits accumulated precision, which is what holds splats where earlier frames put them.
 
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::paper::sample::spaced;
@@ -26,51 +25,48 @@ use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Of the frames learnt, how many are looked at again.
+/// Number of frames whose own views are measured.
 const FRAMES: usize = 50;
-/// How often the held-out views are looked at, and how many of them.
+/// Number of evaluations of the held-out views, and number of these views.
 const LOOKS: [usize; 2] = [10, 10];
 
-/// A frame's own view.
+/// PSNR of a frame's own view.
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionRow {
-    /// What was learnt, and how.
     pub configuration: &'static str,
-    /// Frames learnt with this one.
+    /// Frames trained on, including this one.
     pub after_frames: usize,
-    /// Name of the frame.
     pub frame: String,
-    /// PSNR right after it was learnt, dB.
+    /// PSNR right after training on the frame, dB.
     pub after: f64,
-    /// PSNR when all frames were learnt, dB.
+    /// PSNR after all frames, dB.
     pub at_end: f64,
 }
 
-/// What a configuration keeps.
+/// Retention of one configuration.
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionSummary {
-    /// What was learnt, and how.
     pub configuration: &'static str,
-    /// Mean over frames right after each, dB.
+    /// Mean PSNR right after each frame, dB.
     pub after: f64,
-    /// Mean over the same frames when all were learnt, dB.
+    /// Mean PSNR of the same views after all frames, dB.
     pub at_end: f64,
-    /// Most that a frame's own view lost, dB.
+    /// Largest loss of a frame's own view, dB.
     pub most_lost: f64,
-    /// Mean PSNR of the held-out views as frames came, dB, by frames learnt.
+    /// Number of frames trained on, and mean PSNR of the held-out views, dB.
     pub held_out: Vec<(usize, f64)>,
-    /// Most that this fell below what it had been, dB.
+    /// Largest fall of that PSNR below an earlier value, dB.
     pub held_out_fall: f64,
 }
 
-/// How photographs are learnt.
+/// Photometric rules to compare.
 fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
     let full = PhotometricRule::DEFAULT;
     [
         ("points alone", None),
         ("light", PhotometricMode::Light.rule()),
         ("full", PhotometricMode::Full.rule()),
-        // Every frame finds the prior's precision alone.
+        // Each frame uses the prior's precision only.
         (
             "full, no accumulated precision",
             Some(PhotometricRule { forgotten: 1.0, kept: 0.0, ..full }),
@@ -78,7 +74,7 @@ fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
     ]
 }
 
-/// Trains every configuration over the frames as listed.
+/// Trains every configuration on the frames in listed order.
 pub fn run(
     options: BenchOptions,
     dataset: Arc<Dataset>,
@@ -117,19 +113,19 @@ pub fn run(
     bench.into_bench(options, rows, summary)
 }
 
-/// What all configurations share.
+/// Inputs shared by all configurations.
 struct Retention {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Positions in the plan whose own views are looked at.
+    /// Positions in the plan whose own views are measured.
     looked_at: Vec<usize>,
-    /// Split and positions of the held-out views.
+    /// Split and frame indices of the held-out views.
     held_out: (usize, Vec<usize>),
     views: EvalOptions,
 }
 
 impl Retention {
-    /// One configuration, frame by frame.
+    /// Trains and measures one configuration.
     fn of(
         &self,
         configuration: &'static str,
@@ -179,12 +175,12 @@ impl Retention {
         Ok((rows, summary))
     }
 
-    /// Split and number of the frame at a position of the plan.
+    /// Split and frame index at a position in the plan.
     fn own(&self, position: usize) -> (usize, &[usize]) {
         (self.plan.split, &self.plan.frames[position..=position])
     }
 
-    /// Mean PSNR of some views, dB.
+    /// Mean PSNR of the given views, dB.
     fn psnr(
         &self,
         splats: &SplatSet,
@@ -202,7 +198,7 @@ impl Retention {
     ) -> Result<Bench, BenchError> {
         let title = format!("Retention: {}", self.dataset.name);
         let note = format!(
-            "{} frames as listed, {} of them looked at again by their own views, {} held-out views; projected renderer, black background, recorded poses.",
+            "{} frames as listed; own views of {} frames, right after training and at the end; {} held-out views; projected renderer, black background, recorded poses.",
             self.plan.frames.len(),
             self.looked_at.len(),
             self.held_out.1.len()
@@ -247,12 +243,12 @@ fn summarise(
 fn text(summary: &[RetentionSummary]) -> String {
     let header = [
         "configuration",
-        "own view after dB",
-        "at the end dB",
+        "own view, after training, dB",
+        "at the end, dB",
         "lost dB",
         "most lost dB",
         "held-out dB",
-        "its largest fall dB",
+        "largest fall, held-out dB",
     ];
     let cells = |row: &RetentionSummary| {
         [
@@ -268,7 +264,7 @@ fn text(summary: &[RetentionSummary]) -> String {
     report::text(header, &summary.iter().map(cells).collect::<Vec<_>>())
 }
 
-/// What every frame lost, and the held-out views, by frames learnt.
+/// Loss of own views and PSNR of held-out views, against frames trained on.
 fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
     let mark =
         |x: usize, y: f64| Mark { x: Spread::exact(x as f64), y: Spread::exact(y), label: None };
@@ -283,12 +279,12 @@ fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
     };
     let panel = |title: &str, y: &str, series: Vec<Series>| Panel {
         title: title.to_owned(),
-        x: Axis::Linear("frames learnt".to_owned()),
+        x: Axis::Linear("frames trained".to_owned()),
         y: Axis::Linear(y.to_owned()),
         series,
     };
     [
-        panel("own views", "PSNR lost until the end, dB", summary.iter().map(lost).collect()),
+        panel("own views", "PSNR lost by the end, dB", summary.iter().map(lost).collect()),
         panel("held-out views", "PSNR, dB", summary.iter().map(held_out).collect()),
     ]
 }

@@ -1,8 +1,8 @@
-//! Many configurations trained on the same frames: a frame is decoded and prepared once for all
-//! that prepare it alike, and sums are formed once for all that differ only in how they are drawn.
+//! Trains several configurations on the same frames. Each frame is decoded and prepared once per
+//! group with equal preparation. Sums are computed once for configurations that differ only in
+//! drawing.
 //!
-//! Dozens of rows share every decoded and prepared frame; without that, three orders of two hundred
-//! frames would not be affordable.
+//! Dozens of rows share this work. Without it, three orders of 200 frames would be too expensive.
 
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
@@ -21,33 +21,30 @@ use crate::train::scene::engine::SceneLearner;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// A configuration after its frames.
+/// A trained configuration.
 pub struct Trained {
-    /// What is drawn.
     pub splats: SplatSet,
     /// Number of components, drawn or not.
     pub born: usize,
-    /// Bytes of the model.
     pub model_bytes: usize,
-    /// Milliseconds of training, frame by frame.
+    /// Milliseconds per frame.
     pub train_ms: Vec<f64>,
-    /// Milliseconds of preparation, frame by frame.
+    /// Milliseconds per frame on the decoding thread.
     pub prepare_ms: Vec<f64>,
 }
 
 impl Trained {
-    /// How the poses of its frames were corrected.
+    /// Poses of the trained frames, recorded and corrected.
     pub fn poses(&self) -> &[FramePose] {
         self.splats.finishing().poses.as_ref().map_or(&[], |log| log.frames())
     }
 
-    /// Components that are drawn.
     pub fn drawn(&self) -> usize {
         self.splats.view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
 }
 
-/// A plan's frames as listed, reversed, or in a shuffle of its own.
+/// Returns a plan with its frames as listed (order 0), reversed (1) or shuffled (2 and above).
 pub fn ordered(plan: &Plan, order: usize, seed: u64) -> Plan {
     let mut frames = plan.frames.clone();
     match order {
@@ -58,8 +55,8 @@ pub fn ordered(plan: &Plan, order: usize, seed: u64) -> Plan {
     Plan { frames, ..plan.clone() }
 }
 
-/// Trains every run from nothing over the frames of a plan, in its order; `done` hears of every
-/// sweep over the frames.
+/// Trains every run from scratch on the frames of a plan, in the plan's order. Calls `done` after
+/// each sweep over the frames.
 pub fn train(
     dataset: &Arc<Dataset>,
     plan: &Plan,
@@ -69,6 +66,7 @@ pub fn train(
     let mut trained: Vec<Option<Trained>> = runs.iter().map(|_| None).collect();
     while let Some(first) = trained.iter().position(Option::is_none) {
         let surface = runs[first].prepared_surface();
+        // Runs with equal surface settings share one sweep over the frames.
         let alike: Vec<usize> =
             (first..runs.len()).filter(|&i| runs[i].prepared_surface() == surface).collect();
         let group: Vec<&SceneRun> = alike.iter().map(|&i| &runs[i]).collect();
@@ -80,20 +78,20 @@ pub fn train(
     Ok(trained.into_iter().flatten().collect())
 }
 
-/// Number of sweeps over the frames that [`train`] takes.
+/// Number of sweeps over the frames by [`train`].
 pub fn n_sweeps(runs: &[SceneRun]) -> usize {
     let surfaces: Vec<SurfaceSettings> = runs.iter().map(SceneRun::prepared_surface).collect();
     (0..runs.len()).filter(|&i| !surfaces[..i].contains(&surfaces[i])).count()
 }
 
-/// One engine and what it needed.
+/// An engine shared by configurations with equal sums.
 struct TrainedSums {
     config: SceneConfig,
     engine: Box<dyn SceneLearner>,
     train_ms: Vec<f64>,
 }
 
-/// Trains runs that prepare frames alike; they take turns frame by frame.
+/// Trains runs with equal frame preparation in turns, frame by frame.
 fn train_alike(
     dataset: &Arc<Dataset>,
     plan: &Plan,
@@ -103,7 +101,7 @@ fn train_alike(
     let surface = first.prepared_surface();
     let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
-        // Runs that differ in drawing alone share their sums.
+        // Runs that differ only in drawing share their sums.
         if !courses.iter().any(|course| course.has_sums_of(run)) {
             let engine = engine::begin(&run.engine, surface.origin);
             courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
@@ -130,7 +128,7 @@ fn train_alike(
     }
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
-        // Rules of drawing leave sums alone, so one model is drawn by each of them.
+        // Splat rules do not affect sums, so each rule draws the same model.
         course.engine.set_splat_rule(run.engine.splat_rule);
         course.engine.settle();
         Some(Trained {
@@ -146,12 +144,13 @@ fn train_alike(
 
 impl TrainedSums {
     fn has_sums_of(&self, run: &SceneRun) -> bool {
-        // Splats that learn from photographs begin as the rule draws them.
+        // Photometric training starts from splats as the rule draws them, so all settings must
+        // match.
         if run.engine.photometric.is_some() {
             return run.engine == self.config;
         }
-        // Alignment reads the ridge of the splat rule, which no row of the tables changes; one that
-        // did would need sums of its own.
+        // Alignment also reads the ridge of the splat rule. No table varies it; one that did would
+        // need separate sums.
         SceneConfig { splat_rule: self.config.splat_rule, ..run.engine.clone() } == self.config
     }
 
@@ -161,27 +160,26 @@ impl TrainedSums {
     }
 }
 
-/// One of so many frames is perturbed, and not the first of them: where that stands the scene begins.
+/// One frame in `ONE_OF` is perturbed. The first frame is not, because it anchors the scene.
 const ONE_OF: usize = 10;
 const WHICH: usize = 5;
-/// Distance that a camera is moved by, metres.
+/// Distance by which a perturbed camera is moved, metres.
 const SHIFT: f64 = 0.02;
-/// Angle that it is turned by, radians.
+/// Angle by which it is rotated, radians.
 const TURN: f64 = std::f64::consts::PI / 180.0;
-/// Share of that distance within which two recorded places are one.
+/// Share of `SHIFT` within which two recorded positions count as equal.
 const SAME: f64 = 1e-6;
 
-/// A recording with poses that are wrong on purpose.
+/// A recording with deliberately wrong poses.
 pub struct Perturbed {
-    /// The recording.
     pub dataset: Arc<Dataset>,
-    /// The poses that were changed: as recorded, and as they are now.
+    /// Recorded and perturbed pose of each changed frame.
     changed: Vec<[Pose; 2]>,
 }
 
 impl Perturbed {
-    /// The dataset with every tenth frame of a plan, as it is learnt, moved by 2 cm and turned by a degree, each in
-    /// a direction of its own.
+    /// Moves every tenth frame, in the plan's order, by 2 cm and rotates it by one degree, both in
+    /// random directions.
     pub fn new(dataset: &Dataset, plan: &Plan, seed: u64) -> Self {
         let (mut dataset, mut changed) = (dataset.clone(), Vec::new());
         let shift = SHIFT * dataset.units_per_metre();
@@ -202,8 +200,9 @@ impl Perturbed {
         Self { dataset: Arc::new(dataset), changed }
     }
 
-    /// Shares of shift and turn that are left: how far perturbed frames stand, in the mean, from where those of a
-    /// run without perturbations do. `None` where no such frame was learnt in both.
+    /// Shares of shift and rotation that remain: mean distance of the perturbed frames' corrected
+    /// poses from those of a run without perturbation. `None` if no such frame was trained on in
+    /// both runs.
     pub fn left(&self, without: &[FramePose], with: &[FramePose]) -> Option<[f64; 2]> {
         let shift = SHIFT * self.dataset.units_per_metre();
         let real = |log: &[FramePose], recorded: &Pose| {

@@ -1,9 +1,9 @@
-//! The configurations of the tables: parts of the scene preset switched on one after the other,
-//! left out one at a time, and the structural scale moved under every birth rule.
+//! Configurations of the tables: parts of the scene preset added one by one or left out one at a
+//! time, and structural scales under every birth rule.
 //!
-//! A part is a change that does without it, applied to the preset; a row whose change alters
-//! nothing on a dataset is left out. Constants of the changes are those of the recipe's own
-//! ablation (`scene.md`, Effect of each part), so that rows can be held against it.
+//! Each part is represented by a change that disables it. A row whose change has no effect on a
+//! dataset is left out. Constants of the changes are those of the ablation in the docs
+//! (`scene.md`, Effect of each part), so that rows are comparable.
 
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
@@ -17,37 +17,34 @@ use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
 
-/// Which table a row belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Table {
-    /// Every row adds a part to the row above.
+    /// Each row adds a part to the row above.
     Cumulative,
-    /// Every row changes one thing of the preset.
+    /// Each row changes one setting of the preset.
     LeaveOneOut,
-    /// Every row changes one constant of learning from photographs.
+    /// Each row changes one constant of photometric training.
     Constants,
-    /// Components against quality: the structural scale under one birth rule.
+    /// Quality against components: structural scales under one birth rule.
     Scale,
-    /// Components against quality: the preset's scale, merged down to a budget.
+    /// Quality against components: the preset's scale, merged down to a budget.
     Budget,
 }
 
-/// A configuration by its name in a table.
+/// A configuration named in a table.
 #[derive(Clone, Debug)]
 pub struct SceneVariant {
-    /// Table that it stands in.
     pub table: Table,
-    /// What it changes.
     pub name: String,
-    /// Every setting of its run.
     pub run: SceneRun,
 }
 
-/// A part of the preset and how to do without it.
+/// Name and effect of a change of the preset.
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
-/// In the order of the table (`scene.md`, Effect of each part).
+/// Parts and the changes that disable them, in the order of the table
+/// (`scene.md`, Effect of each part).
 const PARTS: [PresetChange; 13] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
@@ -63,20 +60,20 @@ const PARTS: [PresetChange; 13] = [
     ("near detail", |run| run.engine.near = None),
     ("colour by direction", |run| run.engine.splat_rule.directional = false),
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
-    // At 1 a pixel counts as covered in full when it is: nothing is filled.
+    // At 1 only fully covered pixels count as full, so nothing is filled.
     ("closing", |run| run.engine.splat_rule.full_coverage = 1.0),
     ("photographs", |run| run.engine.photometric = None),
 ];
 
-/// Changes beside leaving one part out.
+/// Changes other than leaving out one part.
 const CHANGES: [PresetChange; 10] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
         run.engine.splat_rule.directional = false;
     }),
-    ("opacity from the number of points alone", opacity_of_count),
+    ("opacity from the number of points only", opacity_of_count),
     ("plain splats", |run| run.engine.splat_rule = run.engine.splat_rule.plain()),
-    ("looks counted by returns", |run| run.engine.visibility = VisibilityRule::Returned),
+    ("visibility counted by returns", |run| run.engine.visibility = VisibilityRule::Returned),
     ("no prior of the covariance", |run| run.engine.splat_rule.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);
@@ -90,40 +87,40 @@ const CHANGES: [PresetChange; 10] = [
     }),
 ];
 
-/// What is added to 8-bit ray depth as decoded (`dataset.md`, Sensors), world units.
+/// Offset added to decoded 8-bit ray depth (`dataset.md`, Sensors), world units.
 const INVERSE8_OFFSET: f64 = 0.004;
 
-/// Neither the colour camera nor what is known of the depth's bias.
+/// Disables the colour camera and the correction of depth bias.
 fn uncalibrated(run: &mut SceneRun) {
     let depth_offset = match run.surface.sensor {
         Sensor::Inverse8Ray => -INVERSE8_OFFSET,
         _ => 0.0,
     };
-    // The sensor's profile adds the bias whatever is calibrated; only an offset takes it back.
+    // The sensor's profile adds the bias regardless of calibration, so an offset reverts it.
     let none = Calibration { depth_offset, ..Calibration::NONE };
     if run.surface.calibration.is_some() || depth_offset != 0.0 {
         run.surface.calibration = Some(none);
     }
 }
 
-/// The first row (`pipeline.md`, Accuracy bench): every component with at least 30 points is drawn
-/// with opacity 0.95, as a plain Gaussian.
+/// Rule of the first row (`pipeline.md`, Accuracy bench): components with at least 30 points are
+/// drawn as plain Gaussians of opacity 0.95.
 fn constant_opacity(run: &mut SceneRun) {
     let native = &mut run.engine.splat_rule;
-    // So small a density saturates at once: opacity is τ wherever there are points.
+    // Such a small density saturates at once: opacity is τ wherever there are points.
     native.opacity = DensityOpacity { tau: 0.95, rho0: 1e-12, doubt: 1.0, least: 0.0 };
     native.least_points = 30.0;
     native.scale = 1.7;
 }
 
-/// `τ·(1 − exp(−N/300))`: with that much doubt, the looks do not matter.
+/// Opacity `τ·(1 − exp(−N/300))`. With such a large doubt, the visibility counts have no effect.
 fn opacity_of_count(run: &mut SceneRun) {
     const DOUBT: f64 = 1e12;
     let opacity = &mut run.engine.splat_rule.opacity;
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
 }
 
-/// Looser thresholds (`dataset.md`, Plane fit), where the sensor's are tighter.
+/// Looser thresholds (`dataset.md`, Plane fit) for the sensor with tighter ones.
 fn loose_inliers(run: &mut SceneRun) {
     if run.surface.sensor == Sensor::Inverse8Ray {
         run.surface.thresholds =
@@ -131,7 +128,7 @@ fn loose_inliers(run: &mut SceneRun) {
     }
 }
 
-/// The rows of the first two tables around a preset; what changes nothing on its dataset is left
+/// Rows of the first two tables around a preset. Changes without effect on the dataset are left
 /// out.
 pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     let with = |changes: &[PresetChange]| {
@@ -146,7 +143,7 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     }];
     for (i, (name, _)) in PARTS.iter().enumerate() {
         let run = with(&PARTS[i + 1..]);
-        // A part that changes nothing on this dataset would repeat the row above.
+        // A part without effect on this dataset would repeat the row above.
         if rows.last().is_none_or(|row| row.run != run) {
             rows.push(SceneVariant { table: Table::Cumulative, name: format!("+ {name}"), run });
         }
@@ -165,7 +162,7 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     rows
 }
 
-/// A constant of learning from photographs.
+/// Name and accessor of a constant of photometric training.
 type PhotometricConstant = (&'static str, fn(&mut PhotometricRule) -> &mut f64);
 
 const CONSTANTS: [PhotometricConstant; 15] = [
@@ -179,14 +176,15 @@ const CONSTANTS: [PhotometricConstant; 15] = [
     ("trust", |rule| &mut rule.trust),
     ("prior of means", |rule| &mut rule.prior.mean),
     ("prior of scales", |rule| &mut rule.prior.scale),
-    ("prior of turns", |rule| &mut rule.prior.turn),
+    ("prior of rotations", |rule| &mut rule.prior.turn),
     ("prior of opacity", |rule| &mut rule.prior.opacity),
     ("prior of colour", |rule| &mut rule.prior.color),
     ("prior of colour by direction", |rule| &mut rule.prior.directional),
     ("prior of colour gradients", |rule| &mut rule.prior.gradient),
 ];
 
-/// Every constant of learning from photographs halved and doubled; nothing where none are learnt.
+/// Rows with each photometric constant halved and doubled, and with other row strides. Empty if
+/// photometric training is off.
 pub fn constants(base: &SceneRun) -> Vec<SceneVariant> {
     let Some(rule) = base.engine.photometric else { return Vec::new() };
     let row = |name: String, rule: PhotometricRule| {
@@ -206,10 +204,10 @@ pub fn constants(base: &SceneRun) -> Vec<SceneVariant> {
     CONSTANTS.into_iter().flat_map(scaled).chain(rows).collect()
 }
 
-/// Budgets, as shares of the components born without one.
+/// Budgets as shares of the components born without a budget.
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
-/// The preset merged down from the `born` components it makes.
+/// Rows of the preset merged down from its `born` components to each budget.
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
@@ -220,8 +218,8 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// The structural scale of `base` times each factor, under every birth rule and for points alone;
-/// scales below what the depth resolves are left out.
+/// Rows with the structural scale of `base` times each factor, under every birth rule, and without
+/// photographs. Scales below the depth noise are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,

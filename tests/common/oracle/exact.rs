@@ -1,5 +1,5 @@
-//! The exact renderer (`rendering.md`, Exact renderer): the response along each true ray, in the
-//! form that defines it.
+//! The exact renderer (`rendering.md`, Exact renderer): response along each true ray, by the defining
+//! formula.
 
 use super::Contribution;
 use super::shade::Shade;
@@ -12,13 +12,13 @@ use vbgs_studio::render::{
     Response,
 };
 
-/// A splat around the camera.
+/// A splat relative to the camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Exact {
-    /// Of the mean from the camera.
+    /// Distance of the mean from the camera.
     pub distance: f64,
     mean: DVec3,
-    /// `M = diag(1/s)·(RQ)ᵀ`: takes camera space to where the splat is a unit ball.
+    /// `M = diag(1/s)·(RQ)ᵀ`: maps camera space to a space in which the splat is a unit ball.
     whitening: DMat3,
     opacity: f64,
     response: Response,
@@ -38,7 +38,7 @@ impl Exact {
         }
     }
 
-    /// What it adds along a ray from the camera, of any length.
+    /// Contribution along a ray from the camera; the ray may have any length.
     pub(super) fn along(&self, ray: DVec3) -> Contribution {
         let (p, g) = (self.whitening * self.mean, self.whitening * ray);
         let peak = g.dot(p) / g.dot(g);
@@ -55,8 +55,8 @@ impl Exact {
     }
 }
 
-/// Standard deviations and opacity after antialiasing. What `Reference` fades below the cut needs no
-/// test of its own: no alpha exceeds its opacity.
+/// Standard deviations and opacity after antialiasing. Splats that `Reference` fades below the cut need no
+/// check here, since no alpha exceeds the opacity.
 fn antialiased(splat: &Placed, k: &Intrinsics, setting: Antialias) -> (DVec3, f64) {
     let variances = splat.scale * splat.scale;
     match setting {
@@ -72,7 +72,7 @@ fn antialiased(splat: &Placed, k: &Intrinsics, setting: Antialias) -> (DVec3, f6
     }
 }
 
-/// The ray through a point of the image in camera space, or `None` where a fisheye sees nothing.
+/// Ray in camera space through a point of the image; `None` outside a fisheye's image.
 pub(super) fn ray(lens: Lens, k: &Intrinsics, point: DVec2) -> Option<DVec3> {
     let rho = (point - DVec2::new(k.cx, k.cy)) / DVec2::new(k.fx, k.fy);
     match lens {

@@ -1,7 +1,7 @@
-//! The slow, plain renderers that the fast ones are measured against: f64, no tiles, no lanes, every
-//! splat in every pixel, straight from the formulas that define them (`rendering.md`, Projected
-//! renderer, and what follows it). They share no arithmetic with the fast paths: the exact one
-//! evaluates the whitened ray, not the rational conic.
+//! Reference renderers for the tests of the fast ones: f64, without tiles or SIMD, every splat in every
+//! pixel, by the defining formulas (`rendering.md`, Projected renderer, and the sections after it). They
+//! share no arithmetic with the fast renderers: the exact one evaluates the whitened ray, not the rational
+//! conic.
 
 mod exact;
 mod projected;
@@ -21,21 +21,20 @@ use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::finish::Finish;
 use vbgs_studio::render::{ALPHA_CUT, Lens, RenderMethod, RenderOptions, TRANSMITTANCE_STOP};
 
-/// What one pixel sees.
+/// Result of one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
     /// Colour over the background, clamped to `[0, 1]`, and coverage.
     pub rgba: [f64; 4],
-    /// Mean depth in world units with the blending weights, 0 where coverage is 0: view depth `z`
-    /// of the centres (projected), or distance along the ray to the points of maximum response
-    /// (exact; behind the camera it is negative, and only [`vbgs_studio::render::Response::Line`] looks
-    /// there).
+    /// Mean depth in world units with the blending weights, 0 where coverage is 0. Projected: view depth `z`
+    /// of the centres. Exact: distance along the ray to the points of maximum response; it is negative behind
+    /// the camera, which only [`vbgs_studio::render::Response::Line`] includes.
     pub depth: f64,
-    /// Splats that were blended.
+    /// Number of blended splats.
     pub n_blended: usize,
 }
 
-/// A view of some splats, ready to be sampled.
+/// Splats prepared for one view, to be sampled at any pixel.
 #[derive(Clone, Debug)]
 pub struct Oracle {
     intrinsics: Intrinsics,
@@ -46,23 +45,23 @@ pub struct Oracle {
     splats: Sorted,
 }
 
-/// Splats of a view, nearest first.
+/// Splats of a view, sorted nearest first.
 #[derive(Clone, Debug)]
 enum Sorted {
     Projected(Vec<Projected>),
     Exact(Lens, Vec<Exact>),
 }
 
-/// A splat at one point of the image.
+/// Contribution of a splat at one point of the image.
 struct Contribution {
-    /// Before the cut.
+    /// Alpha before the cut.
     alpha: f64,
     depth: f64,
     color: DVec3,
 }
 
 impl Oracle {
-    /// Prepares and sorts the splats; those that are broken or hidden are left out.
+    /// Prepares and sorts the splats; leaves out invalid and hidden ones.
     pub fn new(splats: &[SplatF64], camera: &Camera, options: &RenderOptions) -> Self {
         let placed = splats.iter().filter_map(|splat| Placed::new(splat, camera, options));
         let k = &camera.intrinsics;
@@ -85,7 +84,7 @@ impl Oracle {
         }
     }
 
-    /// The same from what the fast renderers take.
+    /// Creates the oracle from the input of the fast renderers.
     pub fn of<'a>(
         view: impl Into<SplatView<'a>>,
         camera: &Camera,
@@ -100,18 +99,18 @@ impl Oracle {
         Self { finish, ..Self::new(&wide, camera, options) }
     }
 
-    /// The same view with both thresholds moved: shows what f32 may do in a pixel that lies on one
-    /// (`rendering.md`, Tolerances).
+    /// Returns the view with other thresholds, to find the values that f32 rounding allows in a pixel on a
+    /// threshold (`rendering.md`, Tolerances).
     pub fn with_thresholds(&self, alpha_cut: f64, transmittance_stop: f64) -> Self {
         Self { alpha_cut, transmittance_stop, ..self.clone() }
     }
 
-    /// One pixel, in O(splats).
+    /// Samples one pixel, in O(splats).
     pub fn pixel(&self, column: usize, row: usize) -> Sample {
         self.at(DVec2::new(column as f64 + 0.5, row as f64 + 0.5))
     }
 
-    /// Any point of the image plane, in continuous pixels, also outside the image.
+    /// Samples any point of the image plane, in continuous pixels, also outside the image.
     pub fn at(&self, point: DVec2) -> Sample {
         match &self.splats {
             Sorted::Projected(splats) => {
@@ -124,7 +123,7 @@ impl Oracle {
         }
     }
 
-    /// The whole image.
+    /// Samples the whole image.
     pub fn render(&self) -> Image<Sample> {
         let (width, height) = (self.intrinsics.width as usize, self.intrinsics.height as usize);
         let pixels = (0..width * height).into_par_iter();
@@ -132,7 +131,7 @@ impl Oracle {
         Image::from_vec(width, height, data)
     }
 
-    /// Front to back (`rendering.md`, Blending).
+    /// Blends front to back (`rendering.md`, Blending).
     fn blend(&self, contributions: impl Iterator<Item = Contribution>) -> Sample {
         let mut transmittance = 1.0;
         let (mut color, mut depth, mut n_blended) = (DVec3::ZERO, 0.0, 0);
@@ -160,7 +159,7 @@ impl Oracle {
     }
 }
 
-/// Equal keys keep their order.
+/// Sorts by ascending key; equal keys keep their order.
 fn nearest_first<T>(splats: impl Iterator<Item = T>, key: impl Fn(&T) -> f64) -> Vec<T> {
     let mut sorted: Vec<T> = splats.collect();
     sorted.sort_by(|a, b| key(a).total_cmp(&key(b)));

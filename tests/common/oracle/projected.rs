@@ -1,4 +1,4 @@
-//! The projected renderer (`rendering.md`, Projected renderer): the covariance projected to the
+//! The projected renderer (`rendering.md`, Projected renderer): splats with the covariance projected to the
 //! image.
 
 use super::Contribution;
@@ -8,7 +8,7 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::render::{ALPHA_CAP, FRUSTUM_MARGIN, LOW_PASS_PX2, Support, TILE};
 
-/// A splat in the image.
+/// A splat projected to the image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Projected {
     /// View depth `z` of the mean.
@@ -17,14 +17,14 @@ pub(super) struct Projected {
     conic: DMat2,
     opacity: f64,
     shade: Shade,
-    /// How the point of maximum response moves, in camera axes, per pixel to the right and down.
+    /// Shift of the point of maximum response, in camera axes, per pixel to the right and down.
     slide: [DVec3; 2],
-    /// First and end tile, or `None` if the support is unlimited.
+    /// First tile and exclusive end tile; `None` if the support is unlimited.
     tiles: Option<[DVec2; 2]>,
 }
 
 impl Projected {
-    /// `None` where the projected covariance is no ellipse.
+    /// `None` if the projected covariance is not an ellipse.
     pub(super) fn new(splat: &Placed, k: &Intrinsics, support: Support) -> Option<Self> {
         let m = splat.mean;
         let (a, b) = (m.x / m.z, m.y / m.z);
@@ -59,7 +59,7 @@ impl Projected {
         })
     }
 
-    /// What it adds at a point of the image, or `None` outside the support.
+    /// Contribution at a point of the image; `None` outside the support.
     pub(super) fn at(&self, point: DVec2) -> Option<Contribution> {
         if let Some([first, end]) = self.tiles {
             let tile = (point / TILE as f64).floor();
@@ -77,9 +77,9 @@ impl Projected {
     }
 }
 
-/// Derivatives of the point of maximum response `s* = t*·d`, `t* = (g·p)/(g·g)`, by the pixel
-/// (`rendering.md`, Native appearance), where the ray `d = m/z` goes through the mean. The low-pass
-/// has no part in it: it widens the blot in the image, not the splat.
+/// Derivatives with respect to the pixel of the point of maximum response `s* = t*·d`, `t* = (g·p)/(g·g)`, at
+/// the ray `d = m/z` through the mean (`rendering.md`, Native appearance). The low-pass filter is left out,
+/// since it widens the footprint in the image, not the splat.
 fn slide(splat: &Placed, k: &Intrinsics) -> [DVec3; 2] {
     let whiten = |v: DVec3| (splat.axes.transpose() * v) / splat.scale;
     let ray = splat.mean / splat.mean.z;
@@ -92,7 +92,7 @@ fn slide(splat: &Placed, k: &Intrinsics) -> [DVec3; 2] {
     })
 }
 
-/// First and end tile of the reference's square, in its pixel-index coordinates `centre − ½`.
+/// First and exclusive end tile of the reference's square, in its pixel-index coordinates `centre − ½`.
 fn tiles_of_three_sigma(centre: DVec2, half_trace: f64, det: f64) -> [DVec2; 2] {
     let largest = half_trace + (half_trace * half_trace - det).max(0.1).sqrt();
     let radius = (3.0 * largest.sqrt()).ceil();

@@ -1,5 +1,5 @@
-//! The colour of a splat in a pixel: its own with gradient and view dependence (`rendering.md`,
-//! Native appearance), or one that a viewer painted over it.
+//! Colour of a splat in a pixel: its own with gradient and view dependence (`rendering.md`, Native
+//! appearance), or a colour mode's paint.
 
 use super::SplatF64;
 use glam::{DMat3, DVec3};
@@ -10,9 +10,9 @@ use vbgs_studio::render::{Paint, finish};
 /// Colour of one splat in one view.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shade {
-    /// At the mean.
+    /// Colour at the mean.
     base: DVec3,
-    /// Takes an offset from the mean, in camera axes, to a change of colour.
+    /// Maps an offset from the mean, in camera axes, to a change of colour.
     gradient: DMat3,
 }
 
@@ -41,7 +41,7 @@ impl Shade {
         }
     }
 
-    /// The colour at an offset from the mean, in camera axes.
+    /// Colour at an offset from the mean, in camera axes.
     pub(super) fn at(&self, offset: DVec3) -> DVec3 {
         let limit = DVec3::splat(GRADIENT_LIMIT);
         let change = (self.gradient * offset).clamp(-limit, limit);
@@ -49,7 +49,7 @@ impl Shade {
     }
 }
 
-/// World direction of the shortest axis, the first of equal ones, turned towards the camera.
+/// World direction of the shortest axis (the first of equal ones), oriented towards the camera.
 fn normal(splat: &SplatF64, to_mean: DVec3) -> DVec3 {
     let scale = splat.scale.to_array();
     let shortest = (1..3).fold(0, |best, i| if scale[i] < scale[best] { i } else { best });

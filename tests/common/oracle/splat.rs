@@ -1,4 +1,4 @@
-//! Splats in f64, and what both renderers do to them first (`rendering.md`, Conventions).
+//! Splats in f64 and their preparation for both renderers (`rendering.md`, Conventions).
 
 use super::shade::Shade;
 use glam::{DMat3, DQuat, DVec3};
@@ -20,25 +20,25 @@ pub struct SplatF64 {
     pub scale: DVec3,
     /// Orientation of those axes.
     pub rotation: DQuat,
-    /// What it carries beyond one colour, if its scene has that.
+    /// Gradient and view dependence of the colour, if the scene has them.
     pub appearance: Option<AppearanceF64>,
 }
 
 /// [`Appearance`] in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AppearanceF64 {
-    /// Takes an offset from the mean (world units) to a change of colour.
+    /// Maps an offset from the mean (world units) to a change of colour.
     pub gradient: DMat3,
-    /// Takes the unit direction from the camera to the mean to a change of colour.
+    /// Maps the unit direction from the camera to the mean to a change of colour.
     pub directional: DMat3,
-    /// Mean of the directions it was observed from.
+    /// Mean `m` of the observed unit directions from the camera.
     pub observed: DVec3,
-    /// Differences from that mean have a square of at most 1 by it within the observed cone.
+    /// Matrix `P` with `(d − m)ᵀ P (d − m) ≤ 1` inside the observed cone.
     pub cone: DMat3,
 }
 
 impl AppearanceF64 {
-    /// Colour that is added to the splat's own towards the unit direction `d` from the camera.
+    /// Change of colour for the unit direction `d` from the camera.
     pub fn change(&self, d: DVec3) -> DVec3 {
         let offset = d - self.observed;
         let beyond = offset.dot(self.cone * offset).max(1.0).sqrt();
@@ -76,7 +76,7 @@ impl From<&Splat> for SplatF64 {
 }
 
 impl From<&SplatF64> for Splat {
-    /// Rounds; the appearance is left behind.
+    /// Rounds to f32 and drops the appearance.
     fn from(splat: &SplatF64) -> Self {
         let narrow = |v: DVec3| v.as_vec3().to_array();
         let q = splat.rotation;
@@ -96,16 +96,16 @@ pub(super) struct Placed {
     pub mean: DVec3,
     /// Columns are the directions of the standard deviations.
     pub axes: DMat3,
-    /// Standard deviations, raised to the floor.
+    /// Standard deviations, at least the scale floor.
     pub scale: DVec3,
     pub opacity: f64,
     pub shade: Shade,
 }
 
 impl Placed {
-    /// `None` if the splat is broken, cut by its opacity or too near.
+    /// `None` if the splat is invalid, below the opacity cut or too near.
     pub(super) fn new(splat: &SplatF64, camera: &Camera, options: &RenderOptions) -> Option<Self> {
-        // One definition of what can be drawn, that of the type every other renderer takes.
+        // Uses the same definition of a drawable splat as every other renderer.
         if !Splat::from(splat).is_drawable() || !has_finite_appearance(splat) {
             return None;
         }

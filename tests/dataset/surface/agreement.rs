@@ -10,12 +10,12 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 
-/// Share of pixels that may differ: f32 puts a depth or a neighbour on the other side of a threshold.
+/// Largest share of differing pixels: f32 puts a depth or a neighbour on the other side of a threshold.
 const DIFFERING: f64 = 2e-4;
-/// Relative error of lengths: ten roundings.
+/// Largest relative error of lengths: ten roundings.
 const LENGTH: f32 = 1e-6;
-/// Error of normals: the slope of a plane is a difference of depths, which are told apart only to
-/// 6e-8 of themselves, over few pixels.
+/// Error of normals: the slope of a plane is a difference of depths over few pixels, and f32
+/// resolves depths only to 6e-8 of their value.
 const NORMAL: f32 = 1e-4;
 /// Error of unit directions.
 const DIRECTION: f32 = 1e-6;
@@ -37,7 +37,7 @@ fn assert_agrees(dataset: &Dataset, settings: &SurfaceSettings, index: usize) {
     let mut others = found.points.iter();
     for point in &expected.points {
         let pixel = point.pixel as usize;
-        // Both lists have the same order, and each may lack points of the other.
+        // Both lists have the same order, but each may lack points of the other.
         if fates.data[pixel] == preparer.statuses().data[pixel] {
             let other = others.find(|p| p.pixel == point.pixel).unwrap();
             let allowed = [LENGTH, NORMAL, DIRECTION, COLOR];
@@ -49,7 +49,7 @@ fn assert_agrees(dataset: &Dataset, settings: &SurfaceSettings, index: usize) {
     assert!(n > 1000 && differing <= allowed, "{}: {n} points, {differing} differ", dataset.name);
 }
 
-/// Relative of lengths, of the normal, of the direction, of the colour.
+/// Relative error of lengths, then errors of the normal, the direction and the colour.
 fn errors(a: &SurfacePoint, b: &SurfacePoint) -> [f32; 4] {
     let distance = |a: [f32; 3], b: [f32; 3]| Vec3::from(a).distance(Vec3::from(b));
     let relative = |x: f32, y: f32| (x / y - 1.0).abs();
@@ -73,7 +73,7 @@ fn assert_ranges_agree(a: &Image<f32>, b: &Image<f32>) {
     }
 }
 
-/// Every stage on, and each left out.
+/// Settings with every stage on, and with each stage off.
 fn variants(settings: &SurfaceSettings) -> [SurfaceSettings; 5] {
     let all = || settings.clone();
     [
@@ -109,7 +109,7 @@ fn kinect() {
 
 #[test]
 fn synthetic() {
-    // Sides that are no multiples of eight.
+    // Sizes that are not multiples of eight.
     for depth_noise in [0.0, 0.5] {
         let params = SyntheticParams {
             width: 203,

@@ -1,4 +1,4 @@
-//! Colour cameras, depth corrections, exposures, and the file they are in.
+//! Colour cameras, depth corrections, exposures, and the calibration file.
 
 use super::drawn::{HEIGHT, WIDTH, frame, prepare, settings};
 use crate::common::shared;
@@ -97,7 +97,7 @@ fn gains_are_of_their_frame_and_clamp() {
     }
 }
 
-/// The colour of a drawn frame is its own column and row, so it says where it was looked up.
+/// The colour of a drawn frame encodes column and row, so it shows where it was sampled.
 #[test]
 fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
     let wall = frame(DepthKind::Z, |_, _| 1.5);
@@ -126,7 +126,7 @@ fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
     }
 }
 
-/// Whoever walks over its pixels by its camera's size finds all of them, and no others.
+/// The intrinsics of a photograph have the size of its image, so loops over pixels stay in bounds.
 #[test]
 fn a_photograph_has_the_size_of_its_image_whatever_a_calibration_says() {
     let wall = frame(DepthKind::Z, |_, _| 1.5);
@@ -156,8 +156,8 @@ fn points_hidden_from_the_colour_camera_are_dropped() {
         rotation: [0.0; 3],
         size: None,
     };
-    // Disparities are 6 and 2 pixels: from the left, four columns of the far wall are covered; from
-    // the right, none.
+    // Disparities are 6 and 2 pixels. A camera to the left misses four columns of the far wall, one
+    // to the right none.
     let hidden = |x: f64| {
         let camera = ColorCamera { offset: [x, 0.0, 0.0], ..camera };
         let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
@@ -170,7 +170,7 @@ fn points_hidden_from_the_colour_camera_are_dropped() {
     assert!((3..=5).contains(&covered), "{covered} columns are hidden");
 }
 
-/// What a photograph learns of depth: its own pixels', or what another camera sees of them.
+/// Depth of a photograph's pixels, from the same pixels or from a separate depth camera.
 #[test]
 fn pixels_of_photographs_know_how_far_their_surface_is() {
     let edge = frame(DepthKind::Z, |column, row| match (column, row) {
@@ -194,8 +194,9 @@ fn pixels_of_photographs_know_how_far_their_surface_is() {
         _ => *depth == Some(3.0),
     };
     assert!(own.data.iter().enumerate().all(is_own));
-    assert!((per_tolerance - 1.0 / 0.05).abs() < 1e-4, "three centimetres, and two a metre");
-    // From the left, six and two pixels to the right: the near wall hides a part of the far one.
+    assert!((per_tolerance - 1.0 / 0.05).abs() < 1e-4, "tolerance: 3 cm, and 2 cm per metre");
+    // Seen from the left, the walls move right by six and two pixels: the near wall hides part of
+    // the far one.
     let beside = ColorCamera {
         focal: [k.fx, k.fy],
         principal: [k.cx, k.cy],
@@ -216,7 +217,7 @@ fn pixels_of_photographs_know_how_far_their_surface_is() {
             assert_eq!(*seen.at(column, 18), expected, "{column}");
         }
     }
-    // Twice as fine, and no pixel is left out between those of the depth image.
+    // A camera of twice the resolution gets no gaps between depth pixels.
     let finer = ColorCamera { focal: [2.0 * k.fx, 2.0 * k.fy], offset: [0.0; 3], ..beside };
     let (_, fine) = depths(Some(finer));
     assert!((0..WIDTH).all(|column| fine.at(column, 18).is_some()));

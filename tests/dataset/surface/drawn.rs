@@ -1,4 +1,4 @@
-//! Frames drawn by formulas.
+//! Frames drawn from formulas.
 
 use glam::{DVec3, dvec3};
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
@@ -10,12 +10,11 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::observation::surface::Observation;
 
-/// World units per code.
 pub const UNIT: f64 = 1e-4;
 pub const WIDTH: usize = 45;
 pub const HEIGHT: usize = 37;
 
-/// A camera that looks at the origin from a slant.
+/// A camera that points obliquely at the origin.
 pub fn camera() -> Camera {
     let intrinsics = Intrinsics {
         width: WIDTH as u32,
@@ -29,7 +28,7 @@ pub fn camera() -> Camera {
     Camera { intrinsics, pose }
 }
 
-/// A frame whose depth along the axis is `z` at each column and row, 0 at holes.
+/// A frame whose depth along the axis is `z(column, row)`; 0 is a hole.
 pub fn frame(kind: DepthKind, z: impl Fn(usize, usize) -> f64) -> Frame {
     let camera = camera();
     let code = |i: usize| {
@@ -57,13 +56,13 @@ pub fn frame(kind: DepthKind, z: impl Fn(usize, usize) -> f64) -> Frame {
     }
 }
 
-/// Depth at a pixel of the plane `normal · p = distance` of the camera's frame.
+/// Depth at a pixel of the plane `normal · p = distance` in the camera frame.
 pub fn plane(normal: DVec3, distance: f64) -> impl Fn(usize, usize) -> f64 {
     let k = camera().intrinsics;
     move |column, row| distance / normal.dot(k.ray(column, row))
 }
 
-/// Every stage on.
+/// Settings with every stage on.
 pub fn settings(sensor: Sensor) -> SurfaceSettings {
     SurfaceSettings {
         sensor,

@@ -1,4 +1,4 @@
-//! What becomes of frames that hold little or nothing.
+//! Status of pixels in frames with few or no valid points.
 
 use super::drawn::{HEIGHT, WIDTH, frame, prepare, settings};
 use super::oracle;
@@ -21,7 +21,7 @@ fn wall() -> Frame {
     frame(DepthKind::Z, |_, _| 1.0)
 }
 
-/// The counts, which the oracle confirms pixel by pixel.
+/// Counts of the fast path, checked against the oracle pixel by pixel.
 fn counts(frame: &Frame, settings: &SurfaceSettings) -> SurfaceCounts {
     let (preparer, out, counts) = prepare(frame, settings);
     let (expected, fates) = oracle::prepare(frame, settings);
@@ -70,7 +70,7 @@ fn frames_that_give_no_points_say_why() {
 
 #[test]
 fn pixels_that_are_left_out_change_no_other() {
-    // A wall that jumps, so that some pixels are none for another reason.
+    // A wall with steps, so that some pixels are dropped for another reason.
     let frame = frame(DepthKind::Z, |column, row| 1.0 + ((column + row) / 30) as f64);
     let every = settings(Sensor::Kinect);
     let (whole, all, before) = prepare(&frame, &every);
@@ -84,7 +84,7 @@ fn pixels_that_are_left_out_change_no_other() {
         };
         let mut expected = all.points.clone();
         expected.retain(|point| is_used(point.pixel as usize));
-        // Tiles are wider where columns are left out.
+        // Tiles are wider if columns are left out, so the order differs.
         expected.sort_by_key(|point| point.pixel);
         some.points.sort_by_key(|point| point.pixel);
         assert_eq!((some.points, some.point_weight), (expected, weight));
@@ -114,7 +114,7 @@ fn ranges_tell_nothing_from_unknown() {
         let (column, row) = (i % WIDTH, i / WIDTH);
         let ray = half.camera.intrinsics.ray(column, row).length() as f32;
         match (column, row) {
-            (5, _) => assert!(range.is_nan(), "colour and depth mix surfaces"),
+            (5, _) => assert!(range.is_nan(), "colour and depth mix two surfaces"),
             (0..20, _) => assert!((range / ray - 1.0).abs() < 1e-6, "{range}"),
             (_, 0..10) => assert_eq!(*range, f32::INFINITY),
             _ => assert!(range.is_nan()),
@@ -135,7 +135,7 @@ fn tiny_frames_are_prepared() {
         let trusted = [0.0, f64::INFINITY];
         frame.depth = Some(Depth { codes, kind: DepthKind::Z, trusted, units_per_metre: 1.0 });
         let counts = counts(&frame, &settings(Sensor::Kinect));
-        // Eight neighbours on more than one line are a plane; nothing here has wider windows.
+        // Only the 2×9 frame has windows with enough neighbours that are not collinear.
         assert_eq!((counts.kept > 0, counts.dropped_flying < n), (n == 18, n == 18), "{counts:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Frames to observations, against known planes, the oracle and real recordings.
+//! Preparation of frames, against known planes, the oracle and real recordings.
 
 mod agreement;
 mod calibration;

@@ -1,5 +1,5 @@
-//! The slow, plain preparation that the fast one is measured against: f64, pixel by pixel, straight
-//! from the text (`dataset.md`, Plane fit). It shares no arithmetic with the fast path.
+//! A slow, plain implementation in f64 of the text (`dataset.md`, Plane fit), pixel by pixel. It is
+//! the reference of the fast path and shares no arithmetic with it.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use std::collections::HashMap;
@@ -17,20 +17,20 @@ use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 const RADIUS: usize = 2;
 /// Least-squares rounds; from the second on only inliers take part (step 3).
 const ROUNDS: usize = 3;
-/// Neighbours that a round needs, the pixel itself included.
+/// Fewest neighbours of a round, the pixel itself included.
 const MIN_INLIERS: usize = 5;
-/// Share of the window that must be inliers in the end (step 4).
+/// Fewest inliers after the last round, as a share of the window (step 4).
 const MIN_SHARE: f64 = 0.3;
-/// Pixels on a side of the tiles that order the points.
+/// Side of the tiles that order the points, in pixels.
 const TILE: usize = 8;
-/// Lengths whose squares and inverses f32 holds: what the fast path can compute with.
+/// Lengths whose squares and inverses fit in f32, the range of the fast path.
 const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
-/// Pixels of the colour image on a side of a cell of the depth test.
+/// Side of a cell of the depth test, in pixels of the colour image.
 const CELL: f64 = 2.0;
 /// Pixels of the window.
 const WINDOW: f64 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
 
-/// What one frame says, and what became of every pixel.
+/// Prepares one frame; also returns the status of every pixel.
 ///
 /// # Panics
 /// Panics on a frame without depth.
@@ -100,7 +100,7 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
     (observation, statuses)
 }
 
-/// Pixels as an observation orders them.
+/// All pixels in the order of an observation.
 fn pixels_in_tile_order(width: usize, height: usize) -> Vec<[usize; 2]> {
     let mut pixels: Vec<[usize; 2]> = Vec::with_capacity(width * height);
     for top in (0..height).step_by(TILE) {
@@ -113,10 +113,10 @@ fn pixels_in_tile_order(width: usize, height: usize) -> Vec<[usize; 2]> {
     pixels
 }
 
-/// One measured pixel and the plane around it.
+/// A measured pixel and the plane around it.
 struct Surface {
     pixel: [usize; 2],
-    /// As measured.
+    /// Depth along the axis, as measured.
     z: f64,
     /// Noise half-width at `z`.
     noise: f64,
@@ -133,7 +133,7 @@ impl Surface {
         Self { pixel: [column, row], z: measured, noise, plane }
     }
 
-    /// Unit normal in the camera's frame, turned towards the camera (step 5).
+    /// Unit normal in the camera frame, towards the camera (step 5).
     fn normal(&self, k: &Intrinsics, [a, b, c]: [f64; 3]) -> DVec3 {
         let ray = k.ray(self.pixel[0], self.pixel[1]);
         let (du, dv) = (ray.x * k.fx, ray.y * k.fy);
@@ -149,7 +149,7 @@ struct Neighbour {
     w: f64,
 }
 
-/// Step 3, the gate. The steepness is no part of the text: it is 0 there.
+/// Neighbours that pass the gate (step 3). The text has no steepness term; 0 matches it.
 fn neighbours(
     z: &Image<f64>,
     [column, row]: [usize; 2],
@@ -179,7 +179,7 @@ fn neighbours(
     found
 }
 
-/// Steps 3 and 4: the plane, if it explains the pixel.
+/// Plane of a pixel, if one explains it (steps 3 and 4).
 fn fit(neighbours: &[Neighbour], z: f64, noise: f64, thresholds: &Thresholds) -> Option<[f64; 3]> {
     let unit = noise / (z * z);
     let mut inliers: Vec<&Neighbour> = neighbours.iter().collect();
@@ -200,7 +200,7 @@ fn residual([a, b, c]: [f64; 3], n: &Neighbour) -> f64 {
     n.w - (a + b * n.a + c * n.b)
 }
 
-/// Ordinary least squares; `None` if there are too few or all on one line.
+/// Ordinary least squares; `None` for too few or collinear inliers.
 fn least_squares(inliers: &[&Neighbour]) -> Option<[f64; 3]> {
     if inliers.len() < MIN_INLIERS {
         return None;
@@ -211,7 +211,7 @@ fn least_squares(inliers: &[&Neighbour]) -> Option<[f64; 3]> {
         normal += DMat3::from_cols(row, n.a * row, n.b * row);
         right += n.w * row;
     }
-    // Sums of small integers: exact, so 0 means one line.
+    // Sums of small integers are exact, so a determinant of 0 means collinear inliers.
     (normal.determinant() > 0.5).then(|| (normal.inverse() * right).to_array())
 }
 
@@ -255,7 +255,6 @@ fn point(
     })
 }
 
-/// Colours of points.
 struct Painter<'a> {
     image: &'a Image<[u8; 4]>,
     camera: Option<ColorCamera>,
@@ -285,8 +284,8 @@ impl<'a> Painter<'a> {
         Self { image: &frame.color, camera, margin, nearest, gain }
     }
 
-    /// Of a pixel of the depth image and its point in the depth camera's frame; `None` where the
-    /// colour camera does not see it.
+    /// Colour of a depth pixel whose point is in the depth camera's frame; `None` if the colour
+    /// camera does not see it.
     fn color(&self, [column, row]: [usize; 2], point: DVec3) -> Option<[f32; 3]> {
         let color = match &self.camera {
             None => self.texel(column, row),

@@ -1,4 +1,4 @@
-//! Known planes and what lies between them.
+//! Points on known planes and at the edges between them.
 
 use super::drawn::{HEIGHT, UNIT, WIDTH, camera, frame, plane, prepare, settings};
 use glam::{DVec3, dvec3};
@@ -9,7 +9,7 @@ use vbgs_studio::observation::surface::SurfacePoint;
 
 const EXACT: Sensor = Sensor::Exact { noise: 0.0 };
 
-/// Largest distance of a point to the plane and of its normal to the plane's.
+/// Largest distance of a point to the plane, and of its normal to the plane's.
 fn errors(points: &[SurfacePoint], normal: DVec3, distance: f64) -> [f64; 2] {
     let camera = camera();
     let (rotation, translation) = camera.pose.inverse();
@@ -28,7 +28,7 @@ fn planes_are_recovered() {
             let frame = frame(kind, plane(normal, 2.0));
             let (_, out, counts) = prepare(&frame, &settings(EXACT));
             assert_eq!(counts.kept, WIDTH * HEIGHT, "{normal} {kind:?} {counts:?}");
-            // A code rounds by half its unit; over 25 pixels that becomes less.
+            // A code rounds by half its unit; the fit averages 25 pixels, so the error is smaller.
             let [off, tilt] = errors(&out.points, normal, 2.0);
             assert!(off < 0.5 * UNIT, "{normal} {kind:?}: off by {off}");
             assert!(tilt < 0.003, "{normal} {kind:?}: tilted by {tilt}");
@@ -68,7 +68,7 @@ fn points_say_where_they_are_seen_from() {
     assert_eq!(pixels, in_tiles);
 }
 
-/// Two walls, the nearer on the left, and a column of pixels in between that belongs to neither.
+/// Two walls, the nearer on the left, and a column of pixels between them that belongs to neither.
 fn step(near: f64, between: f64, far: f64) -> Frame {
     frame(DepthKind::Z, move |column, _| match column {
         0..20 => near,
@@ -110,7 +110,7 @@ fn codes_of_eight_bits_are_smoothed() {
     let [off, _] = errors(&out.points, normal, 4.0);
     let mean = out.points.iter().map(|p| errors(&[*p], normal, 4.0)[0]).sum::<f64>();
     let mean = mean / counts.kept as f64;
-    // Half a level, and an eighth of one for the offset; a level is 0.031.
+    // Half a level, and an eighth of one for the mean; a level is 0.031.
     assert!(off < 0.02 && mean < 0.006, "off by {off}, in the mean {mean}");
 }
 
@@ -127,7 +127,7 @@ fn every_stage_can_be_left_out() {
     assert!(between.clone().count() == HEIGHT && between.clone().all(near));
     assert!(between.filter(faces_camera).count() > 0);
 
-    // A wavy surface: fitted depth is not the measured one.
+    // On a wavy surface fitted depth differs from measured depth.
     let wavy = frame(DepthKind::Z, |column, row| 1.0 + 0.001 * ((column * 7 + row * 3) % 5) as f64);
     let kept = SurfaceSettings { plane_fit: false, ..all.clone() };
     for (settings, is_raw) in [(&all, false), (&kept, true)] {

@@ -1,4 +1,4 @@
-//! Saving on the way: what is due when, what a failure costs, and what training waits for.
+//! Autosaves: when they are due, failures, and the time they cost training.
 
 use super::*;
 use std::time::{Duration, Instant};
@@ -23,10 +23,10 @@ fn saves_fall_due_by_frames_or_by_time() {
     let mut autosave = Autosave::new(path.clone(), every(4), &session);
     let mut saved = Vec::new();
     while !matches!(session.step().unwrap(), Step::Finished) {
-        assert!(autosave.poll(&session).is_none(), "waited for below");
+        assert!(autosave.poll(&session).is_none(), "the save is collected below");
         saved.extend(autosave.wait().map(|outcome| outcome.unwrap().frames));
     }
-    assert_eq!(saved, [4, 8], "at multiples");
+    assert_eq!(saved, [4, 8], "at multiples of four frames");
     assert_eq!((frames_in(&path), frames_in(&kept)), (8, 4));
 
     let soon = AutosaveInterval { frames: None, time: Some(Duration::from_millis(1)) };
@@ -63,11 +63,10 @@ fn a_failed_save_is_said_and_tried_again() {
     session.step().unwrap();
     autosave.poll(&session);
     drop(autosave);
-    assert_eq!(frames_in(&path), 3, "the end waits for the save in flight");
+    assert_eq!(frames_in(&path), 3, "dropping waits for the save in flight");
 }
 
-/// What one save after every frame costs the frames, and how long the training thread stands still
-/// for it.
+/// Time that a save after every frame adds to the frames, and how long it blocks the training thread.
 #[test]
 #[ignore = "measures; needs an optimised build and some minutes"]
 fn figures_of_a_save_beside_training() {
@@ -103,7 +102,7 @@ fn figures_of_a_save_beside_training() {
     }
 }
 
-/// A session with so many components and more frames to come, and the median of its frames' ms.
+/// Session with at least `components` components and frames left, and its median time per frame in ms.
 fn large(components: usize) -> (Session, f64) {
     let params = SyntheticParams {
         width: 640,
@@ -115,7 +114,7 @@ fn large(components: usize) -> (Session, f64) {
         ..SyntheticParams::demo()
     };
     let room = Arc::new(dataset(&params).unwrap());
-    // A room of so many components has them so far apart: area goes as the square.
+    // The number of components grows with the inverse square of their spacing.
     let h = 0.035 * (25_000.0 / components as f64).sqrt();
     let asked =
         SceneOverrides { scale: Some(StructuralScale::World(h)), ..SceneOverrides::default() };
@@ -123,7 +122,7 @@ fn large(components: usize) -> (Session, f64) {
     let mut ms = Vec::new();
     while session.learner().used() < components || ms.len() < 8 {
         let Step::Trained(frame) = session.step().unwrap() else {
-            panic!("{} components, too few", session.learner().used())
+            panic!("only {} components", session.learner().used())
         };
         ms.push(frame.ms.stages.train);
     }

@@ -1,4 +1,4 @@
-//! Scenes with seeds that went on from one scene with different frames, as one.
+//! Fusion of scenes with seeds that resumed one start scene with different frames.
 
 use super::*;
 use vbgs_studio::export::checkpoint::StoredModel;
@@ -11,7 +11,7 @@ use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricR
 use vbgs_studio::train::scene::units::Budget;
 
 fn asked(photometric: PhotometricMode) -> SceneOverrides {
-    // Some wait in every shard, and in the start.
+    // The start and every shard hold buffered photographs.
     let shuffle_buffer = (photometric != PhotometricMode::Off).then_some(4);
     let photometric = Some(photometric);
     SceneOverrides { photometric, shuffle_buffer, ..SceneOverrides::default() }
@@ -22,7 +22,7 @@ fn scene(run: &SavedRun) -> &SceneState {
     state
 }
 
-/// A start, and what each of `n` shards made of it.
+/// Trains a start scene and `n` shards that resume it.
 fn shards(asked: &SceneOverrides, n: usize) -> (SavedRun, Vec<SavedRun>) {
     let start = saved(&trained(asked, shard("1/8")));
     let shard = |k| {
@@ -44,7 +44,7 @@ fn points(state: &SceneState) -> f64 {
     (0..state.visibility.len()).map(|id| count(state, id)).sum()
 }
 
-/// Largest difference of any sums of two scenes, quanta.
+/// Largest difference between the sums of two scenes, in quanta.
 fn farthest(a: &StoredSums, b: &StoredSums) -> u32 {
     let (StoredSums::Mixed { rows: a, .. }, StoredSums::Mixed { rows: b, .. }) = (a, b) else {
         unreachable!()
@@ -62,38 +62,38 @@ fn shards_of_one_start_are_as_one_run() {
     assert_eq!(all.content.cursor.frames, whole.content.cursor.frames);
     assert_eq!(all.content.cursor.points, whole.content.cursor.points);
     assert_eq!(all.config, whole.config);
-    // Every point counts once, and no surface is covered twice.
+    // Every point counts once, and no surface gets two layers of components.
     let (fused, one) = (scene(&all), scene(&whole));
     let added = shards.iter().map(|run| points(scene(run)) - points(scene(&start)));
     assert_eq!(points(fused), points(scene(&start)) + added.sum::<f64>());
     let (n, expected) = (fused.seeds.len() as f64, one.seeds.len() as f64);
     assert!((0.8..1.1).contains(&(n / expected)), "{n} components, {expected} of one run");
-    // More is known of what several shards saw than any of them knows.
+    // Colour estimates of the fused scene are at least as certain as those of any shard.
     let known = |run: &SavedRun, id| {
         let state = scene(run).photometric.as_ref().unwrap();
         PhotometricDeviations::of(state, id).map(|d| d.color)
     };
-    // Splats that were young at the start began anew in each.
+    // Splats still young in the start scene restart in every shard, so they are left out.
     let is_ripe = |id: usize| count(scene(&start), id) >= PhotometricRule::DEFAULT.young;
     let ids = (0..scene(&start).seeds.len()).filter(|&id| is_ripe(id) && known(&all, id).is_some());
-    // How sure the surest shard is beside all together.
+    // Colour deviation of the fused scene relative to the smallest one of a shard.
     let ratio = |id: usize| {
         let sure = shards.iter().filter_map(|run| known(run, id)).fold(f64::INFINITY, f64::min);
         known(&all, id).unwrap() / sure
     };
     let mut ratios: Vec<f64> = ids.map(ratio).collect();
     ratios.sort_by(f64::total_cmp);
-    // Each forgets a little of the start with every frame that shows a splat, of those of all shards: where one
-    // learnt nearly all, that is more than the others add.
+    // Every frame that shows a splat decays the evidence of the start scene; fusion applies the decay of all
+    // shards. Where one shard saw nearly every frame, the decay can exceed what the others add.
     let surer = ratios.partition_point(|ratio| *ratio <= 1.001);
     assert!(ratios.len() > 20 && surer * 10 >= ratios.len() * 9, "{surer} of {}", ratios.len());
     assert!(ratios.last().is_some_and(|most| *most < 1.05), "{:?}", &ratios[surer..]);
-    // In whatever order they are named.
+    // The order of the shards does not matter.
     let mut others = shards;
     others.rotate_left(1);
     let again = reread(&merge_onto(&start, others).unwrap().unwrap());
     assert!(again.content.model == all.content.model);
-    // It goes on: nothing is left.
+    // The fused run resumes; no frame is left to train.
     all.path = start.path.clone();
     assert!(all.resume(room(), &ResumeRequest::default(), false).is_ok());
 }
@@ -102,14 +102,14 @@ fn shards_of_one_start_are_as_one_run() {
 fn what_one_shard_alone_learnt_is_what_it_learnt() {
     let asked = asked(PhotometricMode::Light);
     let (start, shards) = shards(&asked, 2);
-    // The start itself as the other shard: it learnt nothing since.
+    // The other shard is the start itself: it adds no frame.
     let idle = SavedRun { path: "idle".into(), ..start.clone() };
     let one = merge_onto(&start, vec![shards[1].clone(), idle]).unwrap().unwrap();
     let (fused, alone) = (scene(&one), scene(&shards[1]));
     assert_eq!((&fused.seeds, &fused.visibility), (&alone.seeds, &alone.visibility));
-    // Moments are made definite as they are put together: by few quanta.
+    // Fusion makes moments positive definite, which changes them by a few quanta.
     assert!(fused.seeds.len() > 100 && farthest(&fused.sums, &alone.sums) <= 8);
-    // What waits is learnt before scenes are fused.
+    // Fusion first trains on the buffered photographs.
     let waiting = |run: &SavedRun| scene(run).photometric.as_ref().unwrap().buffered.len();
     assert_eq!((waiting(&one), waiting(&shards[1])), (0, 4));
     let (fused, alone) = (one.splats().unwrap(), shards[1].splats().unwrap());
@@ -128,7 +128,7 @@ fn a_fused_scene_keeps_to_the_budget() {
     let (start, shards) = shards(&free, 2);
     let n = shards.iter().map(|run| scene(run).seeds.len()).max().unwrap();
     let union = merge_onto(&start, shards.clone()).unwrap().unwrap();
-    assert!(scene(&union).seeds.len() > n, "the shards see other places");
+    assert!(scene(&union).seeds.len() > n, "the shards cover different places");
     let budget = Some(Budget::Components(n));
     let held = SceneOverrides { budget, ..free };
     let (start, shards) = self::shards(&held, 2);

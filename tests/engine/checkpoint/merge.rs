@@ -1,4 +1,4 @@
-//! Merging models trained on different frames.
+//! Merging mixtures trained on different frames.
 
 use super::*;
 use vbgs_studio::export::checkpoint::StoredModel;
@@ -25,7 +25,7 @@ fn merged_shards_are_the_run_over_all_frames() {
             let mut runs: Vec<_> =
                 (1..=n).map(|k| saved(&trained(&config, shard(&format!("{k}/{n}"))))).collect();
             runs.rotate_left(1);
-            // A tree of merges, not a line.
+            // Merges form a tree, not a chain.
             let rest = reread(&merge(runs.split_off(n / 2)).unwrap().unwrap());
             runs.push(rest);
             let merged = reread(&merge(runs).unwrap().unwrap());
@@ -64,7 +64,7 @@ fn shards_share_all_frames() {
     assert_eq!(all, plan("1/1"));
     let few = Selection { stride: 3, max_frames: Some(2), ..shard("2/2") };
     let plan = Session::new(room(), config, few).unwrap().plan().frames.clone();
-    assert_eq!(plan, [3, 9], "shards are taken after the stride, and frames are counted last");
+    assert_eq!(plan, [3, 9], "the stride applies first, then the shard, then the limit on frames");
     for text in ["0/2", "3/2", "1", "1/0", "-1/2", "a/b", "1/2/3", ""] {
         let error = text.parse::<vbgs_studio::pipeline::plan::Shard>().unwrap_err();
         assert!(error.contains("expected K/N") && error.contains(text), "{error}");

@@ -1,4 +1,4 @@
-//! Runs that stop, go on and are merged are the runs that never stopped, bit for bit.
+//! Runs that stop, resume and are merged equal uninterrupted runs, bit for bit.
 
 mod autosave;
 mod fusion;
@@ -20,7 +20,6 @@ use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::{Method, MethodRequest as AskedMethod};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
-/// Training frames of the room.
 const FRAMES: usize = 40;
 
 fn room_of(n_train: usize, seed: u64) -> Arc<Dataset> {
@@ -66,7 +65,6 @@ fn up_to(max_frames: usize) -> ResumeRequest {
     ResumeRequest { max_frames: Some(max_frames), ..ResumeRequest::default() }
 }
 
-/// Trains until the frames end.
 fn finished(mut session: Session) -> Session {
     while !matches!(session.step().unwrap(), Step::Finished) {}
     session
@@ -76,13 +74,11 @@ fn trained(asked: &(impl Into<AskedMethod> + Clone), selection: Selection) -> Se
     finished(Session::new(room(), asked.clone(), selection).unwrap())
 }
 
-/// Settings of a mixture.
 fn paper(run: &SavedRun) -> &PaperConfig {
     let Method::Paper(train) = &run.config.method else { unreachable!() };
     train
 }
 
-/// A session saved to a file and read again.
 fn saved(session: &Session) -> SavedRun {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint.vbgs");
@@ -90,7 +86,6 @@ fn saved(session: &Session) -> SavedRun {
     SavedRun::read(&path).unwrap()
 }
 
-/// A run written out and read again.
 fn reread(run: &SavedRun) -> SavedRun {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint.vbgs");
@@ -98,7 +93,7 @@ fn reread(run: &SavedRun) -> SavedRun {
     SavedRun::read(&path).unwrap()
 }
 
-/// What must be equal: all but times.
+/// Removes the sections with times; the rest must be equal.
 fn timeless(checkpoint: Checkpoint) -> Checkpoint {
     Checkpoint { meta: String::new(), history: None, ..checkpoint }
 }
@@ -111,7 +106,6 @@ fn ply(session: &Session) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// Runs `work` with that many threads.
 fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap().install(work)
 }

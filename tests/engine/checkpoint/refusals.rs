@@ -1,4 +1,4 @@
-//! Checkpoints that cannot go on, and settings that contradict them.
+//! Checkpoints that cannot be resumed, and settings that conflict with them.
 
 use super::*;
 use vbgs_studio::dataset::LoadOptions;
@@ -158,7 +158,7 @@ fn settings_that_an_older_file_lacks_are_the_papers() {
     assert_eq!(reread(&run).config, run.config);
 }
 
-/// Written by version 1.0 and never again: every later version must open it.
+/// The fixture was written by version 1.0 and is never regenerated: every later version must open it.
 #[test]
 fn the_run_of_version_1_0_still_opens() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/run_1_0.vbgs");

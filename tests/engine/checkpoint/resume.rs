@@ -1,4 +1,4 @@
-//! Going on after a stop.
+//! Resuming after a stop.
 
 use super::*;
 use vbgs_studio::train::paper::config::Init;
@@ -101,7 +101,7 @@ fn order_stride_and_settings_come_from_the_checkpoint() {
     let resumed = finished(run.resume(room(), &up_to(1000), false).unwrap());
     assert_eq!(resumed.plan().frames, whole.plan().frames);
     assert!(ply(&resumed) == ply(&whole));
-    // With nothing left to do, nothing changes.
+    // Resuming a finished run changes nothing.
     let again = finished(saved(&resumed).resume(room(), &up_to(5), false).unwrap());
     assert!(ply(&again) == ply(&whole));
 }

@@ -1,4 +1,4 @@
-//! Scenes that stop, go on and are merged.
+//! Scenes that stop, resume and are merged.
 
 use super::*;
 use vbgs_studio::dataset::calibration::Calibration;
@@ -22,7 +22,7 @@ fn births(rule: BirthRule) -> SceneOverrides {
     SceneOverrides { births: Some(rule), ..SceneOverrides::default() }
 }
 
-/// So coarse that some components have more points than fit in a row.
+/// Scale coarse enough that the sums of some components overflow a narrow row.
 fn coarse(rule: BirthRule) -> SceneOverrides {
     SceneOverrides { scale: Some(StructuralScale::World(3.0)), ..births(rule) }
 }
@@ -134,7 +134,7 @@ fn merged_lattices_are_the_run_over_all_frames() {
             let mut runs: Vec<_> =
                 (1..=n).map(|k| saved(&trained(&asked, shard(&format!("{k}/{n}"))))).collect();
             runs.rotate_left(1);
-            // A tree of merges, not a line.
+            // Merges form a tree, not a chain.
             let rest = reread(&merge(runs.split_off(n / 2)).unwrap().unwrap());
             runs.push(rest);
             let merged = reread(&merge(runs).unwrap().unwrap());
@@ -157,7 +157,7 @@ fn a_merged_scene_goes_on_with_the_frames_that_are_missing() {
     let merged = merge(runs).unwrap().unwrap();
     let session = finished(merged.resume(room(), &ResumeRequest::default(), false).unwrap());
     assert!(session.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
-    // Nor does it matter which frames came first.
+    // The order of frames does not matter either.
     let sequential = trained(&asked, Selection::all_frames());
     assert!(sequential.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
 }
@@ -192,7 +192,7 @@ fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
     }
 }
 
-/// Each shard stays below the seeds that a budget allows, both together do not.
+/// Each shard stays below the seeds that the budget allows; both together exceed it.
 #[test]
 fn a_budget_that_only_the_whole_run_reaches_counts() {
     let two = |asked: &SceneOverrides| {
@@ -202,7 +202,7 @@ fn a_budget_that_only_the_whole_run_reaches_counts() {
     let seeds = free.iter().map(|run| scene(&run.content).seeds.len()).max().unwrap();
     let most = seeds / 8 + 1;
     let both = merge(free).unwrap().unwrap();
-    assert!(scene(&both.content).seeds.len() >= 8 * most, "the shards see other places");
+    assert!(scene(&both.content).seeds.len() >= 8 * most, "the shards cover different places");
     let budget = Some(Budget::Components(most));
     let error = merge(two(&SceneOverrides { budget, ..births(BirthRule::Lattice) })).unwrap_err();
     assert!(error.to_string().contains("budget"), "{error}");
@@ -337,7 +337,7 @@ fn settings_and_scenes_that_do_not_belong_together_are_refused() {
     refused(&|content| content.model = mixture.content.model.clone(), "expected a scene");
 }
 
-/// Merging moves sums to other seeds, in every form they are kept in; files take what it leaves.
+/// A scene whose budget merged components, in every storage form of the sums, reads back from its file.
 #[test]
 fn merged_scenes_are_read_back() {
     for sums in [SumForm::Mixed, SumForm::F32, SumForm::F64] {
@@ -346,10 +346,10 @@ fn merged_scenes_are_read_back() {
             let asked = SceneOverrides { sums: Some(sums), budget, ..births(BirthRule::Seeds) };
             let session = trained(&asked, first(6));
             let run = saved(&session);
-            // The smallest are held by a wider scale instead, at which nothing need be merged.
+            // The smallest budgets may coarsen the scale instead, so that nothing is merged.
             let scene = scene(&run.content);
             let is_reached = scene.components.is_some() || scene.coarsening_steps > 0;
-            assert!(is_reached, "{sums:?} {budget:?}: none merged");
+            assert!(is_reached, "{sums:?} {budget:?}: the budget was not reached");
             assert_eq!(run.splats().unwrap(), session.stored_splats(), "{sums:?} {budget:?}");
         }
     }

@@ -71,7 +71,7 @@ fn forwarded() {
     println!("golden arrays compared: {}", case.compared());
 }
 
-/// The mixed path assigns every point as the reference does, and its posterior is f32-close.
+/// Mixed precision assigns every point as the reference does; its posterior agrees to f32 rounding.
 #[test]
 fn mixed_path() {
     let case = Case::open("lego_small");

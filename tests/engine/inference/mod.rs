@@ -1,5 +1,5 @@
 //! The model against the golden vectors: every array of `rand_soft`, `rand_hard`, `lego_small` and
-//! `niw` that has a tolerance, in f64, and the hard assignments in the mixed path too.
+//! `niw` that has a tolerance, in f64; hard assignments also in mixed precision.
 
 mod laws;
 mod lego_small;

@@ -119,7 +119,7 @@ fn check_counts<R: PaperScalar>(
     case.check(&format!("{prefix}_N"), &counts, Abs(0.0));
 }
 
-/// N of a hard case is exact in f32 as well.
+/// Hard assignments give integer N, which is exact in f32 too.
 #[test]
 fn mixed_path_counts_exactly() {
     let case = Case::open("rand_hard");

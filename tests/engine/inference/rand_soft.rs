@@ -45,7 +45,7 @@ fn dense_scores_and_responsibilities() {
     println!("golden arrays compared: {}", case.compared());
 }
 
-/// Per-block likelihoods and KL terms through the Normal-Wishart law itself.
+/// Per-block likelihoods and KL terms computed from the Normal-Wishart distribution itself.
 #[test]
 fn block_likelihoods_and_divergences() {
     let case = Case::open("rand_soft");
@@ -124,7 +124,7 @@ fn check_candidates(case: &Case, t: usize, trainer: &PaperTrainer<f64>, frame: &
     case.check(&format!("trunc_score{t}"), &scores, Rel(1e-13, 1.0));
 }
 
-/// The mixed path on soft data: no golden tolerance, but f32 sums must stay at f32's own error.
+/// Soft data in mixed precision: there is no golden tolerance, but sums must stay within f32 rounding.
 #[test]
 fn mixed_path_stays_close_to_the_oracle() {
     let case = Case::open("rand_soft");

@@ -1,4 +1,4 @@
-//! Drives a trainer the way the golden cases were made.
+//! Runs a trainer through the steps that produced the golden cases.
 
 use super::sampler;
 use crate::common::golden::{Case, Tolerance::*};
@@ -30,7 +30,7 @@ pub fn hyper(case: &Case) -> Hyper {
     }
 }
 
-/// A trainer at the case's start that never reassigns by itself.
+/// Trainer in the initial state of the case, with reassignment off.
 pub fn trainer<R: PaperScalar>(case: &Case, candidates: Candidates) -> PaperTrainer<R> {
     let is_wide = size_of::<R>() == size_of::<f64>();
     let config = PaperConfig {
@@ -51,7 +51,7 @@ pub fn posteriors<R: PaperScalar>(trainer: &PaperTrainer<R>) -> Vec<ComponentPos
     (0..trainer.components()).map(|k| trainer.posterior(k)).collect()
 }
 
-/// Raw sums `prefix_Sx`, `Sxx`, `Sc`: absolute, relative to the largest entry of the array.
+/// Checks the raw sums `prefix_Sx`, `Sxx` and `Sc` to an absolute tolerance scaled by the largest entry.
 pub fn check_sums(case: &Case, prefix: &str, trainer: &PaperTrainer<f64>) {
     let (mut sx, mut sxx, mut sc) = (vec![], vec![], vec![]);
     for k in 0..trainer.components() {
@@ -68,7 +68,7 @@ pub fn check_sums(case: &Case, prefix: &str, trainer: &PaperTrainer<f64>) {
     }
 }
 
-/// All arrays of one posterior the case stores.
+/// Checks all arrays of a posterior that the case stores.
 pub fn check_posterior(
     case: &Case,
     prefix: &str,
@@ -125,7 +125,7 @@ pub fn check_posterior(
     }
 }
 
-/// `E[ln|Λ|]` of every component's posterior.
+/// `E[ln|Λ|]` under every component's posterior.
 pub fn expected_ln_det<R: PaperScalar>(trainer: &PaperTrainer<R>) -> Vec<f64> {
     let ln_det = |c: &ComponentPosterior| {
         3.0 * 2f64.ln() - c.inverse_scale.ln_det().unwrap() + mv_digamma3(0.5 * c.nu_space)
@@ -133,13 +133,13 @@ pub fn expected_ln_det<R: PaperScalar>(trainer: &PaperTrainer<R>) -> Vec<f64> {
     posteriors(trainer).iter().map(ln_det).collect()
 }
 
-/// Ids of the candidates of every point, nearest first.
+/// Candidate ids of every point, nearest first.
 pub fn nearest<R: PaperScalar>(trainer: &PaperTrainer<R>, points: &Points<R>) -> Vec<u32> {
     let of_points = trainer.responsibilities(points);
     of_points.iter().flatten().map(|&(id, _)| id).collect()
 }
 
-/// The component every point belongs to (responsibilities must be one-hot).
+/// Component of every point (responsibilities must be one-hot).
 pub fn assignments<R: PaperScalar>(trainer: &PaperTrainer<R>, points: &Points<R>) -> Vec<u32> {
     let owner = |(i, r): (usize, &Vec<(u32, f64)>)| {
         let owner = r.iter().find(|(_, r)| *r == 1.0);
@@ -154,7 +154,7 @@ pub struct ReassignTolerance {
 }
 
 /// Checks the candidate set, the probabilities and the sampler against a stored reassignment, then
-/// moves the stored components. The trainer's `elbo` must be that of `points`.
+/// moves the stored components. The trainer's `elbo` must belong to `points`.
 pub fn check_reassign<R: PaperScalar>(
     case: &Case,
     prefix: &str,

@@ -1,13 +1,13 @@
-//! Sampling without replacement, in the rounds of the reference (`training.md`, Sampling
-//! without replacement): the stored cases prescribe its uniforms. The trainer draws by a race of the same
-//! law.
+//! Sampling without replacement in the rounds of the reference (`training.md`, Sampling
+//! without replacement), because the stored cases prescribe its uniforms. The trainer samples from the
+//! same distribution by an exponential race.
 
 /// Chooses `n` distinct indices with probabilities proportional to `weights` (finite, not
 /// negative), drawing uniforms in `[0, 1)` from `uniform`.
 ///
-/// Each round draws as many uniforms as are missing, takes for each the first index whose
-/// normalised cumulative weight exceeds it, and drops repeats; chosen weights are then zero. Where
-/// fewer than `n` weights are positive, those are taken and the rest is filled uniformly.
+/// Each round draws one uniform per missing index, takes the first index whose normalised
+/// cumulative weight exceeds it, and drops repeats. The weights of chosen indices become zero. If
+/// fewer than `n` weights are positive, all of them are chosen and the rest is drawn uniformly.
 pub fn without_replacement(
     weights: &[f64],
     n: usize,
@@ -21,7 +21,7 @@ pub fn without_replacement(
     while chosen.len() < n {
         let total = cumulate(&weights, &mut cumulative);
         if total <= 0.0 {
-            // Only zero weights are left: every index not yet taken is equally likely.
+            // Only zero weights remain: every index not yet chosen is equally likely.
             weights.iter_mut().zip(&taken).for_each(|(w, &t)| *w = if t { 0.0 } else { 1.0 });
             continue;
         }
@@ -38,7 +38,7 @@ pub fn without_replacement(
     chosen
 }
 
-/// Normalised cumulative sums; returns the total before normalisation.
+/// Computes the normalised cumulative sums; returns the total before normalisation.
 fn cumulate(weights: &[f64], cumulative: &mut Vec<f64>) -> f64 {
     let total: f64 = weights.iter().sum();
     cumulative.clear();
@@ -54,7 +54,7 @@ fn cumulate(weights: &[f64], cumulative: &mut Vec<f64>) -> f64 {
     total
 }
 
-/// Sampling probabilities `p_i ∝ max_j ELBO_j − ELBO_i` of candidates, by their effective
+/// Sampling probabilities `p_i ∝ max_j ELBO_j − ELBO_i` of candidates from their effective
 /// distances; uniform if all are equal.
 pub fn probabilities(candidate_q: &[f64]) -> Vec<f64> {
     let best = candidate_q.iter().copied().fold(f64::INFINITY, f64::min);

@@ -1,4 +1,4 @@
-//! Damage of every kind: an error that says where, never a panic, never memory out of proportion.
+//! Damaged checkpoints: an error that names the place, never a panic, and memory stays in proportion.
 
 use super::super::allocations::largest_during;
 use super::raw::{self, edited, resealed};
@@ -45,7 +45,7 @@ fn every_flipped_bit_is_seen() {
             _ => assert!(!defect.to_string().is_empty()),
         }
     }
-    // Every bit of the padding and a thousand of the sections.
+    // Every byte of the padding and about a thousand bits of the sections.
     let mut offset = table_end;
     for section in &sections {
         let start = offset.next_multiple_of(64);
@@ -100,7 +100,7 @@ fn versions_to_come() {
     let sections = raw::sections(&bytes);
     let with = |tag: [u8; 4], version| {
         let mut sections = sections.clone();
-        // A type of elements this program does not know is none of its business.
+        // An unknown element type of an optional section must not matter.
         sections.push(raw::RawSection { tag, element: 99, content: vec![1, 2, 3] });
         raw::file(&sections, version)
     };
@@ -126,7 +126,7 @@ fn sections_must_be_there_once_and_of_the_right_type_and_size() {
         rest.remove(i);
         let file = raw::file(&rest, (1, 0));
         match tag {
-            // The sums without their carries are another model, and carries without ids are none's.
+            // Carries consist of ids (CARI) and limbs (CARL): one without the other is refused.
             "HIST" => assert!(parse(&file).unwrap().checkpoint.history.is_none()),
             "CARI" | "CARL" => assert!(parse(&file).is_err()),
             _ => drop(assert_refused(&file, &[tag, "expected this section", "none"])),
@@ -173,7 +173,7 @@ fn absurd_sizes_take_no_memory() {
         assert!(refused.contains(part), "{part:?} is missing in: {refused}");
         assert!(largest < 1 << 20, "{largest} bytes for: {refused}");
     }
-    // Every offset and length of the table may lie: nothing is taken on its word.
+    // Offsets and lengths of the table may be arbitrary: parsing must check them before allocating.
     let mut rng = Rng::new(5, Purpose::Synthetic, 0);
     for _ in 0..3000 {
         let at = entry(rng.below(raw::sections(&bytes).len()), [8, 16][rng.below(2)]);
@@ -187,7 +187,7 @@ fn absurd_sizes_take_no_memory() {
 
 #[test]
 fn a_count_without_its_bytes_takes_no_memory() {
-    // One weight more than there are means and sums.
+    // DIRI has one weight more than there are means and sums.
     let bytes = edited(&good(), b"DIRI", |s| s.content.extend_from_slice(&0.1f64.to_le_bytes()));
     assert_refused(&bytes, &["MINI", "expected 126 elements", "found 120"]);
     let none = edited(&good(), b"DIRI", |s| s.content.clear());

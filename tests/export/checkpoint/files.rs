@@ -1,4 +1,4 @@
-//! Checkpoints as files.
+//! Reading and writing checkpoints as files.
 
 use super::{fixed64, fixed128, means_f32, mixture, sample, samples};
 use std::path::Path;
@@ -52,7 +52,7 @@ fn the_older_file_stays_as_bak() {
     let (path, old) = (folder.path().join("c.vbgs"), folder.path().join("c.vbgs.bak"));
     let (first, second) = (sample(means_f32(), fixed64()), sample(means_f32(), fixed128()));
     write_keeping_old(&path, &first).unwrap();
-    assert!(!old.exists(), "there was nothing to keep");
+    assert!(!old.exists(), "there was no file to back up");
     write_keeping_old(&path, &second).unwrap();
     assert_eq!(read(&old).unwrap().checkpoint, first);
     assert_eq!(read(&path).unwrap().checkpoint, second);
@@ -60,10 +60,10 @@ fn the_older_file_stays_as_bak() {
     assert_eq!(read(&old).unwrap().checkpoint, second);
     assert_eq!(read(&path).unwrap().checkpoint, first);
     let names = std::fs::read_dir(folder.path()).unwrap().count();
-    assert_eq!(names, 2, "nothing else is left behind");
+    assert_eq!(names, 2, "a temporary file is left");
 }
 
-/// A file that nothing opens must not take the place of one that is whole.
+/// An unreadable file must not replace a valid one.
 #[test]
 fn what_no_reader_takes_is_not_written() {
     let folder = tempfile::tempdir().unwrap();

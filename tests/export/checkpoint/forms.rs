@@ -1,4 +1,4 @@
-//! What is written comes back bit for bit, in bytes that stay the same.
+//! Checkpoints read back bit for bit and are written again as the same bytes.
 
 use super::{N, fixed64, means_f32, mixture, raw, sample, samples};
 use std::path::Path;
@@ -44,7 +44,7 @@ fn the_file_is_laid_out_as_the_format_says() {
     let mut checkpoint = sample(means_f32(), fixed64());
     let bytes = to_bytes(&checkpoint);
     let sections = raw::sections(&bytes);
-    // An independent writer, given the sections, makes the same file.
+    // An independent writer makes the same file from the sections.
     assert!(raw::file(&sections, VERSION) == bytes);
     let tags: Vec<_> = sections.iter().map(|s| std::str::from_utf8(&s.tag).unwrap()).collect();
     assert_eq!(
@@ -68,8 +68,8 @@ fn the_file_is_laid_out_as_the_format_says() {
     assert_eq!([0, 1, 2, 3, 4, 5].map(|i| at("STA2", 6 * 17 + i)), row[4..10]);
 }
 
-/// Written by version 1.0 and never again: every later version must read it and, as long as nothing
-/// about mixtures changes but the version, write the same sections.
+/// The fixture was written by version 1.0 and is never regenerated. Every later version must read it and,
+/// as long as the format of mixtures is unchanged, write the same sections.
 #[test]
 fn the_fixture_of_version_1_0_reads_and_is_written_alike() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/fixed64_1_0.vbgs");

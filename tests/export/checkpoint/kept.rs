@@ -1,4 +1,4 @@
-//! Frames that are still to be looked at a second time.
+//! Stored frames, whose poses may still be corrected (`scene.md`, Second alignment).
 
 use super::assert_refused;
 use super::raw::edited;
@@ -9,7 +9,7 @@ use vbgs_studio::model::scene::kept::{ComponentObservation, FrameContribution, S
 use vbgs_studio::model::scene::state::StoredSums;
 use vbgs_studio::model::splat::pose_log::FramePose;
 
-/// Two frames, of which the second taught nothing that is known any more.
+/// Checkpoint with two stored frames, the second without a remaining contribution.
 fn kept() -> Checkpoint {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
@@ -44,7 +44,7 @@ fn frames_that_are_kept_come_back() {
     let checkpoint = kept();
     assert_eq!(parse(&to_bytes(&checkpoint)).unwrap().checkpoint, checkpoint);
     let bytes = to_bytes(&sample(mixed()));
-    assert!(!bytes.windows(4).any(|tag| tag == b"KEPT"), "nothing is written of none");
+    assert!(!bytes.windows(4).any(|tag| tag == b"KEPT"), "a section without frames");
 }
 
 #[test]
@@ -79,6 +79,6 @@ fn frames_that_no_scene_keeps_are_refused() {
     assert_refused(&id(b"KETI", 0, 3), &["KETI", "ascending"]);
     assert_refused(&id(b"KETI", 2, 20), &["KETI", "below 20"]);
     assert_refused(&id(b"KESI", 3, 99), &["KESI", "below 20"]);
-    // A second moment below nothing.
+    // A negative second moment.
     assert_refused(&id(b"KETS", 42 + 4, u32::MAX), &["KETS[component 3, xx]", "0 or more"]);
 }

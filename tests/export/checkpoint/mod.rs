@@ -1,4 +1,4 @@
-//! Checkpoints: every form of either model comes back, damage of every kind is refused.
+//! Checkpoints: every form of both models reads back, damage of every kind is refused.
 
 mod damage;
 mod files;
@@ -14,7 +14,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::conjugate::prior::Hyper;
 use vbgs_studio::model::paper::state::{Carry, InitialMeans, ModelState, Totals};
 
-/// Components of the samples.
+/// Number of components of the samples.
 const N: usize = 20;
 
 fn means_f32() -> InitialMeans {
@@ -29,7 +29,7 @@ fn means_f64() -> InitialMeans {
     InitialMeans::F64 { space: rows(), color: rows() }
 }
 
-/// Sums of a few points each, the first component unused.
+/// Sums over a few points per component; the first component is unused.
 fn sums() -> Vec<[f64; 13]> {
     let mut rng = Rng::new(9, Purpose::Synthetic, 0);
     let mut row = |k: usize| {
@@ -64,7 +64,7 @@ fn sums() -> Vec<[f64; 13]> {
 
 fn fixed64() -> Totals {
     let mut rows: Vec<_> = sums().iter().map(|r| r.map(|v| (v * 2f64.powi(40)) as i64)).collect();
-    // Two components whose counts and second moments outgrew the low half.
+    // Counts and second moments of two components exceed 64 bits.
     let mut limbs = [0; 13];
     for i in [0, 4, 7, 9] {
         limbs[i] = 3;
@@ -102,7 +102,7 @@ fn checkpoint(model: StoredModel) -> Checkpoint {
     }
 }
 
-/// What a mixture's checkpoint holds besides what every checkpoint does.
+/// The parts of a checkpoint that only mixtures have.
 fn mixture(checkpoint: &mut Checkpoint) -> (&mut Normalization, &mut Hyper, &mut ModelState) {
     let StoredModel::Mixture { normalization, hyper, state } = &mut checkpoint.model else {
         unreachable!()
@@ -110,7 +110,7 @@ fn mixture(checkpoint: &mut Checkpoint) -> (&mut Normalization, &mut Hyper, &mut
     (normalization, hyper, state)
 }
 
-/// One of every form.
+/// One checkpoint of every form.
 pub fn samples() -> [Checkpoint; 8] {
     [
         sample(means_f32(), fixed64()),
@@ -124,7 +124,7 @@ pub fn samples() -> [Checkpoint; 8] {
     ]
 }
 
-/// Panics unless reading fails with a message that holds every one of `parts`.
+/// Panics unless parsing fails with a message that contains all `parts`.
 #[track_caller]
 fn assert_refused(bytes: &[u8], parts: &[&str]) -> Defect {
     let defect = parse(bytes).expect_err("expected a refusal");

@@ -1,6 +1,6 @@
-//! A checkpoint taken apart without the crate's reader, to be damaged and sealed again.
+//! Splits a checkpoint into sections without the crate's reader, to edit it and restore its checksums.
 
-/// One line of the table and its content.
+/// One entry of the table and its content.
 #[derive(Clone)]
 pub struct RawSection {
     pub tag: [u8; 4],
@@ -8,7 +8,7 @@ pub struct RawSection {
     pub content: Vec<u8>,
 }
 
-/// The sections of a sound file.
+/// Sections of a valid file.
 pub fn sections(bytes: &[u8]) -> Vec<RawSection> {
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     let u64_at = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
@@ -25,7 +25,7 @@ pub fn sections(bytes: &[u8]) -> Vec<RawSection> {
         .collect()
 }
 
-/// A file of these sections with right checksums.
+/// Builds a file from sections, with valid checksums.
 pub fn file(sections: &[RawSection], version: (u16, u16)) -> Vec<u8> {
     let table_end = 24 + 32 * sections.len();
     let mut end = table_end + 4;
@@ -54,14 +54,14 @@ pub fn file(sections: &[RawSection], version: (u16, u16)) -> Vec<u8> {
     bytes
 }
 
-/// The file with one section changed.
+/// Edits one section of a file; checksums stay valid.
 pub fn edited(bytes: &[u8], tag: &[u8; 4], edit: impl FnOnce(&mut RawSection)) -> Vec<u8> {
     let mut sections = sections(bytes);
     edit(sections.iter_mut().find(|s| s.tag == *tag).unwrap());
     file(&sections, (1, 0))
 }
 
-/// The file with bytes of its header or table changed under a right checksum.
+/// Replaces bytes of the header or table; the table's checksum stays valid.
 pub fn resealed(bytes: &[u8], at: usize, with: &[u8]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     bytes[at..at + with.len()].copy_from_slice(with);

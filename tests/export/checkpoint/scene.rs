@@ -1,4 +1,4 @@
-//! Checkpoints of scenes: how they are laid out, and what no scene has.
+//! Checkpoints of scenes: layout, and values that are refused.
 
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
@@ -19,10 +19,10 @@ use vbgs_studio::model::splat::pose_log::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
 use vbgs_studio::model::splat::viewpoint::Viewpoint;
 
-/// Components of the sample with more points than fit in a row.
+/// Components of the sample whose sums overflow a narrow row.
 const WIDE: [usize; 2] = [5, 11];
 
-/// Quanta of a few points each, the first component without any.
+/// Sums in quanta over a few points per component; the first component has none.
 fn quanta() -> Vec<[i64; N_SUMS]> {
     let mut rng = Rng::new(10, Purpose::Synthetic, 0);
     let mut row = |k: usize| {
@@ -92,7 +92,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
     }))
 }
 
-/// A scene that has seen photographs, two of which wait: of 6 × 5 pixels the second and fourth row.
+/// Checkpoint with three buffered photographs of 6 × 5 pixels, each with its second and fourth row.
 fn photographed() -> Vec<u8> {
     let mut sample = sample(mixed());
     let StoredModel::Scene(state) = &mut sample.model else { unreachable!() };
@@ -106,7 +106,7 @@ fn photographed() -> Vec<u8> {
             steps: (0..12).map(|i| 1000 * i + u16::from(frame)).collect(),
         }),
     };
-    // One of a frame whose depths nobody kept.
+    // The third photograph has no depths.
     let waiting = vec![waiting(7), waiting(3), BufferedPhotograph { depths: None, ..waiting(5) }];
     let mut photometric = PhotometricState { buffered: waiting, ..PhotometricState::default() };
     photometric.grow(N);
@@ -127,7 +127,7 @@ fn photographs_that_wait_come_back_or_are_refused() {
     assert!(waiting[2].depths.is_none());
     assert!(to_bytes(&read.checkpoint) == bytes);
     let numbers = size_of::<PhotographView>() / 8;
-    // By their place in a row: frame, size, pinhole, pose, gain, near, rows.
+    // Places in a stored row: frame, size, pinhole, pose, gain, near, rows.
     let places = [
         (0, "frame"),
         (1, "size"),
@@ -146,13 +146,13 @@ fn photographs_that_wait_come_back_or_are_refused() {
         });
         assert_refused(&damaged, &["PHWA[component 1", name, "NaN"]);
     }
-    // Rows that no scene keeps: of as many pixels, so that nothing else is wrong with them.
+    // An invalid row step that selects the same number of pixels, so that only the step is wrong.
     let odd = edited(&bytes, b"PHWA", |s| {
         let at = 8 * (numbers + 27);
         s.content[at..at + 8].copy_from_slice(&3f64.to_le_bytes());
     });
     assert_refused(&odd, &["PHWA[component 1, rows]", "a power of two up to 16", "found 3"]);
-    // Numbers that call for more pixels than there are, before memory is taken for them.
+    // A size that needs more pixels than are stored is refused before memory is allocated.
     let larger = edited(&bytes, b"PHWA", |s| {
         let at = 8 * (numbers + 1);
         s.content[at..at + 8].copy_from_slice(&65536f64.to_le_bytes());
@@ -178,7 +178,7 @@ fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
     assert_refused(&fewer, &["PHDS", "9 elements", "6"]);
     let short = edited(&bytes, b"PHDP", |s| s.content.truncate(2 * 23));
     assert_refused(&short, &["PHDP", "24 elements", "23"]);
-    // As files were before depths were compared.
+    // Files of versions before depth comparison lack both sections.
     let mut sections = raw::sections(&bytes);
     sections.retain(|section| section.tag != *b"PHDS" && section.tag != *b"PHDP");
     let before = parse(&raw::file(&sections, VERSION)).unwrap();
@@ -187,7 +187,7 @@ fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
     assert!(waiting.len() == 3 && waiting.iter().all(|waiting| waiting.depths.is_none()));
 }
 
-/// There may be 64 MB of them, which a scene holds already.
+/// The buffer may hold 64 MB, so writing must not copy it.
 #[test]
 fn photographs_that_wait_are_written_without_a_copy() {
     let mut photographed = parse(&photographed()).unwrap().checkpoint;
@@ -205,7 +205,7 @@ fn photographs_that_wait_are_written_without_a_copy() {
     assert_eq!(checkpoint::read(&path).unwrap().checkpoint, photographed);
 }
 
-/// A file that nothing opens must not take the place of one that is whole.
+/// An unreadable file must not replace a valid one.
 #[test]
 fn photographs_that_no_file_may_have_are_not_written() {
     let folder = tempfile::tempdir().unwrap();
@@ -228,7 +228,6 @@ fn photographs_that_no_file_may_have_are_not_written() {
     assert!(scale.contains("PHDS[component 1, step]"), "{scale}");
 }
 
-/// A scene before its first frame.
 pub fn nothing() -> SceneState {
     let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
     SceneState {
@@ -498,12 +497,12 @@ fn rounded_sums() {
         rows[17][5] = 1.01 * rows[17][4].max(rows[17][7]);
     };
     refused(f64s(), edit, &["SUMS[component 17, xy]: expected at most the mean"]);
-    // Wide rows belong to integers alone.
+    // Only integer sums may have wide rows.
     let bytes = edited(&good(), b"SUMS", |s| s.element = 2);
     assert_refused(&bytes, &["SUMS", "elements of type I32 beside wide sums", "F32"]);
 }
 
-/// A point whose terms are as large as they can be, over and over.
+/// The same point with the largest possible terms, many times.
 #[test]
 fn rounding_is_no_defect() {
     let s = 0.5f32.sqrt();

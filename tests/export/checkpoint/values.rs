@@ -1,4 +1,4 @@
-//! Numbers no model has are refused by section, component and axis, whatever the checksums say.
+//! Impossible numbers are refused by section, component and axis, even under valid checksums.
 
 use super::raw::edited;
 use super::{assert_refused, f32s, fixed64, fixed128, means_f32, means_f64, mixture, sample};
@@ -107,7 +107,7 @@ fn cursor_prior_and_normalisation() {
 
 #[test]
 fn rounding_is_no_defect() {
-    // A single point on the diagonal: the off-diagonal moments are as large as they can be.
+    // A single point on the diagonal gives the largest possible off-diagonal moments.
     let (d, r) = (0.1f32, 0.7f32);
     let row = [
         r,
@@ -130,6 +130,6 @@ fn rounding_is_no_defect() {
     let Totals::Fixed64 { mut rows, carries } = fixed64() else { unreachable!() };
     rows[1] = row.map(|v| (f64::from(v) * 2f64.powi(40)) as i64);
     rows[2] = [1; 13];
-    rows[2][5] = 3; // a few quanta of a component that a point hardly touched
+    rows[2][5] = 3; // rounding of a component with almost no responsibility
     assert!(parse(&with_model(|_| (), Totals::Fixed64 { rows, carries })).is_ok());
 }

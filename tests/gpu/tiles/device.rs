@@ -1,4 +1,4 @@
-//! Pictures of the tile path, and buffers to and fro.
+//! Images of the tile path, and buffer uploads and readbacks.
 
 use crate::fixture::Fixture;
 use std::ops::Deref;
@@ -12,7 +12,7 @@ use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::{ComparedImage, GpuScene};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 
-/// A device and what the tile path does on it.
+/// A device for tests of the tile path.
 pub struct Gpu(Fixture);
 
 impl Deref for Gpu {
@@ -24,13 +24,13 @@ impl Deref for Gpu {
 }
 
 impl Gpu {
-    /// On the device of all tests; `None` where there is no Vulkan and need not be.
+    /// Uses the shared device; `None` if Vulkan is missing and not required.
     #[track_caller]
     pub fn new() -> Option<Self> {
         Fixture::shared().map(Self)
     }
 
-    /// On a device of its own with smaller buffers than the adapter has.
+    /// Creates a separate device with smaller buffers than the adapter allows.
     #[track_caller]
     pub fn with_buffers_up_to(bytes: u64) -> Option<Self> {
         let limit = |limits: &mut wgpu::Limits| {
@@ -40,7 +40,7 @@ impl Gpu {
         Fixture::own(limit).map(Self)
     }
 
-    /// A storage buffer with these words, room for one at least.
+    /// A storage buffer with these words; it has room for at least one.
     pub fn words(&self, words: &[u32]) -> wgpu::Buffer {
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -54,7 +54,7 @@ impl Gpu {
         buffer
     }
 
-    /// The first words of a buffer, after everything submitted.
+    /// Reads the first `n` words of a buffer after all submitted work.
     pub fn read(&self, buffer: &wgpu::Buffer, n: usize) -> Vec<u32> {
         if n == 0 {
             return Vec::new();
@@ -81,7 +81,7 @@ impl Gpu {
         renderer
     }
 
-    /// A scene with the order of one view.
+    /// A scene with the splat order of one view.
     pub fn scene(
         &self,
         splats: SplatView<'_>,
@@ -95,7 +95,7 @@ impl Gpu {
         scene
     }
 
-    /// Premultiplied colour and coverage of one more image; waits for it.
+    /// Draws one image and waits for its premultiplied colour and coverage.
     pub fn image(
         &self,
         renderer: &mut SplatRenderer,
@@ -110,7 +110,7 @@ impl Gpu {
         readback::read_premultiplied(device, queue, renderer.target()).unwrap()
     }
 
-    /// One image by a renderer of its own.
+    /// Draws one image with a new renderer.
     pub fn image_by(
         &self,
         path: DrawPath,
@@ -126,6 +126,6 @@ impl Gpu {
 pub fn largest_difference(a: &Image<[f32; 4]>, b: &Image<[f32; 4]>) -> f32 {
     assert_eq!((a.width, a.height), (b.width, b.height));
     let channels = a.data.iter().flatten().zip(b.data.iter().flatten());
-    // A NaN is the worst of differences.
+    // A NaN counts as the largest difference.
     channels.fold(0.0, |worst, (x, y)| if (x - y).abs() <= worst { worst } else { (x - y).abs() })
 }

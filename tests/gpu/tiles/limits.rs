@@ -1,4 +1,4 @@
-//! More entries than there is room for, and what comes back about it.
+//! More tile entries than the buffers hold, and the error reported for it.
 
 use super::device::{Gpu, largest_difference};
 use super::scenes::{camera, cloud};
@@ -25,7 +25,7 @@ fn curtains(n: usize, opacity: f32) -> Vec<Splat> {
         .collect()
 }
 
-/// The image after those that found out how much room it needs.
+/// Draws until the entry buffer has grown to the size it needs.
 fn settled(
     gpu: &Gpu,
     renderer: &mut SplatRenderer,
@@ -42,7 +42,7 @@ fn settled(
 #[test]
 fn room_for_entries_grows_after_the_image_that_needed_more() {
     let Some(gpu) = Gpu::new() else { return };
-    // 1200 tiles by 150 splats; the first guess is 65,536 entries.
+    // 1200 tiles by 150 splats; the first buffer holds 65,536 entries.
     let view = camera(640, 480, DVec3::new(0.0, -5.0, 0.0), 0.8);
     let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let splats = curtains(150, 0.02);
@@ -54,7 +54,7 @@ fn room_for_entries_grows_after_the_image_that_needed_more() {
     assert!(largest_difference(&first, &quads) > 0.1, "the farthest splats did not fit");
     let last = settled(&gpu, &mut renderer, &scene, &view, &options);
     let left = largest_difference(&last, &quads);
-    // Quads round to half floats 150 times.
+    // The quad path rounds to half floats 150 times.
     assert!(left < 3e-2, "{left}");
     assert_eq!(renderer.shortage(), None);
     gpu.assert_no_faults();
@@ -62,7 +62,7 @@ fn room_for_entries_grows_after_the_image_that_needed_more() {
 
 #[test]
 fn what_no_buffer_holds_is_said_and_the_nearest_are_drawn() {
-    // 4 MiB hold 524,288 entries, 900 splats want 1,080,000.
+    // 4 MiB hold 524,288 entries; 900 splats need 1,080,000.
     let Some(gpu) = Gpu::with_buffers_up_to(4 << 20) else { return };
     let view = camera(640, 480, DVec3::new(0.0, -5.0, 0.0), 0.8);
     let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
@@ -72,7 +72,7 @@ fn what_no_buffer_holds_is_said_and_the_nearest_are_drawn() {
     let image = settled(&gpu, &mut renderer, &scene, &view, &options);
     let expected = GpuError::TooManyEntries { needed: 1_080_000, capacity: 524_288 };
     assert_eq!(renderer.shortage(), Some(&expected));
-    // The 400 nearest fill every pixel, so that the others are not missed.
+    // The 400 nearest saturate every pixel, so the others are not visible.
     let nearest = gpu.scene((&splats[..400]).into(), &view, &options);
     let whole = settled(&gpu, &mut gpu.renderer(DrawPath::Tiles), &nearest, &view, &options);
     assert_eq!(largest_difference(&image, &whole), 0.0);
@@ -84,12 +84,12 @@ fn ten_thousand_splats_over_the_whole_image_end() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(64, 48, DVec3::new(0.0, -5.0, 0.0), 0.8);
     let options = RenderOptions::evaluation(RenderMethod::EXACT, [0.0; 3]);
-    // Just above the cut, so that no pixel is full before thousands of splats; and opaque.
+    // Opacity just above the cut, so that pixels saturate only after thousands of splats; then opaque.
     for opacity in [0.004, 1.0] {
         let splats = curtains(10_000, opacity);
         let scene = gpu.scene((&splats).into(), &view, &options);
         let image = settled(&gpu, &mut gpu.renderer(DrawPath::Tiles), &scene, &view, &options);
-        // A second opaque splat would leave too little.
+        // One opaque splat covers 0.99, so the second falls below the transmittance stop.
         let full = image.data.iter().all(|p| p[3] > 0.98 && p.iter().all(|v| v.is_finite()));
         assert!(full, "opacity {opacity}: {:?}", image.at(32, 24));
     }

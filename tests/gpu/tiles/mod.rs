@@ -1,4 +1,4 @@
-//! The tile path of the GPU renderer on a real Vulkan driver (software ones count).
+//! The tile path of the GPU renderer on a Vulkan driver (software drivers count).
 
 pub mod device;
 mod limits;

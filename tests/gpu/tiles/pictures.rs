@@ -1,4 +1,4 @@
-//! Images of the tile path against the f64 oracle and against quads.
+//! Images of the tile path against the f64 oracle and the quad path.
 
 use super::device::{Gpu, largest_difference};
 use super::scenes::{appearance, camera, cloud};
@@ -14,9 +14,9 @@ use vbgs_studio::render::{
     Response, TRANSMITTANCE_STOP,
 };
 
-/// Half floats at the end of f32 sums.
+/// Half-float rounding at the end of f32 sums.
 const TOLERANCE: f64 = 2e-3;
-/// Shares of the cut and of the stop within which f32 may take either branch.
+/// Relative distance to the alpha cut and the transmittance stop within which f32 may take either branch.
 const HINGE: f64 = 1e-3;
 
 const FISHEYE: RenderMethod = RenderMethod::Exact(ExactOptions {
@@ -34,7 +34,7 @@ fn options(method: RenderMethod) -> RenderOptions {
     RenderOptions::evaluation(method, [0.0; 3])
 }
 
-/// Every pixel is within the tolerance of what the oracle may see there.
+/// Asserts that every pixel is within the tolerance of the oracle, with thresholds moved slightly.
 fn assert_agrees(
     name: &str,
     image: &Image<[f32; 4]>,
@@ -50,7 +50,7 @@ fn assert_agrees(
     let mut worst = 0.0f64;
     for row in 0..image.height {
         for column in 0..image.width {
-            // The oracle's image is a screen's.
+            // The oracle clamps its image to 1.
             let found = image.at(column, row).map(|v| f64::from(v.min(1.0)));
             let expected = oracle.pixel(column, row).rgba;
             for channel in 0..4 {
@@ -86,12 +86,12 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
     ];
     let views = [
         camera(101, 73, DVec3::new(4.0, -3.0, 1.0), 0.8),
-        // Among the splats, some behind; a tall image; wide.
+        // Among the splats, some of them behind the camera; tall image, wide angle.
         camera(40, 97, DVec3::new(0.3, -0.4, 0.1), 2.2),
     ];
     for (name, splats) in &scenes {
-        // Quads do not stop, so they show what a nearly full pixel leaves out: alpha times T, which
-        // an alpha of 0.99 makes up to 0.01.
+        // Quads have no early stop, so they include what saturated pixels leave out: alpha times
+        // transmittance, up to 0.01 for an alpha of 0.99.
         let left_out = if *name == "flat tops" { 1e-2 } else { TOLERANCE };
         let extras = appearance(5, splats.len());
         for (view, method) in views.iter().flat_map(|view| {
@@ -113,7 +113,7 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
                     .filter(|(a, b)| f64::from((*a - *b).abs()) > TOLERANCE + left_out)
                     .count() as f64
                     / (4 * tiles.data.len()) as f64;
-                assert!(share < 1e-3, "{name}: {share} of all values are unlike those of quads");
+                assert!(share < 1e-3, "{name}: {share} of all values differ from the quad path");
             }
         }
     }
@@ -164,7 +164,7 @@ fn an_image_without_splats_is_empty() {
     let full =
         gpu.image(&mut renderer, &gpu.scene((&splats).into(), &view, &options), &view, &options);
     assert!(full.data.iter().any(|p| p[3] > 0.5));
-    // Nothing is left of the image before.
+    // An empty scene leaves nothing of the image before.
     let none = gpu.image(&mut renderer, &gpu.scene((&[]).into(), &view, &options), &view, &options);
     assert!(none.data.iter().flatten().all(|&v| v == 0.0));
     let behind: Vec<Splat> = splats
@@ -184,7 +184,7 @@ fn ties_keep_their_order_and_no_order_is_needed() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(48, 48, DVec3::new(0.1, -4.0, 0.0), 0.8);
     let options = options(RenderMethod::PROJECTED);
-    // A thousand in one place: the first is in front.
+    // A thousand splats at one position: the first in the list is in front.
     let template = cloud(10, 1, 0.3, 1.0, [0.6, 0.7])[0];
     let splats: Vec<Splat> = (0..1000)
         .map(|i| Splat {

@@ -8,7 +8,8 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::Appearance;
 use vbgs_studio::model::splat::splats::Splat;
 
-/// Splats in a cube of 3 world units; scales from `largest` down to a `thinnest` share of it.
+/// Random splats in a cube of side 3; the scale is at most `largest`, the thinnest axis `thinnest`
+/// times that.
 pub fn cloud(seed: u64, n: usize, largest: f64, thinnest: f64, opacity: [f64; 2]) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
     (0..n)
@@ -28,7 +29,7 @@ pub fn cloud(seed: u64, n: usize, largest: f64, thinnest: f64, opacity: [f64; 2]
         .collect()
 }
 
-/// Gradients of about 1 a world unit, view dependence of about a third.
+/// Gradients of about 1 per world unit, view dependence of about a third.
 pub fn appearance(seed: u64, n: usize) -> Vec<Appearance> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let mut rows = |size: f64| [0; 3].map(|_| [0; 3].map(|_| (size * rng.normal()) as f32));

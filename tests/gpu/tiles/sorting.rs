@@ -1,22 +1,21 @@
-//! The radix sort against the standard library's.
+//! The radix sort against the standard library's sort.
 
 use super::device::Gpu;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::render::gpu::tiles::sort::{Keys, RadixSort, SortBuffers};
 
-/// What the keys are before the first pass.
+/// Input of the first pass.
 #[derive(Clone, Copy)]
 enum Kind {
-    /// Keys alone, to which places are found; those of all ones are dropped.
+    /// Keys alone: the sort adds their indices and drops keys of all ones.
     Indexed,
-    /// Keys beside values, which are their places.
+    /// Pairs of a key and its index.
     Valued,
 }
 use Kind::{Indexed, Valued};
 
-/// Sorts on the GPU.
 fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Kind) -> Vec<[u32; 2]> {
-    // A binding holds one pair at least.
+    // A binding needs at least one pair.
     let nothing = vec![7; 2 * keys.len().max(1)];
     let mut beside = nothing.clone();
     for ((pair, &key), place) in beside.as_chunks_mut::<2>().0.iter_mut().zip(keys).zip(0..) {
@@ -47,20 +46,20 @@ fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Kind) -> V
     words.as_chunks::<2>().0.to_vec()
 }
 
-/// The least and the largest key that is not dropped.
+/// Smallest and largest key that is not dropped.
 fn range(keys: &[u32]) -> [u32; 2] {
     let kept = || keys.iter().copied().filter(|&key| key != u32::MAX);
     [kept().min().unwrap_or(u32::MAX), kept().max().unwrap_or(0)]
 }
 
-/// Pairs of keys and their places in the order of a stable sort by what `of` makes of keys.
+/// Pairs of keys and indices in the order of a stable sort by `of(key)`.
 fn stably(keys: &[u32], of: impl Fn(u32) -> u32) -> Vec<[u32; 2]> {
     let mut pairs: Vec<[u32; 2]> = keys.iter().copied().zip(0..).map(<[u32; 2]>::from).collect();
     pairs.sort_by_key(|pair| of(pair[0]));
     pairs
 }
 
-/// What a sort makes of keys alone: cut to what lies between the least and the largest, in so many bits.
+/// Expected result for keys alone: their range is reduced to its top `bits` bits.
 fn indexed(keys: &[u32], bits: u32) -> Vec<[u32; 2]> {
     let [least, largest] = range(keys);
     let n_used = u32::BITS - largest.saturating_sub(least).leading_zeros();
@@ -77,7 +76,7 @@ fn every_size_is_sorted_stably() {
     let sizes = [0, 1, 2, 31, 32, 33, 255, 256, 257, 511, 4096, 70_001, 262_144, 262_145, 300_000];
     for n in sizes {
         let mut rng = Rng::new(n as u64, Purpose::Synthetic, 0);
-        // Few values make many ties, and one in eight is to be dropped.
+        // Few distinct values give many ties; one in eight is dropped.
         let coarse: Vec<u32> = (0..n)
             .map(|_| match rng.below(8) {
                 0 => u32::MAX,
@@ -127,7 +126,7 @@ fn near_keys_far_from_zero_lose_nothing_to_few_bits() {
     let Some(gpu) = Gpu::new() else { return };
     let sort = RadixSort::new(&gpu.device);
     let mut rng = Rng::new(6, Purpose::Synthetic, 0);
-    // Depths of 3 to 11: not two doublings, so 24 bits hold all that f32 tells apart.
+    // Depths from 3 to 11 span less than two octaves, so 24 bits hold all that f32 distinguishes.
     let depths: Vec<f32> = (0..50_000).map(|_| rng.range(3.0, 11.0) as f32).collect();
     let keys: Vec<u32> = depths.iter().map(|depth| depth.to_bits()).collect();
     let places = sorted(&gpu, &sort, &keys, 24, Indexed).into_iter().map(|[_, place]| place);

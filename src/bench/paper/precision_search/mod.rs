@@ -1,5 +1,5 @@
-//! The cheapest precision of every operation that keeps the posterior within a bound of the f64
-//! oracle: all combinations are timed in turns on sampled frames.
+//! Search for the fastest precision of each operation that keeps the posterior within an error
+//! bound of the f64 oracle. All combinations are timed in turns on sampled frames.
 
 mod report;
 
@@ -17,13 +17,12 @@ use std::sync::Arc;
 
 pub use report::{OperationRow, PrecisionCombination, PrecisionSearch, SearchPlan, Verdict};
 
-/// Searches all combinations.
 pub fn run(
     plan: &SearchPlan,
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<PrecisionSearch, BenchError> {
-    // One view will do: nothing is drawn here.
+    // Nothing is rendered here, so one view is enough.
     let sample = TrainingSample::load(dataset, plan.frames, 1)?;
     let draw = settled_draw(plan, &sample)?;
     let all = combinations();
@@ -32,7 +31,7 @@ pub fn run(
         let change = PaperOverrides { operations: Some(operations), ..PaperOverrides::default() };
         configs.push(plan.config(change)?);
     }
-    // Beside all combinations: the points and means of `f64` are f64 too, as those of none of them.
+    // Named precisions in addition: only `f64` also stores points and means in f64.
     for precision in NAMED {
         let change = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         configs.push(plan.config(change)?);
@@ -47,7 +46,7 @@ pub fn run(
         done += 1;
         progress(done, steps);
     })?;
-    // The first of the named ones is f64 throughout.
+    // The first named precision is f64 throughout.
     let truth = posteriors(&*timed[all.len()].engine);
     let measured: Vec<PrecisionCombination> = variants
         .iter()
@@ -61,11 +60,11 @@ pub fn run(
 /// Named precisions for comparison; the first is the oracle.
 const NAMED: [Precision; 3] = [Precision::F64, Precision::Mixed, Precision::F32];
 
-/// Means as reassignment leaves them: every component near points.
+/// Draws means as reassignment leaves them: each component is near points.
 fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDraw, BenchError> {
     let change = PaperOverrides {
         reassign: Some(ReassignPolicy::Forwarded),
-        // Five times the preset's share: a dozen frames must be enough to settle the means.
+        // Five times the preset's share, so that a dozen frames suffice to settle the means.
         reassign_fraction: Some(0.25),
         ..PaperOverrides::default()
     };

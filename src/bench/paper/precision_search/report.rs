@@ -1,8 +1,8 @@
-//! What follows from the timed combinations: the tables, the JSON and the settings that `train
-//! --preset paper --config` takes.
+//! Evaluation of the timed combinations: tables, JSON, and settings for
+//! `train --preset paper --config`.
 //!
-//! A width is judged twice: alone, with all others f64, for its error, and in the fastest
-//! combination that has it for its time.
+//! Each width is judged twice: by its error while all other widths are f64, and by its time in the
+//! fastest combination that uses it.
 
 use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions};
 use crate::bench::paper::oracle::{PosteriorErrors, posterior_errors};
@@ -20,47 +20,43 @@ use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
 
-/// The result, ready to be printed and written.
+/// Result of the search, ready to print and write.
 #[derive(Debug)]
 pub struct PrecisionSearch {
-    /// The tables and notes, as printed.
+    /// Tables and notes, as printed.
     pub text: String,
-    /// The result as written to the JSON file, with its version tag.
     pub json: serde_json::Value,
-    /// Settings that `train --preset paper --config` takes.
+    /// Settings for `train --preset paper --config`.
     pub ron: String,
-    /// The widths chosen.
     pub operations: Operations,
 }
 
-/// What a narrower width of one operation is worth.
+/// Error and speed of one width of one operation.
 #[derive(Clone, Debug, Serialize)]
 pub struct OperationRow {
-    /// Name of the operation.
     pub operation: &'static str,
-    /// Width that the row is about.
     pub width: &'static str,
-    /// Error with this width alone narrower than f64.
+    /// Error while all other operations have their widest width.
     pub error_alone: f64,
-    /// Fastest combination within the bound that has it; `None` if none is.
+    /// Median milliseconds per frame of the fastest combination within the bound that uses this
+    /// width. `None` if there is none.
     pub best_ms: Option<f64>,
-    /// Whether the width is worth its error.
     pub verdict: Verdict,
 }
 
-/// What the search says of one width.
+/// Outcome of the search for one width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Part of the result, and measurably faster than the widest.
+    /// In the result, and measurably faster than the widest width.
     Chosen,
-    /// Part of the result, but no faster than the widest within the spread of the runs.
+    /// In the result, but not faster than the widest width within the spread of the runs.
     ChosenGainsNothing,
-    /// No faster than the widest within the spread of the runs.
+    /// Not in the result, and not faster than the widest width within the spread of the runs.
     GainsNothing,
-    /// Faster than the widest, but another width is chosen.
+    /// Faster than the widest width, but another width was chosen.
     NotChosen,
-    /// No combination with it keeps the bound.
+    /// No combination that uses it keeps the bound.
     OutsideBound,
 }
 
@@ -68,8 +64,8 @@ impl Verdict {
     fn sentence(self) -> &'static str {
         match self {
             Self::Chosen => "chosen",
-            Self::ChosenGainsNothing => "chosen; gains nothing measurable",
-            Self::GainsNothing => "gains nothing measurable",
+            Self::ChosenGainsNothing => "chosen; no measurable gain",
+            Self::GainsNothing => "no measurable gain",
             Self::NotChosen => "not chosen",
             Self::OutsideBound => "outside the bound",
         }
@@ -91,7 +87,7 @@ struct SearchReport<'a> {
     named: &'a [PrecisionCombination],
 }
 
-/// Reads the width of one operation.
+/// Returns the name of an operation's width.
 type WidthOf = fn(&Operations) -> &'static str;
 
 fn width_name(width: Width) -> &'static str {
@@ -109,7 +105,7 @@ fn update_name(width: UpdateWidth) -> &'static str {
     }
 }
 
-/// Every operation and how to read its width; the widths from wide to narrow.
+/// Operations, accessors of their widths, and possible widths from wide to narrow.
 const OPERATIONS: [(&str, WidthOf, &[&str]); 5] = [
     ("distance", |o| width_name(o.distance), &["f64", "f32"]),
     ("log-score", |o| width_name(o.log_score), &["f64", "f32"]),
@@ -131,7 +127,8 @@ fn operation_rows(combinations: &[PrecisionCombination], chosen: &Operations) ->
             let found = best(width);
             let is_faster = found.zip(widest).is_some_and(|(f, w)| f.is_faster_than(w));
             let is_chosen = width_of(chosen) == width;
-            // The widest is held against nothing: chosen, it is not said to gain nothing.
+            // The widest width has no wider one to compare with, so it never counts as without
+            // gain.
             let verdict = match (found, is_chosen, is_faster || width == widths[0]) {
                 (None, _, _) => Verdict::OutsideBound,
                 (_, true, true) => Verdict::Chosen,
@@ -148,7 +145,7 @@ fn operation_rows(combinations: &[PrecisionCombination], chosen: &Operations) ->
     rows
 }
 
-/// The combination in which every other operation is the widest.
+/// Finds the combination in which all other operations have their widest width.
 fn alone<'a>(
     combinations: &'a [PrecisionCombination],
     operation: &str,
@@ -161,7 +158,7 @@ fn alone<'a>(
     })
 }
 
-/// The result in all its forms.
+/// Builds all outputs.
 pub fn report(
     plan: &SearchPlan,
     sample: &TrainingSample,
@@ -252,14 +249,13 @@ fn notes(
     let gain = widest.map_or(1.0, |widest| widest.ms / chosen.ms);
     let measurable = widest.is_some_and(|w| chosen.is_faster_than(w));
     let result = if measurable {
-        format!("The chosen widths take {gain:.2} times less time than f64 on the same f32 points.")
+        format!("The chosen widths are {gain:.2} times as fast as f64 on the same f32 points.")
     } else {
-        "No width is measurably faster than f64 on the same f32 points: the search gains nothing here."
-            .to_owned()
+        "No width is measurably faster than f64 on the same f32 points.".to_owned()
     };
     let mut notes = vec![
         format!(
-            "Bound {:e} on the relative error that 99 % of the evidence stays below, of means and of covariances, against f64 on {n_frames} frames of {} points, N = {}, C = 4, no reassignment, means settled by forwarded reassignment. {} combinations, {} runs in turns.",
+            "Bound {:e} on the relative errors of means and covariances against f64, 99 % quantile by evidence. {n_frames} frames of {} points, N = {}, C = 4, no reassignment, means settled by forwarded reassignment. {} combinations, {} runs in turns.",
             plan.bound,
             count(&sample.frames) / n_frames,
             plan.components,
@@ -268,7 +264,7 @@ fn notes(
         ),
         result,
         format!(
-            "`--precision f64`, whose points, means and index are f64 as well, takes {:.2} times as long.",
+            "`--precision f64`, which also has f64 points, means and index, takes {:.2} times as long.",
             oracle.ms / chosen.ms
         ),
     ];
@@ -278,8 +274,8 @@ fn notes(
     notes
 }
 
-/// A named precision where the widths are one's, else the operations. `f64` is none of them: its
-/// points and means are f64 as well.
+/// Formats the chosen widths as RON: a named precision if one has these widths, otherwise all
+/// operations. `f64` never matches, because its points and means are f64 as well.
 fn settings(
     plan: &SearchPlan,
     dataset: &str,
@@ -298,30 +294,30 @@ fn settings(
         }
     };
     Ok(format!(
-        "// Found by `precision-search {dataset} --bound {:e}`: {:.2} ms a frame, error {:.1e}.\n{body}\n",
+        "// Found by `precision-search {dataset} --bound {:e}`: {:.2} ms per frame, error {:.1e}.\n{body}\n",
         plan.bound,
         chosen.ms,
         chosen.error.p99()
     ))
 }
 
-/// What is searched, and how thoroughly.
+/// Sizes and bound of the search.
 #[derive(Clone, Debug)]
 pub struct SearchPlan {
-    /// Components of every combination, the paper's N.
     pub components: usize,
-    /// Sampled frames at most.
+    /// Maximum number of sampled frames.
     pub frames: usize,
-    /// Runs of every combination.
     pub repeats: usize,
-    /// Largest [`p99`](crate::bench::paper::oracle::PosteriorErrors::p99) that is accepted.
+    /// Largest accepted [`p99`](crate::bench::paper::oracle::PosteriorErrors::p99).
     pub bound: f64,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
 impl SearchPlan {
-    /// At the paper's N, or a fifth of it. The bound must be positive.
+    /// Uses the paper's N, or a fifth of it if quick.
+    ///
+    /// # Errors
+    /// The bound is not positive and finite.
     pub fn new(options: BenchOptions, bound: f64) -> Result<Self, ConfigError> {
         if !(bound.is_finite() && bound > 0.0) {
             return Err(ConfigError {
@@ -331,7 +327,7 @@ impl SearchPlan {
             });
         }
         let (components, frames, repeats) =
-            // More runs than elsewhere: verdicts compare quartiles, which few runs do not have.
+            // More runs than in other benches: verdicts compare quartiles, which need several runs.
             if options.quick { (20_000, 6, 9) } else { (100_000, 12, 15) };
         Ok(Self {
             components,
@@ -342,8 +338,8 @@ impl SearchPlan {
         })
     }
 
-    /// The settings that every combination shares, with a change of its own; nothing is reassigned,
-    /// so that all of them learn about the same means.
+    /// Settings shared by all combinations, with `change` applied. Reassignment is off, so that all
+    /// combinations have comparable means.
     pub fn config(&self, change: PaperOverrides) -> Result<PaperConfig, ConfigError> {
         let base = PaperOverrides {
             components: Some(self.components),
@@ -355,25 +351,23 @@ impl SearchPlan {
     }
 }
 
-/// One combination of widths.
+/// Time and error of one combination of widths.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct PrecisionCombination {
-    /// Name of the precision; `custom` for all but the named ones.
+    /// `custom` unless the combination is a named precision.
     pub precision: Precision,
-    /// Width of every operation of the hot loop.
     pub operations: Operations,
     /// Median milliseconds per frame.
     pub ms: f64,
-    /// First and third quartile over the runs.
+    /// First and third quartiles over the runs, milliseconds per frame.
     pub ms_quartiles: [f64; 2],
-    /// Distance of the posteriors to those of the f64 oracle.
+    /// Errors of the posteriors against the f64 oracle.
     pub error: PosteriorErrors,
-    /// Whether the distance is within the bound.
     pub within_bound: bool,
 }
 
 impl PrecisionCombination {
-    /// Times of the runs of a configuration, and its posteriors held against the oracle's.
+    /// Evaluates the runs of a configuration against the oracle's posteriors `truth`.
     pub fn new(
         config: &PaperConfig,
         runs: &Runs,
@@ -392,7 +386,7 @@ impl PrecisionCombination {
         }
     }
 
-    /// Whether three quarters of the runs are faster than three quarters of another's.
+    /// True if the third quartile of these runs is below the first quartile of the other's.
     pub fn is_faster_than(&self, other: &Self) -> bool {
         self.ms_quartiles[1] < other.ms_quartiles[0]
     }
@@ -406,7 +400,7 @@ impl PrecisionCombination {
 const WIDTHS: [Width; 2] = [Width::F64, Width::F32];
 const UPDATES: [UpdateWidth; 3] = [UpdateWidth::Fixed128, UpdateWidth::Fixed64, UpdateWidth::F32];
 
-/// Every combination of widths, the widest first.
+/// All combinations of widths, widest first.
 pub fn combinations() -> Vec<Operations> {
     let mut all = Vec::new();
     for distance in WIDTHS {
@@ -423,19 +417,18 @@ pub fn combinations() -> Vec<Operations> {
     all
 }
 
-/// Posteriors of all components, used or not.
+/// Posteriors of all components, including unused ones.
 pub fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
     (0..engine.components()).map(|k| engine.posterior(k)).collect()
 }
 
-/// The combination of least error among those within the bound that cannot be told from the fastest
-/// one, the spreads of their runs overlapping; the widest of equals. `None` if none keeps the
-/// bound.
+/// Chooses the combination of least error among those within the bound whose quartiles overlap
+/// those of the fastest one. Ties go to the widest. `None` if no combination keeps the bound.
 pub fn choose(combinations: &[PrecisionCombination]) -> Option<PrecisionCombination> {
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
     let alike = within().filter(|c| !fastest.is_faster_than(c));
-    // Of equals `min_by` keeps the first, and the widest come first.
+    // `min_by` returns the first of equals, and the widest come first.
     alike.min_by(|a, b| a.error.p99().total_cmp(&b.error.p99())).copied()
 }
 

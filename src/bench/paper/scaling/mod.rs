@@ -1,4 +1,4 @@
-//! Cost against points, components and threads, with the exponents that fit.
+//! Cost per frame against points, components and threads, with fitted exponents.
 
 mod report;
 
@@ -27,7 +27,8 @@ use serde::Serialize;
 pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> {
     let stops = plan.stops();
     let largest = stops.iter().map(|s| s.points).max().unwrap_or(1);
-    // Rendered once for the largest: the others thin the same frame, so that only size differs.
+    // Render once at the largest size. Smaller sizes thin the same frame, so that only the size
+    // differs.
     let scene = RoomFrames::load(largest, plan.options.seed)?;
     let mut rows = Vec::new();
     for (done, stop) in stops.iter().enumerate() {
@@ -49,7 +50,7 @@ pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> 
     .into_bench()
 }
 
-/// Times the four lines at one stop, in turns, after one frame that warms up.
+/// Times the four [`LINES`] at one size in turns, after one warm-up frame.
 fn time_stop(
     stop: &ScalingPoint,
     room: &RoomFrames,
@@ -57,7 +58,7 @@ fn time_stop(
 ) -> Result<Vec<ScalingRow>, BenchError> {
     let frame = thin(&room.frame, stop.points);
     let times = with_threads(stop.threads, || -> Result<_, BenchError> {
-        // Made inside the pool: an engine keeps memory for each of its threads.
+        // Inside the pool, because an engine allocates memory per thread.
         let mut engines = Vec::new();
         for (means, path) in LINES {
             let config = config(path, stop.components, plan.options.seed)?;
@@ -67,8 +68,8 @@ fn time_stop(
             engines.push(engine);
         }
         let mut times: [Vec<StageMs>; LINES.len()] = Default::default();
-        // The same frame again and again is as much work each time: without reassignment the E-step
-        // reads a model that never changes (`model.md`, Three models).
+        // Repeated training on the same frame costs the same each time: without reassignment the
+        // E-step reads a model that never changes (`model.md`, Three models).
         for _ in 0..plan.repeats.max(1) {
             for (engine, times) in engines.iter_mut().zip(&mut times) {
                 times.push(engine.learn(&frame)?.ms);
@@ -81,7 +82,7 @@ fn time_stop(
         let ms = total(i);
         let stages = median(&times[i]);
         let stage_ms = |stage: PaperStage| stages.values()[stage as usize];
-        // The plain lines follow the fast ones in the same order of means.
+        // Plain lines follow the fast ones in the same order of means.
         let plain = total(i % 2 + 2);
         ScalingRow {
             sweep: stop.sweep,
@@ -122,27 +123,24 @@ fn config(path: EnginePath, components: usize, seed: u64) -> Result<PaperConfig,
     })?)
 }
 
-/// Which sizes are timed.
+/// Sizes to time.
 #[derive(Clone, Debug)]
 pub struct ScalingPlan {
-    /// Points of a frame that are timed.
     pub points: Vec<usize>,
-    /// Numbers of components that are timed.
     pub components: Vec<usize>,
-    /// Threads; those above the machine's are left out.
+    /// Values above the machine's number of threads are skipped.
     pub threads: Vec<usize>,
-    /// Points where they are not swept.
+    /// Points per frame while another size is swept.
     pub base_points: usize,
-    /// Components where they are not swept.
+    /// Components while another size is swept.
     pub base_components: usize,
-    /// Timed frames of every stop.
+    /// Timed frames per size.
     pub repeats: usize,
-    /// What was asked for.
     pub options: BenchOptions,
 }
 
 impl ScalingPlan {
-    /// Up to 2·10⁵ points and 10⁶ components, or 3·10⁵ in the quick form.
+    /// Up to 2·10⁵ points and 10⁶ components (3·10⁵ if quick).
     pub fn new(options: BenchOptions) -> Self {
         let mut components = vec![1000, 3000, 10_000, 30_000, 100_000, 300_000];
         if !options.quick {
@@ -164,11 +162,11 @@ impl ScalingPlan {
         }
     }
 
-    /// Every size that is timed.
+    /// All sizes to time.
     pub fn stops(&self) -> Vec<ScalingPoint> {
         let all = rayon::current_num_threads();
         let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
-        // More threads than the machine has would time its scheduler.
+        // No more threads than the machine has: that would measure its scheduler.
         threads.push(all);
         let at = |sweep, points, components, threads| ScalingPoint {
             sweep,
@@ -186,30 +184,26 @@ impl ScalingPlan {
 
 /// One size of a sweep.
 pub struct ScalingPoint {
-    /// Size that is swept.
     pub sweep: Sweep,
-    /// Points of the frame.
     pub points: usize,
-    /// Number of components N.
     pub components: usize,
-    /// Threads of the pool.
     pub threads: usize,
 }
 
-/// A frame to train on, and points of other frames for means on surfaces.
+/// A frame to train on, and points of other frames as initial means on surfaces.
 pub struct RoomFrames {
-    /// Points that are trained on, model coordinates.
+    /// In model coordinates.
     pub frame: Points<f32>,
     others: Points<f32>,
 }
 
-/// Frames whose points means are drawn from.
+/// Number of other frames that means are drawn from.
 const OTHER_FRAMES: usize = 6;
 
 impl RoomFrames {
-    /// Renders views of at least `n_points` points each.
+    /// Renders frames of at least `n_points` points each.
     pub fn load(n_points: usize, seed: u64) -> Result<Self, BenchError> {
-        // Depth is dropped at edges: a few pixels more give the points asked for.
+        // Depth is dropped at edges, so render a few more pixels than requested points.
         let height = (1.06 * n_points as f64 * 0.75).sqrt().ceil().max(8.0);
         let params = SyntheticParams {
             width: (height / 0.75).ceil() as u32,
@@ -229,13 +223,13 @@ impl RoomFrames {
                 let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
                 others.push([x, y, z, r, g, b]);
             }
-            // Tiles do not matter here: means are drawn from single points.
+            // Tiles are irrelevant here: means are drawn from single points.
             others.close_tile();
         }
         Ok(Self { frame, others })
     }
 
-    /// Means of one kind.
+    /// Draws initial means of one kind.
     pub fn draw(&self, means: MeanPlacement, components: usize, seed: u64) -> InitialDraw {
         match means {
             MeanPlacement::Random => InitialDraw::random(components, seed),
@@ -261,29 +255,25 @@ fn unprojected(dataset: &Dataset, index: usize) -> Result<Points<f32>, BenchErro
     Ok(points)
 }
 
-/// The size that is swept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sweep {
-    /// Points of a frame.
     Points,
-    /// Number of components N.
     Components,
-    /// Threads of the pool.
     Threads,
 }
 
-/// Where the initial means lie.
+/// Placement of the initial means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeanPlacement {
-    /// The paper's start: most are far from every point.
+    /// Random, as in the paper: most are far from every point.
     Random,
-    /// Points of other frames: the state after reassignment.
+    /// On points of other frames, as after reassignment.
     Surface,
 }
 
-/// How a frame is processed.
+/// Implementation that processes a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EnginePath {
@@ -293,7 +283,7 @@ pub enum EnginePath {
     Plain,
 }
 
-/// The lines of the plot; the plain ones follow the fast ones in the same order of means.
+/// Lines of the plot. Plain lines follow the fast ones in the same order of means.
 pub const LINES: [(MeanPlacement, EnginePath); 4] = [
     (MeanPlacement::Random, EnginePath::Fast),
     (MeanPlacement::Surface, EnginePath::Fast),
@@ -301,41 +291,33 @@ pub const LINES: [(MeanPlacement, EnginePath); 4] = [
     (MeanPlacement::Surface, EnginePath::Plain),
 ];
 
-/// One timed combination.
+/// One timed combination. Times are medians per frame in milliseconds, with quartiles over the
+/// frames.
 #[derive(Clone, Debug, Serialize)]
 pub struct ScalingRow {
-    /// What grows from row to row.
     pub sweep: Sweep,
-    /// Points of the frame.
     pub points: usize,
-    /// Number of components N.
     pub components: usize,
-    /// Threads of the pool.
     pub threads: usize,
-    /// Where the means lie.
     pub means: MeanPlacement,
-    /// How the frame is processed.
     pub path: EnginePath,
-    /// Median milliseconds per frame.
     pub ms: f64,
-    /// First quartile over the frames, milliseconds.
     pub ms_q1: f64,
-    /// Third quartile over the frames, milliseconds.
     pub ms_q3: f64,
-    /// Median milliseconds of the candidate search.
+    /// Candidate search.
     pub candidates_ms: f64,
-    /// Median milliseconds of scores and responsibilities.
+    /// Scores and responsibilities.
     pub e_step_ms: f64,
-    /// Median milliseconds of sums per tile.
+    /// Sums per tile.
     pub stats_ms: f64,
-    /// Median milliseconds of the addition to the totals.
+    /// Adding the sums to the totals.
     pub update_ms: f64,
-    /// Median of the plain path, timed in turns with this one, over this one.
+    /// Median time of the plain path with the same means, divided by the median of this row.
     pub plain_over_this: f64,
 }
 
 impl ScalingRow {
-    /// Place on the axis of the sweep: the size that is swept.
+    /// Value of the swept size: the position on the x axis.
     pub fn position(&self) -> f64 {
         let size = match self.sweep {
             Sweep::Points => self.points,

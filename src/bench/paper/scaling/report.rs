@@ -1,7 +1,7 @@
-//! What follows from the rows: exponents and speed-ups, the table, the notes and the plot.
+//! Fitted exponents, speed-ups, table, notes and plot of the scaling bench.
 //!
-//! Exponents are slopes of straight lines through logarithms: over two decades a cost of `a + b·n`
-//! bends away from a power law, but the slope still tells linear from quadratic.
+//! Exponents are slopes of straight lines through logarithms. Over two decades a cost `a + b·n`
+//! deviates from a power law, but the slope still distinguishes linear from quadratic.
 
 use crate::bench::paper::scaling::{
     EnginePath, LINES, MeanPlacement, ScalingPlan, ScalingRow, Sweep,
@@ -12,41 +12,35 @@ use crate::eval::metrics::Spread;
 use crate::eval::report;
 use serde::Serialize;
 
-/// The power law through the medians of one line.
+/// Power law fitted to the medians of one line.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fit {
-    /// Size that is swept.
     pub sweep: Sweep,
-    /// Where the means lie.
     pub means: MeanPlacement,
-    /// How the frame is processed.
     pub path: EnginePath,
-    /// `ms ∝ size^exponent`, least squares of the logarithms; `None` below two sizes.
+    /// `ms ∝ size^exponent`, least squares of the logarithms. `None` for fewer than two sizes.
     pub exponent: Option<f64>,
 }
 
-/// What follows from the rows.
+/// Values derived from the rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct ScalingSummary {
-    /// One per line of the plot.
+    /// One fit per sweep and line.
     pub fits: Vec<Fit>,
-    /// Where one and two threads were timed.
+    /// Lines for which one and two threads were timed.
     pub speedups: Vec<Speedup>,
 }
 
-/// One thread against two.
+/// Speed-up of two threads over one.
 #[derive(Clone, Debug, Serialize)]
 pub struct Speedup {
-    /// Where the means lie.
     pub means: MeanPlacement,
-    /// How the frame is processed.
     pub path: EnginePath,
-    /// Time of one thread over that of two.
+    /// Time with one thread divided by time with two.
     pub two_over_one: f64,
 }
 
 impl ScalingSummary {
-    /// Fits and speed-ups of all lines.
     pub fn of(rows: &[ScalingRow]) -> Self {
         Self { fits: fits(rows), speedups: speedups(rows) }
     }
@@ -71,7 +65,7 @@ fn fits(rows: &[ScalingRow]) -> Vec<Fit> {
     sweeps.into_iter().flat_map(|sweep| LINES.map(|line| fit(sweep, line))).collect()
 }
 
-/// Slope of the least-squares line through the logarithms; `None` where it is not defined.
+/// Slope of the least-squares line through the logarithms. `None` if undefined.
 fn exponent(sizes: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = sizes.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
     let n = logs.len() as f64;
@@ -100,7 +94,6 @@ fn line_name(means: MeanPlacement, path: EnginePath) -> &'static str {
     }
 }
 
-/// The rows for people.
 pub fn text(rows: &[ScalingRow]) -> String {
     let cells = |row: &ScalingRow| {
         [
@@ -116,11 +109,11 @@ pub fn text(rows: &[ScalingRow]) -> String {
     report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-/// How the numbers came about, and what follows from them.
+/// Describes the measurement, the exponents and the speed-ups.
 pub fn notes(plan: &ScalingPlan, summary: &ScalingSummary) -> Vec<String> {
     let mut notes = vec![
         format!(
-            "C = 4, no reassignment, {} frames each after one that warms up, in turns. Plain path: KD-tree, f64, unfused statistics.",
+            "C = 4, no reassignment, {} timed frames each after one warm-up frame, in turns. Plain path: KD-tree, f64, unfused statistics.",
             plan.repeats
         ),
         "Means on surfaces are points of six other frames.".to_owned(),

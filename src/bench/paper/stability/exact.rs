@@ -1,11 +1,10 @@
-//! E-step and posterior in rational arithmetic, where nothing rounds but one exponential and the
-//! last step to f64.
+//! E-step and posterior in rational arithmetic. Only one exponential and the final conversion to
+//! f64 round.
 //!
-//! Fractions of unbounded integers are the only reference that is not itself an arithmetic under
-//! test: f64 keeps little of the paper's prior of 4e-15 beside a squared coordinate. The
-//! exponential has no exact value; it is taken of a difference that is exact. Candidates are
-//! preselected in f64, some more than are asked for, and then ordered exactly: exact distances to
-//! 10⁵ components would take far too long.
+//! Fractions of unbounded integers are the only reference that is not itself under test: beside a
+//! squared coordinate, f64 retains little of the paper's prior of 4e-15. The exponential has no
+//! exact value, but its argument is an exact difference. Candidates are preselected in f64, with a
+//! surplus, and then ordered exactly. Exact distances to 10⁵ components would take too long.
 
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::posterior::ComponentPosterior;
@@ -19,7 +18,7 @@ use std::collections::BTreeMap;
 /// `[x, y, z, r, g, b]`, exact.
 type RationalPoint = [BigRational; 6];
 
-/// A finite number as the fraction it is; anything else counts as zero.
+/// Converts a finite number exactly. Other values become zero.
 fn exact(value: f64) -> BigRational {
     BigRational::from_float(value).unwrap_or_else(BigRational::zero)
 }
@@ -28,7 +27,7 @@ fn rounded(value: &BigRational) -> f64 {
     value.to_f64().unwrap_or(f64::NAN)
 }
 
-/// The model and what it has seen.
+/// Mixture with exact sufficient statistics.
 pub struct RationalMixture {
     hyper: Hyper,
     means: Vec<[f64; 6]>,
@@ -36,12 +35,12 @@ pub struct RationalMixture {
     penalties: Vec<f64>,
     color_ratio: BigRational,
     n_candidates: usize,
-    /// Raw moments by component; those that received nothing have none.
+    /// Raw moments by component. Components without points have no entry.
     sums: BTreeMap<usize, Sums>,
 }
 
-/// Components whose exact distance is asked for, beyond the candidates: f64 cannot misjudge the
-/// order by more.
+/// Number of surplus candidates whose distance is computed exactly. The f64 order is off by fewer
+/// places.
 const DOUBTFUL: usize = 16;
 
 /// Raw moments of one component.
@@ -74,7 +73,7 @@ impl Sums {
 }
 
 impl RationalMixture {
-    /// A model that has seen nothing; it compares a point with its `n_candidates` nearest
+    /// Creates a model without data. Each point is compared with its `n_candidates` nearest
     /// components.
     pub fn new(hyper: Hyper, means: &[[f64; 6]], alpha: &[f64], n_candidates: usize) -> Self {
         let to_penalty = -2.0 / hyper.expected_precision_space();
@@ -91,7 +90,7 @@ impl RationalMixture {
         }
     }
 
-    /// Learns from finite points; the responsibilities of each, zeros left out.
+    /// Adds finite points. Returns the non-zero responsibilities of each.
     pub fn learn(&mut self, points: &[[f64; 6]]) -> Vec<Vec<(u32, f64)>> {
         let mut all = Vec::with_capacity(points.len());
         for row in points {
@@ -105,10 +104,10 @@ impl RationalMixture {
         all
     }
 
-    /// As if everything seen had been seen `times` times.
+    /// Multiplies all statistics, as if the data had been added `times` times.
     pub fn repeat(&mut self, times: u32) {
-        // Every repetition adds the same sums, since the E-step reads the initial model alone
-        // (`model.md`, Three models); 1e5 of them in fractions would take too long.
+        // Each repetition adds the same sums, since the E-step reads only the initial model
+        // (`model.md`, Three models). Adding 1e5 of them in fractions would take too long.
         let factor = exact(f64::from(times));
         self.sums.values_mut().for_each(|sums| sums.each(|sum| *sum *= &factor));
     }
@@ -127,8 +126,8 @@ impl RationalMixture {
             .collect();
         let Some(least) = scores.iter().map(|(_, q)| q).min() else { return Vec::new() };
         let half_precision = 0.5 * self.hyper.expected_precision_space();
-        // Subtracted exactly: at the paper's precision of 1e15 the rounding of a score of 1 is
-        // worth 0.06 nats even in f64.
+        // Subtract exactly: at the paper's precision of 1e15, rounding a score of 1 costs 0.06 nats
+        // even in f64.
         let weight = |q: &BigRational| (-half_precision * rounded(&(q - least))).exp();
         let total: f64 = scores.iter().map(|(_, q)| weight(q)).sum();
         let shares = scores.iter().map(|(k, q)| (*k as u32, weight(q) / total));
@@ -155,7 +154,7 @@ impl RationalMixture {
         }
     }
 
-    /// `η_0 + S` of every component (`model.md`, Posterior), rounded at the very end.
+    /// Posterior `η_0 + S` of each component (`model.md`, Posterior), rounded only at the end.
     pub fn posteriors(&self) -> Vec<ComponentPosterior> {
         let unused = self.posterior(&Sums::zero());
         let of = |k| self.sums.get(&k).map_or(unused, |sums| self.posterior(sums));
@@ -171,7 +170,7 @@ impl RationalMixture {
         };
         let prior_scale = exact(1.0) / exact(hyper.u0_space);
         let entry = |(sum, (i, j)): (&BigRational, (usize, usize))| {
-            // The raw form, which f64 could not use: in fractions nothing cancels.
+            // The raw form cancels in f64, but not in fractions.
             let spread = sum - &sums.first[i] * &sums.first[j] / &kappa_space;
             rounded(&if i == j { spread + &prior_scale } else { spread })
         };

@@ -1,10 +1,9 @@
-//! Hard cases for arithmetic, each against exact sums: how far means, covariances and
-//! responsibilities are off, whether covariances stay positive definite, whether anything but a
-//! number comes out.
+//! Numerical stability on hard cases: errors of means, covariances and responsibilities against
+//! exact arithmetic, positive definiteness of covariances, and non-finite values.
 //!
-//! Engines read f32 points and means, so the exact reference is given those, rounded likewise: what
-//! remains is the error of the arithmetic, not of its input. Errors are largest ones, not means:
-//! one broken component is a hole that no average shows.
+//! Engines read f32 points and means, so the exact reference starts from the same rounded values.
+//! The errors are thus those of the arithmetic, not of the input. They are maxima rather than
+//! means, because an average hides a single broken component, which is a visible hole.
 
 mod exact;
 
@@ -28,29 +27,26 @@ use exact::RationalMixture;
 use glam::{DMat3, DVec3};
 use serde::Serialize;
 
-/// Precisions that every case runs in.
 pub const PRECISIONS: [Precision; 3] = [Precision::F64, Precision::Mixed, Precision::F32];
 
 /// One case in one precision.
 #[derive(Clone, Debug, Serialize)]
 pub struct StabilityRow {
-    /// What is hard about it.
     pub case: &'static str,
-    /// Arithmetic of the engine.
     pub precision: Precision,
-    /// Points of a frame.
+    /// Points per frame.
     pub points: usize,
-    /// Points that are no finite numbers and must not count.
+    /// Non-finite points, which the engine must ignore.
     pub points_broken: usize,
-    /// Times the frame was learnt.
+    /// Number of times the frame is trained on.
     pub frames: u32,
-    /// Components of the model, used or not.
+    /// Number of components, including unused ones.
     pub components: usize,
     /// Components with statistics.
     pub used: usize,
     /// Largest total variation of a point's responsibilities.
     pub responsibility_error: f64,
-    /// Largest difference of a count `N_k`, relative.
+    /// Largest relative error of a count `N_k`.
     pub count_error: f64,
     /// Largest relative error of a posterior mean.
     pub mean_error: f64,
@@ -59,16 +55,14 @@ pub struct StabilityRow {
     /// Largest distance of a splat's centre from the exact posterior mean, in half-widths of the
     /// scene.
     pub splat_error: f64,
-    /// Smallest eigenvalue of any posterior covariance over the prior's part in it; 1 or more where
-    /// nothing rounds.
+    /// Smallest eigenvalue of any scale matrix `U⁻¹`, relative to the prior's. At least 1 in exact
+    /// arithmetic.
     pub smallest_eigenvalue: f64,
-    /// Whether every posterior covariance is positive definite.
     pub positive_definite: bool,
-    /// Values of posteriors, ELBO and splats that are no finite numbers.
+    /// Non-finite values among posteriors, ELBO and splats.
     pub non_finite: usize,
 }
 
-/// Runs every case in every precision.
 pub fn run(options: BenchOptions, progress: Progress) -> Result<Bench, BenchError> {
     let cases = all(options.seed);
     let steps = cases.len() * PRECISIONS.len();
@@ -94,20 +88,20 @@ pub fn run(options: BenchOptions, progress: Progress) -> Result<Bench, BenchErro
     .into_bench()
 }
 
-/// A case and what exact arithmetic makes of it.
+/// A case with its results in exact arithmetic.
 pub struct Truth<'a> {
     case: &'a Case,
     config: PaperConfig,
     draw: InitialDraw,
     frame: Points<f32>,
-    /// Which points are numbers.
+    /// True for finite points.
     sound: Vec<bool>,
     responsibilities: Vec<Shares>,
     posteriors: Vec<ComponentPosterior>,
 }
 
 impl<'a> Truth<'a> {
-    /// Learns the case exactly, from points and means as every engine reads them: in f32.
+    /// Trains the exact mixture on points and means rounded to f32, as every engine reads them.
     pub fn new(case: &'a Case) -> Result<Self, BenchError> {
         let overrides = PaperOverrides {
             components: Some(case.draw.means.len()),
@@ -139,7 +133,7 @@ impl<'a> Truth<'a> {
         })
     }
 
-    /// Runs an engine through the case and compares.
+    /// Trains an engine on the case and compares it with the exact results.
     pub fn measure(&self, precision: Precision) -> Result<StabilityRow, BenchError> {
         let overrides = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         let config = self.config.clone().with(&overrides)?;
@@ -174,7 +168,8 @@ impl<'a> Truth<'a> {
 
     fn responsibility_error(&self, engine: &mut dyn PaperLearner) -> f64 {
         let found = engine.responsibilities(&self.frame).into_iter().map(Shares::from_iter);
-        // Exact arithmetic never saw the broken points: without this pairs would be shifted.
+        // The exact mixture skips non-finite points. Skipping them here too keeps the pairs
+        // aligned.
         let sound = found.zip(&self.sound).filter(|(_, sound)| **sound).map(|(r, _)| r);
         let pairs = sound.zip(&self.responsibilities);
         largest(pairs.map(|(found, truth)| total_variation(truth, &found)))
@@ -187,7 +182,7 @@ impl<'a> Truth<'a> {
 
     fn splat_error(&self, engine: &dyn PaperLearner) -> f64 {
         let normalization = &self.case.normalization;
-        // The scale is the standard deviation of a uniform law, half its range over √3.
+        // The scale is the standard deviation of a uniform distribution: half its range over √3.
         let half_width = normalization.scale[0] * 3f64.sqrt();
         let splats = engine.splats();
         let used =
@@ -210,16 +205,17 @@ impl<'a> Truth<'a> {
         let splats = engine.splats();
         let drawn = splats.view().splats().iter().filter(|s| s.opacity > 0.0);
         let drawn = drawn.flat_map(|s| bytemuck::cast::<_, [f32; 14]>(*s).map(f64::from));
-        // Points left out have no score.
+        // Skipped points have no ELBO.
         let elbo = engine.point_elbo().into_iter().filter(|e| !e.is_nan());
         posterior.chain(drawn).chain(elbo).filter(|v| !v.is_finite()).count()
     }
 }
 
-/// `U⁻¹` is the prior's plus terms that are not negative.
+/// Returns the smallest eigenvalue of `U⁻¹` relative to the prior's. `U⁻¹` is the prior's plus
+/// terms that are not negative.
 fn eigenvalue_over_prior(config: &PaperConfig) -> impl Fn(&ComponentPosterior) -> f64 {
     let prior = 1.0 / config.hyper().u0_space;
-    // Descending: z is the least.
+    // Eigenvalues are descending: z is the smallest.
     move |posterior| posterior.inverse_scale.eigen().values.z / prior
 }
 
@@ -262,9 +258,9 @@ fn precision_name(precision: Precision) -> &'static str {
 
 fn notes() -> Vec<String> {
     vec![
-        "Largest errors against rational arithmetic on the same f32 points and means: total variation of responsibilities, relative errors of counts, posterior means and covariances; the splat's centre in half-widths of the scene.".to_owned(),
-        "Splats are f32 in world units: a scene shifted by 1e6 is drawn in steps of 0.06, whatever the precision of the engine.".to_owned(),
-        "Points that are no finite numbers must not count. definite: every posterior covariance has a Cholesky factor.".to_owned(),
+        "Largest errors against rational arithmetic on the same f32 points and means: total variation of responsibilities; relative errors of counts, posterior means and covariances; distance of splat centres in half-widths of the scene.".to_owned(),
+        "Splats are f32 in world units: a scene shifted by 1e6 is drawn in steps of 0.06 with every precision of the engine.".to_owned(),
+        "Non-finite points must be ignored. definite: every posterior covariance has a Cholesky factor. not finite: non-finite values of posteriors, ELBO and splats.".to_owned(),
     ]
 }
 
@@ -272,7 +268,7 @@ fn panels(rows: &[StabilityRow]) -> [Panel; 2] {
     let mut names: Vec<String> = rows.iter().map(|r| r.case.to_owned()).collect();
     names.dedup();
     let position = |row: &StabilityRow| names.iter().position(|n| n == row.case).unwrap_or(0);
-    // Side by side, or equal errors would hide each other.
+    // Offset the series, because equal errors would hide each other.
     let shift = |i: usize| 0.22 * (i as f64 - 1.0);
     let panel = |title: &str, names: Vec<String>, error: &dyn Fn(&StabilityRow) -> f64| Panel {
         title: title.to_owned(),
@@ -303,7 +299,7 @@ fn panels(rows: &[StabilityRow]) -> [Panel; 2] {
     ]
 }
 
-/// The largest error; what is no number is the largest of all, where `f64::max` would pass it over.
+/// Largest error. NaN counts as infinite, whereas `f64::max` would ignore it.
 fn largest(errors: impl Iterator<Item = f64>) -> f64 {
     errors.map(|e| if e.is_nan() { f64::INFINITY } else { e }).fold(0.0, f64::max)
 }
@@ -311,24 +307,22 @@ fn largest(errors: impl Iterator<Item = f64>) -> f64 {
 /// One hard case.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// What is hard about it.
     pub name: &'static str,
-    /// Rows `[x, y, z, r, g, b]` of the frame, model coordinates; some may be no finite numbers.
+    /// Rows `[x, y, z, r, g, b]` of the frame in model coordinates. Some may be non-finite.
     pub points: Vec<[f64; 6]>,
-    /// Times the frame is learnt.
+    /// Number of times the frame is trained on.
     pub frames: u32,
     /// Initial means and weights.
     pub draw: InitialDraw,
-    /// Candidates per point.
     pub candidates: usize,
-    /// Model coordinates to world.
+    /// Maps world to model coordinates.
     pub normalization: Normalization,
 }
 
-/// Frames whose statistics are accumulated in the drift case.
+/// Number of frames accumulated in the drift case.
 const DRIFT_FRAMES: u32 = 100_000;
 
-/// Every hard case; `seed` names its random numbers.
+/// All hard cases. `seed` selects their random numbers.
 pub fn all(seed: u64) -> Vec<Case> {
     let mut cases = degenerate_data(seed);
     cases.extend(scales_and_shifts(seed));
@@ -339,13 +333,13 @@ pub fn all(seed: u64) -> Vec<Case> {
     cases
 }
 
-/// A case in the [−1, 1] cube.
+/// A case in the cube [−1, 1]³.
 fn case(name: &'static str, points: Vec<[f64; 6]>, draw: InitialDraw) -> Case {
     let normalization = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
     Case { name, points, frames: 1, draw, candidates: 4, normalization }
 }
 
-/// Means drawn from the points, so that they compete closely.
+/// Draws means close to the points, so that components compete.
 fn near(points: &[[f64; 6]], components: usize, seed: u64) -> InitialDraw {
     let mut draw = InitialDraw::random(components, seed);
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
@@ -371,7 +365,7 @@ fn rows(n: usize, seed: u64, mut place: impl FnMut(&mut Rng) -> DVec3) -> Vec<[f
         .collect()
 }
 
-/// A bumpy sheet in the unit cube.
+/// Random point on a bumpy sheet in [−1, 1]³.
 fn sheet(rng: &mut Rng) -> DVec3 {
     let (u, v) = (rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
     DVec3::new(u, v, 0.3 * (3.0 * u).sin() * (2.0 * v).cos())
@@ -385,7 +379,7 @@ fn degenerate_data(seed: u64) -> Vec<Case> {
             + DVec3::new(-0.2, 0.9, 0.4) * rng.range(-1.0, 1.0)
     });
     let one = vec![[0.4, 0.1, -0.9, 0.0, 0.5, -0.5]];
-    // All but one mean are far away, so that the prior is that of many components.
+    // All means but one are far away, so that one component has the prior of a large mixture.
     let flat = plane.clone();
     let mut alone = InitialDraw::random(100_000, seed);
     alone.means[1..].iter_mut().for_each(|mean| mean[0] += 50.0);
@@ -405,7 +399,7 @@ fn degenerate_data(seed: u64) -> Vec<Case> {
     cases
 }
 
-/// The sheet in other world units, normalised by its own range as a dataset is.
+/// The sheet in other world units, normalised by its own range like a dataset.
 fn scales_and_shifts(seed: u64) -> Vec<Case> {
     let moved = |name, scale: f64, shift: f64| {
         let normalization =
@@ -416,7 +410,7 @@ fn scales_and_shifts(seed: u64) -> Vec<Case> {
         let draw = near(&points, 16, seed);
         Case { normalization, ..case(name, points, draw) }
     };
-    // What a layout with a fixed range makes of a tiny scene off the centre.
+    // A tiny off-centre scene in a layout with a fixed range.
     let tiny = rows(200, seed, |rng| DVec3::splat(0.01) + 1e-6 * sheet(rng));
     let draw = InitialDraw { means: tiny[..16].to_vec(), ..near(&tiny, 16, seed) };
     vec![
@@ -446,7 +440,7 @@ fn sizes(seed: u64) -> Vec<Case> {
         sized("C > N", 3, 8),
         sized("C = N", 12, 12),
         Case {
-            // `case` wants a draw; this one takes its place.
+            // `case` requires a draw, which is replaced here.
             draw: InitialDraw::random(100_000, seed),
             ..case("N = 1e5, few points each", points.clone(), near(&points, 1, seed))
         },
@@ -468,6 +462,7 @@ fn extremes(seed: u64) -> Vec<Case> {
         DVec3::splat(0.5) + DVec3::X * if rng.uniform() < 0.5 { 0.0 } else { 1e-7 }
     });
     let sheet_points = rows(200, seed, sheet);
+    // Far from every point, so that all densities underflow.
     let far = InitialDraw {
         means: near(&sheet_points, 64, seed).means.iter().map(|m| m.map(|v| v + 50.0)).collect(),
         ..near(&sheet_points, 64, seed)
@@ -490,7 +485,7 @@ fn extremes(seed: u64) -> Vec<Case> {
 }
 
 fn drift(seed: u64) -> Case {
-    // Few points: the frame is learnt 1e5 times in every precision.
+    // Few points, because every precision trains on the frame 1e5 times.
     let points = rows(64, seed, sheet);
     let draw = near(&points, 8, seed);
     Case { frames: DRIFT_FRAMES, ..case("statistics of 1e5 frames", points, draw) }
