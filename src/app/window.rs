@@ -233,14 +233,14 @@ const MAX_RUNS: usize = 3;
 /// Result of creating a window's application.
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
-/// Opens a window with `options` and runs the application of `create`, [`guarded`], until it ends.
+/// Opens a window with `options` and runs the application of `create`, [`run_guarded`], until it ends.
 ///
 /// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
 /// handles remaining events of the old window and ends at once without creating a window. The run after that
 /// creates one.
 ///
 /// # Errors
-/// Those of [`guarded`]; also if no run created a window.
+/// Those of [`run_guarded`]; also if no run created a window.
 pub fn run_window(
     worker: &Worker,
     exit: &Exit,

@@ -1,7 +1,7 @@
 //! Compares the image size of a calibration's colour camera with a dataset's photographs.
 //!
 //! Photographs are often downscaled while the calibration of the originals is reused: a camera of the same
-//! aspect ratio is scaled ([`ColorCamera::at_size`]). Another aspect ratio means cropping or another
+//! aspect ratio is scaled ([`ColorCamera::scaled_to`]). Another aspect ratio means cropping or another
 //! camera; no scale is right then.
 
 use super::calibration::ColorCamera;
@@ -48,7 +48,7 @@ impl DatasetSplit {
     /// Returns the scaling that fits a calibration's colour camera to the photographs, if one is needed.
     ///
     /// # Errors
-    /// [`OtherShape`] for the first photograph whose aspect ratio differs.
+    /// [`AspectRatioMismatch`] for the first photograph whose aspect ratio differs.
     pub fn camera_scaling(
         &self,
         camera: &ColorCamera,

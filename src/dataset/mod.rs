@@ -24,6 +24,7 @@
 
 pub mod calibrated_size;
 pub mod calibration;
+#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 pub mod capture_check;
 pub mod depth;
 pub mod error;
@@ -44,7 +45,6 @@ pub mod wild_poses;
 mod archive;
 mod decode;
 mod distortion;
-#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod entry;
 mod folder;
 pub mod growing;
@@ -54,7 +54,6 @@ mod opened;
 mod options;
 pub mod pace;
 mod sector;
-#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod tile_points;
 mod video;

@@ -72,7 +72,7 @@ pub fn measure_quality(
     Ok((report, scores))
 }
 
-/// Number of steps of [`quality`].
+/// Number of steps of [`measure_quality`].
 pub fn n_steps((_, views): Views<'_>, crack_views: Option<Views<'_>>) -> usize {
     views.len() + crack_views.map_or(0, |(_, frames)| frames.len())
 }
@@ -80,7 +80,7 @@ pub fn n_steps((_, views): Views<'_>, crack_views: Option<Views<'_>>) -> usize {
 /// Quality on the pixels seen by the frames trained on so far; `None` if no frame has depth.
 ///
 /// # Errors
-/// As [`quality`].
+/// As [`measure_quality`].
 pub fn seen(
     splats: SplatView<'_>,
     dataset: &Dataset,

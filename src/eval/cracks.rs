@@ -2,7 +2,7 @@
 //! training distance and at half of it.
 //!
 //! At half the distance, the camera is moved along its optical axis by half the median depth z of the
-//! view's interior pixels. The view's depth is projected into the moved camera ([`Surfaces::seen_by`]);
+//! view's interior pixels. The view's depth is projected into the moved camera ([`Surfaces::project_into`]);
 //! interior pixels satisfy the rule in both images.
 //!
 //! Half the distance reveals splats that just touch at the training distance and separate when the camera

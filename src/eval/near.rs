@@ -15,10 +15,10 @@ const NEARER: f64 = 0.02;
 /// Rule for the near plane of evaluated views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NearRule {
-    /// [`following_near`] of the depth beyond which nearly all splats in view lie.
+    /// [`near_plane_for`] of the depth beyond which nearly all splats in view lie.
     Following,
     /// [`EVALUATION_NEAR`] as published. If half of the splats in view are so near that the world unit
-    /// cannot be metres, [`following_near`] of their median depth.
+    /// cannot be metres, [`near_plane_for`] of their median depth.
     Published,
 }
 

@@ -26,7 +26,7 @@ pub(super) fn from_directional(w: DMat3) -> [DVec3; 3] {
     [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
 }
 
-/// Inverse of [`of_directional`].
+/// Inverse of [`from_directional`].
 pub(super) fn to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
     DMat3::from_cols(-x, -y, z) * C1
 }

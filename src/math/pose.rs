@@ -141,7 +141,7 @@ impl Pose {
         Self { rotation, translation: motion.transform_point(self.translation) }
     }
 
-    /// Inverse of [`Self::attached`]: returns the centre of `other` in this camera's frame (world units)
+    /// Inverse of [`Self::attached_camera`]: returns the centre of `other` in this camera's frame (world units)
     /// and the rotation of its axes relative to this camera's.
     pub fn offset_to(&self, other: &Self) -> (DVec3, DQuat) {
         let back = self.rotation.transpose();

@@ -32,7 +32,7 @@ pub enum Step {
     Trained(Box<FrameReport>),
     /// A frame was unusable and skipped.
     Skipped(SkippedFrame),
-    /// All complete frames of a followed recording were visited; [`Follow::rest`] is the time until there may
+    /// All complete frames of a followed recording were visited; [`Follow::time_to_next_scan`] is the time until there may
     /// be more.
     Waiting,
     /// There are no more frames.

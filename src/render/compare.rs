@@ -45,7 +45,7 @@ impl Area {
 pub const OUTSIDE_BRIGHTNESS: f32 = 0.35;
 
 /// Combines `first`, which fills the viewport, with `second`, which is scaled to fill `area`. Writes the
-/// result to `first`. Outside `area`, `first` is darkened by [`OUTSIDE`].
+/// result to `first`. Outside `area`, `first` is darkened by [`OUTSIDE_BRIGHTNESS`].
 ///
 /// ```
 /// use vbgs_studio::math::image::Image;

@@ -1,6 +1,6 @@
 //! Settings of a view other than splats and camera.
 //!
-//! [`RenderMethod`] selects the formulas, [`SplatStyle`] changes the display of all splats, and
+//! [`RenderMethod`] selects the formulas, [`DisplayStyle`] changes the display of all splats, and
 //! [`RenderOptions`] adds near plane, background and exposure. There is no `Default`: callers choose
 //! [`RenderOptions::evaluation`] or [`RenderOptions::viewport`], so that a measured image never takes
 //! a display setting by accident.
@@ -256,7 +256,7 @@ pub const TRANSMITTANCE_STOP: f64 = 1e-4;
 /// Side length of a tile in pixels (`rendering.md`, CPU renderer).
 pub const TILE: usize = 16;
 
-/// Floor of the scales as a fraction of `max(1, largest scale)`, limited by [`FLATTEST`]
+/// Floor of the scales as a fraction of `max(1, largest scale)`, limited by [`MAX_SCALE_FLOOR_RATIO`]
 /// (`rendering.md`, Conventions).
 pub const SCALE_FLOOR: f64 = 1e-6;
 

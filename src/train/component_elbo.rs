@@ -6,7 +6,7 @@ use super::estep::Scoring;
 /// Owner of a point that is left out because its score is NaN.
 pub(super) const NO_OWNER: u32 = u32::MAX;
 
-/// Returns the component of largest responsibility, the first of equals; [`NOBODY`] if all are zero.
+/// Returns the component of largest responsibility, the first of equals; [`NO_OWNER`] if all are zero.
 #[inline(always)]
 pub(super) fn owner_of_shares(shares: impl Iterator<Item = (u32, f64)>) -> u32 {
     let first = (NO_OWNER, 0.0);

@@ -56,7 +56,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "src/app/settings_file.rs: a_part_that_cannot_be_read_leaves_a_copy_of_the_file",
             "src/app/training.rs: settings_survive_a_restart",
             "src/app/viewer/settings.rs: settings_survive_a_restart_but_not_the_colour_mode",
-            "src/app/recent.rs: the_newest_come_first_and_survive_a_restart",
+            "src/app/user_folders.rs: the_newest_come_first_and_survive_a_restart",
         ],
     ),
     (
@@ -159,7 +159,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "viewer.rs: the_latency_panel_tells_what_drawing_takes",
             "tools.rs: timings_are_written_beside_the_dataset_and_never_over_a_file",
             "src/app/panels/latency.rs: frames_are_counted_against_the_budget_and_found_under_the_pointer",
-            "src/app/panels/timings.rs: csv_has_a_column_per_heading",
+            "src/app/panels/latency.rs: csv_has_a_column_per_heading",
         ],
     ),
     (

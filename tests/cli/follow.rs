@@ -264,6 +264,7 @@ fn figures_of_ten_thousand_frames() {
 
 /// Makes a recording of `n` frames from a few: files are hard links, and lines of lists are
 /// repeated with the number of the frame.
+#[expect(clippy::too_many_lines, reason = "one arm a layout")]
 fn multiply(few: &Path, out: &Path, layout: &str, n_few: usize, n: usize) {
     let link = |from: String, to: String| {
         let to = out.join(to);

@@ -113,7 +113,7 @@ impl LeftOut {
         splats.iter().enumerate().map(is_deleted).collect()
     }
 
-    /// Selection for the file writer, with the flags returned by [`Self::flags`].
+    /// Selection for the file writer, with the flags returned by [`Self::deleted_flags`].
     pub fn selection<'a>(&self, flags: &'a [bool]) -> WriteSelection<'a> {
         WriteSelection { crop: self.crop, left_out: Some(flags), ..WriteSelection::default() }
     }

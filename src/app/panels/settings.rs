@@ -301,7 +301,7 @@ pub fn adapter(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
     asked
 }
 
-/// Draws the slider and the current use, formatted by [`described`]; `taken` is `None` if a GPU draws.
+/// Draws the slider and the current use; `taken` is `None` if a GPU draws.
 pub fn draw_share(share: &mut f32, taken: Option<&str>, ui: &mut Ui) {
     let mut percent = 100.0 * *share;
     let range = 100.0 * SHARES.start()..=100.0 * SHARES.end();

@@ -205,7 +205,7 @@ pub struct PixelStatusPainter {
 }
 
 impl PixelStatusPainter {
-    pub fn new() -> Self {
+    pub(in crate::app) fn new() -> Self {
         Self { preparer: Preparer::new(), observation: Observation::empty() }
     }
 

@@ -83,7 +83,7 @@ struct TrainingViews<'a> {
 }
 
 impl TrainingViews<'_> {
-    /// Returns the first valid candidate with a covered share of [`SEEN`], else the best of at least
+    /// Returns the first valid candidate with a covered share of [`ENOUGH_COVERED`], else the best of at least
     /// [`BETTER`].
     fn free_view(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
         let (mut best, mut n_found) = (None, 0);

@@ -111,7 +111,7 @@ impl ViewPlan {
         self.view_by(split, frame, self.scene.intrinsics())
     }
 
-    /// As [`Self::view`], with other intrinsics at the same pose.
+    /// As [`Self::render_view`], with other intrinsics at the same pose.
     pub fn view_by(
         &self,
         split: &PlannedSplit,

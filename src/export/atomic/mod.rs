@@ -60,13 +60,13 @@ pub fn write_with_backup(
     write_with_backup_on(&SystemDisk, path, write)
 }
 
-/// Writes like [`write_keeping_old`], on any [`SaveDisk`].
+/// Writes like [`write_with_backup`], on any [`SaveDisk`].
 ///
 /// Once either name has had a complete file, it always has one. Neither is ever opened for writing: both may
 /// be links to one file, and truncating one would empty the other.
 ///
 /// # Errors
-/// As [`write_keeping_old`].
+/// As [`write_with_backup`].
 pub fn write_with_backup_on(
     disk: &dyn SaveDisk,
     path: &Path,

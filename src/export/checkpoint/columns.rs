@@ -58,7 +58,7 @@ fn split_rows<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
     ]
 }
 
-/// Joins the columns made by [`split`] into rows, in already reserved memory.
+/// Joins the columns made by [`split_rows`] into rows, in already reserved memory.
 pub(super) fn join_rows<T: Pod>(
     [counts, first, second]: [&[u8]; 3],
     mut rows: Vec<[T; N_SUMS]>,

@@ -33,7 +33,7 @@ pub trait PointsDevice: Send + Sync {
     fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError>;
 
     /// Returns, per point, its nearest seed within the scale, the first of equals; [`NO_SEED`] if there is
-    /// none, [`OPEN`] if the processor has to search.
+    /// none, [`LEFT_TO_PROCESSOR`] if the processor has to search.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost, out of memory or times out.

@@ -35,7 +35,7 @@ pub struct SceneState {
     /// World position that the seeds are relative to.
     pub origin: [f64; 3],
     /// Number of steps of √2 by which the structural scale exceeds the configured one, at most
-    /// [`MOST_COARSENED`].
+    /// [`MAX_COARSENING_STEPS`].
     pub coarsening_steps: u32,
     /// Seeds, world units, in the order of their birth.
     pub seeds: Vec<[f32; 3]>,

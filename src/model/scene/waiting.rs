@@ -161,7 +161,7 @@ pub struct BufferedDepths {
     pub steps: Arc<[u16]>,
 }
 
-/// Parameters of [`WaitingDepths`], as numbers in a checkpoint.
+/// Parameters of [`BufferedDepths`], as numbers in a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct DepthScale {

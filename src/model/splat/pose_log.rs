@@ -152,7 +152,7 @@ impl ExposureLog {
     }
 
     /// Returns factors on the scene's red, green and blue as seen from `pose`: the inverse gains of nearby
-    /// frames, interpolated between them ([`regress`]); 1 without frames.
+    /// frames, interpolated between them ([`interpolate`]); 1 without frames.
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         // Logarithms, since gains are factors: half and twice as bright average to 1.
         let said = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));

@@ -17,7 +17,7 @@ pub enum AdapterChoice {
     Auto,
     /// A driver that runs shaders on the CPU (llvmpipe, WARP).
     Software,
-    /// The first adapter whose [`AdapterFacts`] text contains this string, ignoring case.
+    /// The first adapter whose [`AdapterInfo`] text contains this string, ignoring case.
     Named(String),
     /// The adapter at this index of [`list`].
     Index(usize),

@@ -35,7 +35,7 @@ pub struct MeanGrid {
     cell_sort: CellSort,
     /// Buffer for the sampled coordinates.
     sample: Vec<f32>,
-    /// Edits of the last [`MeanGrid::shift`]; `shifted` holds the entries before it.
+    /// Edits of the last [`MeanGrid::move_means`]; `shifted` holds the entries before it.
     edits: Edits,
     shifted: Columns,
 }
@@ -103,7 +103,7 @@ impl MeanGrid {
         sorted.pad();
     }
 
-    /// Edits of the last [`MeanGrid::shift`].
+    /// Edits of the last [`MeanGrid::move_means`].
     pub(in crate::train) fn edits(&self) -> &Edits {
         &self.edits
     }

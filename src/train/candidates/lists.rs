@@ -114,7 +114,7 @@ impl Lists {
         near.len <= MAX_KERNEL_LIST
     }
 
-    /// Near list, valid after [`Lists::shorten`].
+    /// Near list, valid after [`Lists::fill_near`].
     pub(super) fn near(&self) -> &Columns {
         &self.near
     }

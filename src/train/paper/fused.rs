@@ -96,7 +96,7 @@ impl FusedMemory {
 struct TileMemory {
     slots: Slots,
     components: Vec<Component>,
-    /// Slot of each point of the tile; or [`SHARED`] plus an index into `shared`; or [`NOBODY`].
+    /// Slot of each point of the tile; or [`SHARED`] plus an index into `shared`; or [`NO_OWNER`].
     owners: Vec<u32>,
     shared: Vec<Range<u32>>,
     shares: Vec<(u32, f32)>,

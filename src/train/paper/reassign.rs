@@ -151,7 +151,7 @@ fn descending_key(distance: f64) -> u64 {
     if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
 }
 
-/// Inverse of [`largest_first`].
+/// Inverse of [`descending_key`].
 fn distance(order: u64) -> f64 {
     f64::from_bits(if order >> 63 == 1 { order } else { !(order | 1 << 63) })
 }

@@ -58,7 +58,7 @@ const PART: usize = 256;
 
 /// Inputs of the alignment of one frame.
 pub struct PoseAlignment<'a> {
-    /// Frame as recorded, with the points selected by [`looked_at`].
+    /// Frame as recorded, with the points selected by [`alignment_subset`].
     pub frame: &'a Observation,
     /// Component of each point under the current motion.
     pub owners: &'a [u32],
@@ -111,7 +111,7 @@ pub fn alignment_subset(frame: &Observation) -> Observation {
     with_points(frame, chosen.map(|i| frame.points[i * every]).collect())
 }
 
-/// Returns the frame with one of every [`FEW`] groups of points. Groups are searched together, so neighbours
+/// Returns the frame with one of every [`GROUP_STRIDE`] groups of points. Groups are searched together, so neighbours
 /// stay together.
 pub fn first_groups(frame: &Observation) -> Observation {
     let groups = frame.points.chunks(GROUP).step_by(GROUP_STRIDE);

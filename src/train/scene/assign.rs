@@ -40,7 +40,7 @@ pub fn assign(
 }
 
 /// Completes an assignment by a device: `owners` holds the nearest seed of each point within the structural
-/// scale, [`NONE`] if there is none, or [`OPEN`] if it is to be searched here.
+/// scale, [`NONE`] if there is none, or [`LEFT_TO_PROCESSOR`] if it is to be searched here.
 pub fn assign_known(
     grid: &SeedGrid,
     components: &Components,

@@ -99,7 +99,7 @@ pub fn write_live(
 }
 
 /// Folder layout to write. In layouts without splits, the evaluation frames of the room's camera follow the
-/// training frames. Free frames and the phone's evaluation frames go to the folder [`super::FREE_FOLDER`].
+/// training frames. Free frames and the phone's evaluation frames go to the folder [`FREE_FOLDER`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyntheticLayout {
     /// NeRF-synthetic, with depth along the ray.

@@ -4,7 +4,7 @@ use super::super::error::RunError;
 use super::super::saved::SavedRun;
 use crate::model::attributes::StoredModel;
 
-/// Refuses scenes that depend on the order of frames. For mixtures, [`super::start::same_start`] and
+/// Refuses scenes that depend on the order of frames. For mixtures, [`super::check_same_start`] and
 /// [`crate::model::paper::merging::add`] detect the dependence.
 pub(super) fn check_order_independent(run: &SavedRun) -> Result<(), RunError> {
     let components = match &run.content.model {

@@ -5,8 +5,7 @@
 //!
 //! 1. Draw: one workgroup per tile, one lane per pixel. Also compares each finished pixel.
 //! 2. Walk: one workgroup per tile, one lane per splat, with the pixels passing from lane to lane. Computes
-//! the
-//!    sums of each splat in each tile.
+//!    the sums of each splat in each tile.
 //! 3. Add: sums of each splat over its tiles.
 //!
 //! The order of all additions is independent of timing. Training owns the device and the window draws on

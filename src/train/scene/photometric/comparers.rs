@@ -88,7 +88,7 @@ impl Comparers {
         self.before_rest = Some(self.counts.clone());
     }
 
-    /// Discards the counts since [`Self::come_to_rest`].
+    /// Discards the counts since [`Self::begin_settling`].
     pub fn end_settling(&mut self) {
         if let Some(before) = self.before_rest.take() {
             // Except those of the device, which may have failed meanwhile.

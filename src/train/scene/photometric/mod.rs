@@ -95,7 +95,7 @@ impl PhotometricLearner {
         waiting.for_each(|waiting| waiting.view = waiting.view.moved(motion));
     }
 
-    /// Resumes training after [`Self::settled`].
+    /// Resumes training after [`Self::settled_state`].
     pub fn resume(&mut self) {
         self.comparers.end_settling();
     }

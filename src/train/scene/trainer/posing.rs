@@ -53,7 +53,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.motion_of(&alignment_subset(frame))
     }
 
-    /// The same for a frame reduced by [`looked_at`].
+    /// The same for a frame reduced by [`alignment_subset`].
     pub(super) fn motion_of(&mut self, part: &Observation) -> Option<Motion> {
         let mut owners = std::mem::take(&mut self.owners);
         // Inside the thread pool: rounds are many and short, and starting each from outside would wake
