@@ -95,7 +95,8 @@ fn option_of(setting: &str) -> String {
     {
         Some(Spelling::Option(option, _)) => option.to_owned(),
         Some(Spelling::Name) => format!("--set {setting}"),
-        None => setting.to_owned(),
+        // Options of other commands, such as `--bound`.
+        None => format!("--{}", setting.replace('_', "-")),
     }
 }
 
@@ -162,7 +163,7 @@ mod tests {
         };
         assert_eq!(config("scale_factor", "1"), "--set scale_factor: expected 1, found 0");
         assert_eq!(config("scale", "1"), "--scale: expected 1, found 0");
-        assert_eq!(config("closing", "1"), "closing: expected 1, found 0");
+        assert_eq!(config("bound", "1"), "--bound: expected 1, found 0");
     }
 
     #[test]

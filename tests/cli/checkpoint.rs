@@ -150,7 +150,7 @@ fn merged_shards_are_the_run_over_all_frames() {
 fn a_checkpoint_is_a_model() {
     let scratch = Scratch::with_room();
     for conversion in ["right", "legacy-cov"] {
-        scratch.run(&format!("{TRAIN} --out out --set conversion={conversion}")).succeeds();
+        scratch.run(&format!("{TRAIN} --out out --set covariance_form={conversion}")).succeeds();
         // By content, not by name.
         fs::copy(scratch.path("out/checkpoint.vbgs"), scratch.path("scene.glb")).unwrap();
         scratch.run("export scene.glb -o again.ply").succeeds();

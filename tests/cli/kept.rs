@@ -28,7 +28,7 @@ fn output_that_does_not_arrive_is_a_failure() {
         assert_eq!(to_full(&scratch, arguments).code, 1, "{arguments}");
     }
     let run = to_full(&scratch, &format!("train room --out new {PAPER}"));
-    run.fails(1, &["stdout", "expected", "No space left", "send it elsewhere"]);
+    run.fails(1, &["stdout", "expected", "No space left", "redirect it elsewhere"]);
     assert!(scratch.path("new/report.json").exists(), "outputs are written anyway");
     // A usage error keeps status 2, and a closed pipe is not an error.
     assert_eq!(to_full(&scratch, "info").code, 2);

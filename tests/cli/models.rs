@@ -160,7 +160,7 @@ fn a_legacy_scene_says_so() {
     let scratch = Scratch::with_room();
     scratch
         .run(
-            "train room --out out --preset paper --set components=2000 --set conversion=legacy-cov",
+            "train room --out out --preset paper --set components=2000 --set covariance_form=legacy-cov",
         )
         .succeeds();
     scratch.run("export out/scene.ply -o a.glb").succeeds();

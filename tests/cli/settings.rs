@@ -80,7 +80,7 @@ fn the_kinects_calibration_is_taken_unless_another_is_given() {
     scratch.run(synth).succeeds();
     // The published intrinsics apply if the folder has none.
     fs::remove_file(scratch.path("room/camera-intrinsics.txt")).unwrap();
-    let note = "the published Kinect's colour camera";
+    let note = "the published calibration of the Kinect's colour camera is used";
     let focal = || {
         let config = scratch.json("out/report.json")["config"].clone();
         config["surface"]["calibration"]["color_camera"]["focal"][0].as_f64()
@@ -121,8 +121,8 @@ fn a_preset_is_a_file_by_its_name() {
 #[test]
 fn plain_splats_have_nothing_native() {
     let scratch = Scratch::with_room();
-    for part in ["gradient", "crack-filling"] {
-        let run = scratch.run(&format!("train room --out out --set splats=plain --with {part}"));
+    for part in ["gradient", "crack_filling"] {
+        let run = scratch.run(&format!("train room --out out --set splats=plain --set {part}=true"));
         run.fails(2, &["splats", &format!("expected native with {part}"), "found plain"]);
     }
     let run = scratch.run("train room --out out --max-frames 2 --set splats=plane");
@@ -137,7 +137,7 @@ fn options_of_the_other_preset_are_wrong_usage() {
     let scratch = Scratch::with_room();
     for (options, option, preset) in [
         ("--set components=5", "components", "--preset paper"),
-        ("--set conversion=right", "conversion", "--preset paper"),
+        ("--set covariance_form=right", "covariance_form", "--preset paper"),
         ("--preset paper --budget 5", "--budget", "--preset scene"),
         ("--preset paper --set align=false", "align", "--preset scene"),
     ] {

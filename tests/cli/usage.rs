@@ -50,7 +50,7 @@ fn arguments_of_the_other_commands() {
         ("eval out/scene.ply room --max-frames 0", &["--max-frames", "1 or more"]),
         ("eval out/scene.ply room --background blue", &["--background", "black, white or #rrggbb"]),
         ("eval out/scene.ply room --renderer fast", &["'fast'", "--renderer"]),
-        ("eval out/scene.ply room --protocol fair", &["'fair'", "--protocol", "composited, paper"]),
+        ("eval out/scene.ply room --protocol fair", &["'fair'", "--protocol"]),
         ("eval out/scene.ply", &["required arguments"]),
         ("render out/scene.ply -o a.png --size 0x9", &["--size", "each from 1 to 16384"]),
         ("render out/scene.ply -o a.png --fov 200", &["--fov", "less than 170", "found 200"]),

@@ -97,7 +97,7 @@ fn sampling(sensor: Sensor, pixels: usize) -> PixelSampling {
 
 /// Refuses options that plain splats do not support.
 fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
-    let asked = [(overrides.gradient, "gradient"), (overrides.crack_filling, "crack-filling")];
+    let asked = [(overrides.gradient, "gradient"), (overrides.crack_filling, "crack_filling")];
     let asked = asked.into_iter().find(|(asked, _)| *asked == Some(true));
     match (overrides.splats, asked) {
         (Some(SplatKind::Plain), Some((_, part))) => Err(ConfigError {
