@@ -122,7 +122,8 @@ fn a_preset_is_a_file_by_its_name() {
 fn plain_splats_have_nothing_native() {
     let scratch = Scratch::with_room();
     for part in ["gradient", "crack_filling"] {
-        let run = scratch.run(&format!("train room --out out --set splats=plain --set {part}=true"));
+        let run =
+            scratch.run(&format!("train room --out out --set splats=plain --set {part}=true"));
         run.fails(2, &["splats", &format!("expected native with {part}"), "found plain"]);
     }
     let run = scratch.run("train room --out out --max-frames 2 --set splats=plane");

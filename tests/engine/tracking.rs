@@ -144,7 +144,8 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     assert!(dark.contains("brightness"), "{dark}");
     let blank = &session.skipped()[1].message;
     // A plain wall fits in many places; the best fit may overlap the scene too little.
-    let is_undetermined = blank.contains("one plain wall") || blank.contains("% of the frame, found");
+    let is_undetermined =
+        blank.contains("one plain wall") || blank.contains("% of the frame, found");
     assert!(blank.contains("00003") && is_undetermined, "{blank}");
     // Later frames are placed as if the rejected ones had never come.
     let mut undisturbed = self::session(whole.path(), 3);
