@@ -34,4 +34,6 @@ gate cargo test --release -- --ignored --skip figures --skip pictures
 # What machines without AVX2 run passes the same tests.
 gate env VBGS_SIMD=portable cargo test --release --lib --test render
 gate env VBGS_SIMD=portable cargo test --release --test engine -- inference variants
+# Comments, messages, help texts and documentation stay in plain English.
+gate .ci/words target/release/vbgs-studio
 printf '\n=== every gate passed in %d s\n' "$SECONDS"

@@ -17,7 +17,8 @@ const DEPTH: &str = "train/r_1_depth_0001.png";
 fn skips_one(data: &TempDir, parts: &[&str]) {
     let scratch = Scratch::empty();
     let path = data.path().to_str().unwrap();
-    let train = ["train", path, "--preset", "paper", "--out", "out", "components", "200", "--json"];
+    let train =
+        ["train", path, "--preset", "paper", "--out", "out", "--set", "components=200", "--json"];
     let run = scratch.run_args(&train).succeeds();
     let warnings: Vec<&str> = run.stderr.lines().filter(|l| l.starts_with("warning: ")).collect();
     assert_eq!(warnings.len(), 1, "{}", run.stderr);

@@ -73,7 +73,7 @@ fn what_a_shard_says_is_what_the_recipe_says() {
         ("nowhere --out tree --shards 2", ["train", "nowhere"]),
         (
             "room --out tree --shards 2 -- --set births=lattice --set gain=true",
-            ["merge", "--set gain=false"],
+            ["merge", "gain=false"],
         ),
     ] {
         let Some(run) = distribute(&scratch, arguments) else { return };

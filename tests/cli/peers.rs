@@ -6,7 +6,7 @@ use super::runner::{Run, Scratch};
 const STAND_IN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/peer.sh");
 
 fn peers(scratch: &Scratch, more: &[&str]) -> Run {
-    let common = ["bench", "peers", "room", "--quick", "components", "200", "--out", "found"];
+    let common = ["bench", "peers", "room", "--quick", "--components", "200", "--out", "found"];
     scratch.run_args(&[&common[..], more].concat())
 }
 
