@@ -29,9 +29,9 @@ use std::time::{Duration, Instant};
 
 /// Number of views measured during training.
 const SAMPLED: usize = 3;
-/// Maximum number of views measured at rest, evenly chosen, as in the paper's protocol.
+/// Maximum number of views measured while training is paused, evenly spaced, as in the paper's protocol.
 const MAX_VIEWS: usize = 100;
-/// Rest between two measurements during training, as a multiple of the measuring time: on two cores
+/// Pause between two measurements during training, as a multiple of the measuring time: on two cores
 /// training slows down by half of 1/`REST`.
 const REST: u32 = 15;
 const MIN_REST: Duration = Duration::from_millis(500);

@@ -150,7 +150,7 @@ impl<'a> Evidence<'a> {
         first
     }
 
-    /// Median squared residual of each kind over a sample of the components.
+    /// Median squared residuals of planes and colours over a sample of the components.
     fn median_squares(&self, at: &Estimate) -> [f64; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
@@ -264,8 +264,8 @@ impl<'a> Evidence<'a> {
         self.information = self.information.map(|information| information / times);
     }
 
-    /// Shifts of depth offset and scale that quantisation hides: they move all points of a surface alike,
-    /// so views do not disagree.
+    /// Smallest changes of depth offset and scale that views can reveal. Quantisation hides smaller ones: its
+    /// error is the same for all points of a surface.
     pub(super) fn quantisation_floor(&self) -> [f64; 2] {
         let samples = self.matches.samples();
         let n = samples.len().max(1) as f64;

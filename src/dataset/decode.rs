@@ -31,7 +31,7 @@ impl DepthEncoding {
     }
 }
 
-/// Pixel format and its conversion to lengths.
+/// Pixel format of a depth image and its conversion to depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CodeKind {
     /// First channel of an 8-bit image.

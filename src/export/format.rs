@@ -128,7 +128,8 @@ pub struct WriteSelection<'a> {
     pub min_evidence: Option<f64>,
     /// Maximum standard deviation of a splat's position, in world units; requires `uncertainty`.
     pub max_uncertainty: Option<f64>,
-    /// Standard deviation of the position of each given splat, in world units. Point clouds also store it.
+    /// Standard deviation of each splat's position, world units, for `max_uncertainty` and for point clouds,
+    /// which store it.
     pub uncertainty: Option<&'a [f64]>,
     /// True for splats that are always left out, one flag per splat.
     pub left_out: Option<&'a [bool]>,

@@ -53,12 +53,12 @@ pub enum OpacityMapping {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GradientSplit {
-    /// One; the colour gradient is lost.
+    /// One splat; the colour gradient is lost.
     #[default]
     One,
-    /// Two along the longest axis, coloured by the gradient.
+    /// Two splats along the longest axis, coloured by the colour gradient.
     Two,
-    /// Four along both tangential axes.
+    /// Four splats along both tangential axes, coloured by the colour gradient.
     Four,
 }
 

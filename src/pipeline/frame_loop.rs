@@ -42,7 +42,7 @@ pub(super) struct SteppedFrame {
     pub name: String,
     /// Marks of its files before they were read.
     pub marks: FrameMarks,
-    /// What happened to it.
+    /// What happened to the frame.
     pub status: FrameStatus,
 }
 

@@ -62,7 +62,7 @@ mod tests {
     use std::sync::{Arc, OnceLock, Weak};
     use std::time::{Duration, Instant};
 
-    /// Timeout of a condition, for a loaded machine.
+    /// Longest wait for a condition, enough for a loaded machine.
     const PATIENCE: Duration = Duration::from_secs(60);
 
     fn wait(what: &str, condition: impl Fn() -> bool) {

@@ -108,9 +108,9 @@ pub struct ExportArgs {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum MappingName {
-    /// Opacity 0.99, enlarged to the area of the saturated centre
+    /// Opacity 0.99, enlarged so that the splat covers the same area
     EqualArea,
-    /// Opacity 0.99
+    /// Opacity 0.99, of unchanged size
     Clip,
 }
 

@@ -200,7 +200,8 @@ pub struct DensityOpacity {
     pub tau: f64,
     /// Density at which the opacity reaches `1 − 1/e` of `tau`, returns per expected return.
     pub rho0: f64,
-    /// Constant `c₀` added to the expected returns, so that a few stray points do not become visible.
+    /// Constant `c₀` added to the expected number of returns, by which the points are divided: components of a
+    /// few stray points stay transparent.
     pub doubt: f64,
     /// Components of lower opacity are not drawn.
     pub least: f64,

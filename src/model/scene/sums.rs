@@ -338,9 +338,9 @@ const ARITHMETIC: f64 = 1e-14;
 /// Minors above this share of powers of the trace prove a scatter to be definite despite rounding.
 const NO_DOUBT: f64 = 1e-12;
 
-/// Repairs moments that no set of points could have after moving: adds the least number of whole quanta to
-/// the second moment along every axis that makes the scatter about the mean positive semidefinite. Rows
-/// within bounds stay within; definite ones stay unchanged to the bit.
+/// Repairs moments that rounding after a motion made impossible for any set of points. Adds as many whole
+/// quanta to the second moment along each axis as make the scatter about the mean positive semidefinite, the
+/// least possible. Rows of definite scatter stay unchanged to the bit. Returns true if the row was changed.
 pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
     if row[0] <= 0.0 {
         return false;

@@ -55,7 +55,7 @@ pub enum RunError {
         setting: String,
         /// Path of the checkpoint.
         path: PathBuf,
-        /// Value of the run.
+        /// Value in the checkpoint.
         stored: String,
         /// Requested value.
         asked: String,

@@ -405,7 +405,8 @@ fn apply_color_change<V: Vector>(color: f32, change: V) -> V {
 pub(super) const LANE_COLUMNS: [[f32; LANES]; GROUPS] =
     [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]];
 
-/// Adding and subtracting 1.5·2²³ rounds to the nearest integer, whose bits end up in the low mantissa.
+/// 1.5·2²³: adding it rounds to the nearest integer, which then occupies the low mantissa bits; subtracting it
+/// gives that integer.
 const ROUND: f32 = 12_582_912.0;
 
 /// Minimax polynomial of `2^f` on `[−½, ½]`, constant first. Maximum relative error in f32: 2.3e-7

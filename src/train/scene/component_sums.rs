@@ -120,12 +120,12 @@ impl<W: SumScalar> ComponentSums<W> {
         self.rows.len() * size_of::<SumRow<W>>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
 
-    /// Returns the row of a component without its wide part.
+    /// Returns the row of a component, without the f64 sums of components whose points exceed a row.
     pub fn row(&self, id: usize) -> &SumRow<W> {
         &self.rows[id]
     }
 
-    /// Returns all sums of a component, including its wide part.
+    /// Returns all sums of a component: its row and the f64 sums beyond it.
     pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
         let mut sums = self.rows[id].sums.map(W::value);
         if let Some(wide) = self.wide.get(id as u32) {

@@ -35,7 +35,7 @@ pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Po
     Some(Pose::IDENTITY.attached_camera(middle + shift - turn * middle, turn))
 }
 
-/// Moves a seed, given in world units from `origin`, with the world.
+/// Applies a rigid motion of the whole world to a seed. Seed and result are relative to `origin`, world units.
 pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
     let place = origin + DVec3::from_array(seed.map(f64::from));
     (motion.transform_point(place) - origin).as_vec3().to_array()

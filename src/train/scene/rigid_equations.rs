@@ -24,7 +24,8 @@ impl Motion {
         Self { turn, shift: to.centre() - from.centre() }
     }
 
-    /// Returns a function that moves a frame's points, relative to [`Observation::origin`], world units.
+    /// Returns a function that applies this motion to a frame's points, relative to [`Observation::origin`],
+    /// world units.
     pub fn point_mover(
         &self,
         frame: &Observation,

@@ -170,7 +170,7 @@ pub struct NearSeeds<'a> {
 struct Chunk {
     /// Current positions.
     places: Vec<[f32; 3]>,
-    /// Positions at the last gathering.
+    /// Positions when the groups were last formed.
     gathered: Vec<[f32; 3]>,
     groups: SeedGroups,
 }

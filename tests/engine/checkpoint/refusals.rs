@@ -37,7 +37,7 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
         ("precision", train(PaperOverrides { precision: Some(Precision::F64), ..none() })),
         ("scale_factor", train(PaperOverrides { scale_factor: Some(1.5), ..none() })),
         (
-            "conversion",
+            "covariance_form",
             train(PaperOverrides {
                 covariance_form: Some(CovarianceForm::LegacyCholesky),
                 ..none()
