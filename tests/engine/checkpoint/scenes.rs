@@ -279,11 +279,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     let repeated = ResumeRequest {
         preset: Some(Preset::Scene),
         model: GivenSettings {
-            paper: PaperOverrides {
-                seed: Some(0),
-                precision: Some(Precision::Mixed),
-                ..PaperOverrides::default()
-            },
+            paper: PaperOverrides { seed: Some(0), ..PaperOverrides::default() },
             scene: SceneOverrides {
                 seed: Some(0),
                 scale: Some(StructuralScale::Pixels(2.5)),
