@@ -76,7 +76,7 @@ impl PoseCheck {
 ///
 /// let room = vbgs_studio::dataset::synthetic::demo()?;
 /// let check = pose_check::check(&room, 0).ok_or("too few frames")?;
-/// assert!(check.opened.agreement > 0.8 && !check.is_doubtful(), "{check:?}");
+/// assert!(check.opened.agreement > 0.8 && !check.has_better_reading(), "{check:?}");
 /// assert_eq!(check.opened.poses, PoseConvention::Opencv);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -31,12 +31,12 @@ impl TrajectoryError {
     /// use vbgs_studio::eval::trajectory_error::TrajectoryError;
     /// use vbgs_studio::math::pose::Pose;
     ///
-    /// let at = |x, y, z| Pose::IDENTITY.attached(DVec3::new(x, y, z), DQuat::from_rotation_y(x));
+    /// let at = |x, y, z| Pose::IDENTITY.attached_camera(DVec3::new(x, y, z), DQuat::from_rotation_y(x));
     /// let recorded = [at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(1.0, 2.0, 0.0), at(0.0, 1.0, 1.0)];
     /// let world = at(0.3, -1.0, 2.0);
     /// let moved = |pose: &Pose| {
     ///     let turn = DQuat::from_mat3(&pose.rotation());
-    ///     (world.attached(pose.centre(), turn), *pose)
+    ///     (world.attached_camera(pose.centre(), turn), *pose)
     /// };
     /// let error = TrajectoryError::of(&recorded.each_ref().map(moved)).ok_or("too few")?;
     /// assert!(error.rmse < 1e-9 && error.turn_rmse_deg < 1e-5);

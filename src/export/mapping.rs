@@ -12,7 +12,7 @@
 //! let mut native = SplatSet::default();
 //! native.push(splat, Appearance { gradient: [[10.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], ..Appearance::default() });
 //!
-//! let plain = to_plain(native.view(), Mapping::of(GradientSplit::Two)).ok_or("plain already")?;
+//! let plain = to_plain(native.view(), Mapping::for_split(GradientSplit::Two)).ok_or("plain already")?;
 //! assert_eq!(plain.len(), 2);
 //! assert!(plain.iter().all(|s| s.opacity <= 0.99));
 //! assert!(plain[0].color[0] < 0.4 && plain[1].color[0] > 0.6);

@@ -44,7 +44,7 @@ impl MeasuredPixel {
 ///
 /// ```
 /// use glam::DVec3;
-/// use vbgs_studio::math::normalization::Normalization;
+/// use vbgs_studio::math::measured_pixel::Normalization;
 ///
 /// let world = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
 /// let corner = world.normalize(DVec3::ONE);

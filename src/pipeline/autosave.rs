@@ -70,13 +70,13 @@ pub type SaveOutcome = Result<Autosaved, AutosaveError>;
 ///
 /// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
 /// let room = Arc::new(synthetic::dataset(&small)?);
-/// let mut session = Session::new(room, SceneOverrides::default(), Selection::everything())?;
+/// let mut session = Session::new(room, SceneOverrides::default(), Selection::all_frames())?;
 /// let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("run.vbgs");
 /// let every_frame = AutosaveInterval { frames: Some(1), ..AutosaveInterval::default() };
 /// let mut autosave = Autosave::new(path.clone(), every_frame, &session);
 /// session.step()?;
-/// assert!(autosave.between_frames(&session).is_none(), "started, not finished");
+/// assert!(autosave.poll(&session).is_none(), "started, not finished");
 /// let saved = autosave.wait().expect("a save in progress")?;
 /// assert_eq!((saved.frames, SavedRun::read(&path)?.content.cursor.frames), (1, 1));
 /// assert!(!autosave.is_pending(&session), "no frames since the save");

@@ -139,7 +139,7 @@ impl Selection {
 ///
 /// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
 /// let room = synthetic::dataset(&small)?;
-/// let second = Selection { shard: Some("2/3".parse()?), ..Selection::everything() };
+/// let second = Selection { shard: Some("2/3".parse()?), ..Selection::all_frames() };
 /// assert_eq!(Plan::new(&room, &second, 0)?.frames, [1, 4]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

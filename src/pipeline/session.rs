@@ -50,7 +50,7 @@ pub enum Step {
 ///
 /// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
 /// let room = synthetic::dataset(&small)?;
-/// let selection = Selection { max_frames: Some(2), ..Selection::everything() };
+/// let selection = Selection { max_frames: Some(2), ..Selection::all_frames() };
 /// let mut session = Session::new(Arc::new(room), SceneOverrides::default(), selection)?;
 /// while !matches!(session.step()?, Step::Finished) {}
 /// assert_eq!((session.frames().len(), session.skipped().len()), (2, 0));

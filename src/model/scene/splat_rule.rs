@@ -188,7 +188,7 @@ fn rows(m: DMat3) -> [[f32; 3]; 3] {
 /// is `τ·(1 − exp(−ρ/ρ₀))`.
 ///
 /// ```
-/// use vbgs_studio::model::scene::opacity::DensityOpacity;
+/// use vbgs_studio::model::scene::splat_rule::DensityOpacity;
 ///
 /// let rule = DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 };
 /// assert!(rule.opacity(200.0, 200.0, 100) > 1.0, "a flat top");

@@ -58,7 +58,7 @@ impl FramePose {
 /// use vbgs_studio::math::pose::Pose;
 /// use vbgs_studio::model::splat::pose_log::{FramePose, PoseLog};
 ///
-/// let real = Pose::IDENTITY.attached(DVec3::new(0.01, 0.0, 0.0), DQuat::IDENTITY);
+/// let real = Pose::IDENTITY.attached_camera(DVec3::new(0.01, 0.0, 0.0), DQuat::IDENTITY);
 /// let log = PoseLog::new(vec![FramePose::new(&Pose::IDENTITY, &real)], 0.03);
 /// assert!((log.at(&Pose::IDENTITY).centre() - real.centre()).length() < 1e-12);
 /// ```
@@ -130,7 +130,7 @@ impl FrameExposure {
 ///
 /// ```
 /// use vbgs_studio::math::pose::Pose;
-/// use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
+/// use vbgs_studio::model::splat::pose_log::{ExposureLog, FrameExposure};
 ///
 /// // A frame half as bright in red as the scene.
 /// let frame = FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 1.0]);

@@ -217,10 +217,10 @@ impl PaperConfig {
 /// ```
 /// use vbgs_studio::math::measured_pixel::Normalization;
 /// use vbgs_studio::observation::points::Points;
-/// use vbgs_studio::train::paper::{config::{PaperOverrides, PaperConfig}, engine, init::InitialDraw};
+/// use vbgs_studio::train::paper::{config::{PaperOverrides, PaperConfig}, init::InitialDraw, learner};
 ///
 /// let config = PaperConfig::paper().with(&PaperOverrides { components: Some(50), ..Default::default() })?;
-/// let mut mixture = engine::begin(&config, &InitialDraw::random(50, 0), Normalization::IDENTITY)?;
+/// let mut mixture = learner::begin(&config, &InitialDraw::random(50, 0), Normalization::IDENTITY)?;
 /// let outcome = mixture.learn(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
 /// assert_eq!(outcome.points, 2);
 /// assert!(mixture.used() >= 1);

@@ -189,7 +189,7 @@ fn error(sums: &SceneSums) -> f64 {
 ///
 /// ```
 /// use vbgs_studio::observation::surface::SurfacePoint;
-/// use vbgs_studio::train::scene::partition::Partition;
+/// use vbgs_studio::train::scene::merge::Partition;
 ///
 /// let at = |x: f32| SurfacePoint { position: [x, 0.0, 0.0], ..SurfacePoint::default() };
 /// let mut partition = Partition::new(0.5);
