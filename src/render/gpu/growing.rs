@@ -6,6 +6,7 @@ use super::readback::poll_once;
 use rayon::prelude::*;
 use std::fmt;
 use std::future::Future;
+use std::marker::PhantomData;
 use std::pin::Pin;
 use wgpu::{BufferUsages as Usage, WriteOnly};
 
@@ -24,7 +25,7 @@ pub(super) const READBACK_STAGING: Usage = Usage::MAP_READ.union(Usage::COPY_DST
 
 /// Numbered buffers, each as large as the largest size requested so far.
 #[derive(Debug)]
-pub(super) struct GrowingBuffers(Vec<GrowingBuffer>);
+struct GrowingBuffers(Vec<GrowingBuffer>);
 
 impl GrowingBuffers {
     /// Creates buffers with these labels and usages. Buffers with `MAP_WRITE` start mapped and must be mapped
@@ -81,6 +82,64 @@ impl GrowingBuffers {
                 })?;
         }
         Ok(is_lost)
+    }
+}
+
+/// Contents of one of a kernel's buffers.
+pub(super) trait BufferPart: Copy + 'static {
+    /// Numbers of items that a call processes.
+    type Sizes;
+    /// All parts with label and usage, each at its own index.
+    const ALL: &'static [(Self, &'static str, Usage)];
+
+    fn index(self) -> usize;
+
+    /// Bytes needed for a call.
+    fn bytes(self, sizes: &Self::Sizes) -> u64;
+}
+
+/// Buffers of a kernel by their contents.
+#[derive(Debug)]
+pub(super) struct PartBuffers<P> {
+    buffers: GrowingBuffers,
+    parts: PhantomData<P>,
+}
+
+impl<P: BufferPart> PartBuffers<P> {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let buffers = P::ALL.iter().map(|(_, label, usage)| (*label, *usage));
+        Self { buffers: GrowingBuffers::new(device, buffers), parts: PhantomData }
+    }
+
+    pub(super) fn buffer(&self, part: P) -> &wgpu::Buffer {
+        self.buffers.get(part.index())
+    }
+
+    /// Ensures the size of some parts. Returns true if any was replaced and lost its contents.
+    ///
+    /// # Errors
+    /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
+    pub(super) fn ensure_capacity(
+        &mut self,
+        device: &wgpu::Device,
+        sizes: &P::Sizes,
+        parts: &[P],
+    ) -> Result<bool, GpuError> {
+        let needed = parts.iter().map(|part| (part.index(), part.bytes(sizes)));
+        self.buffers.ensure_pass_capacity(device, needed)
+    }
+
+    /// Ensures the size of one part.
+    ///
+    /// # Errors
+    /// [`GrowthError`]; the buffer is unchanged then.
+    pub(super) fn ensure_part(
+        &mut self,
+        device: &wgpu::Device,
+        sizes: &P::Sizes,
+        part: P,
+    ) -> Result<bool, GrowthError> {
+        self.buffers.ensure_capacity(device, part.index(), part.bytes(sizes))
     }
 }
 

@@ -3,8 +3,9 @@
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::{GridShape, MAX_DEVICE_CANDIDATES, PassRule};
 use crate::render::gpu::constants::STRIP_CELLS;
-use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, READBACK_STAGING, UPLOAD_STAGING};
+use crate::render::gpu::growing::{
+    BufferPart, IN, OUT, PartBuffers, READBACK_STAGING, UPLOAD_STAGING,
+};
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
@@ -210,33 +211,19 @@ pub(super) const OF_INDEX: [Part; 6] =
 /// Parts read back, in the order of [`Part::Readback`].
 pub(super) const READ: [Part; 3] = [Part::Outcome, Part::Distances, Part::Records];
 
-#[derive(Debug)]
-pub(super) struct Memory {
-    buffers: GrowingBuffers,
-}
+/// All buffers, each as large as the largest size requested so far.
+pub(super) type Memory = PartBuffers<Part>;
 
-impl Memory {
-    pub(super) fn new(device: &wgpu::Device) -> Self {
-        let buffers = PARTS.map(|(_, label, usage)| (label, usage));
-        Self { buffers: GrowingBuffers::new(device, buffers) }
+impl BufferPart for Part {
+    type Sizes = PassSizes;
+    const ALL: &'static [(Self, &'static str, Usage)] = &PARTS;
+
+    fn index(self) -> usize {
+        self as usize
     }
 
-    pub(super) fn buffer(&self, part: Part) -> &wgpu::Buffer {
-        self.buffers.get(part as usize)
-    }
-
-    /// Ensures the size of some parts, whose contents may be lost. Returns true if any buffer was replaced.
-    ///
-    /// # Errors
-    /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
-    pub(super) fn ensure_capacity(
-        &mut self,
-        device: &wgpu::Device,
-        load: &PassSizes,
-        parts: &[Part],
-    ) -> Result<bool, GpuError> {
-        let needed = parts.iter().map(|&part| (part as usize, load.bytes(part)));
-        self.buffers.ensure_pass_capacity(device, needed)
+    fn bytes(self, sizes: &PassSizes) -> u64 {
+        sizes.bytes(self)
     }
 }
 

@@ -9,7 +9,7 @@ use crate::render::cpu::photometric::{
 use crate::render::gpu::constants::N_QUARTERS;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::growing::{
-    GrowingBuffers, GrowthError, IN, OUT, READBACK_STAGING, UPLOAD_STAGING, copy_all,
+    BufferPart, GrowthError, IN, OUT, PartBuffers, READBACK_STAGING, UPLOAD_STAGING, copy_all,
 };
 use bytemuck::{Pod, Zeroable, cast_slice};
 use wgpu::{BufferUsages as Usage, WriteOnly};
@@ -236,41 +236,39 @@ pub(super) const UPLOADED: [Part; 6] =
     [Part::Frame, Part::Splats, Part::Places, Part::Starts, Part::Entries, Part::Photograph];
 
 /// All buffers, each as large as the largest size requested so far.
-#[derive(Debug)]
-pub(super) struct Memory {
-    buffers: GrowingBuffers,
+pub(super) type Memory = PartBuffers<Part>;
+
+impl BufferPart for Part {
+    type Sizes = ComparisonSizes;
+    const ALL: &'static [(Self, &'static str, Usage)] = &PARTS;
+
+    fn index(self) -> usize {
+        self as usize
+    }
+
+    fn bytes(self, sizes: &ComparisonSizes) -> u64 {
+        sizes.bytes(self)
+    }
 }
 
-impl Memory {
-    pub(super) fn new(device: &wgpu::Device) -> Self {
-        let buffers = PARTS.map(|(_, label, usage)| (label, usage));
-        Self { buffers: GrowingBuffers::new(device, buffers) }
+/// Ensures the sizes of all buffers.
+///
+/// # Errors
+/// [`GpuError::ComparisonTooLarge`], [`GpuError::NoMemoryToCompare`].
+pub(super) fn ensure_capacity(
+    memory: &mut Memory,
+    device: &wgpu::Device,
+    sizes: &ComparisonSizes,
+) -> Result<(), GpuError> {
+    for (part, ..) in PARTS {
+        memory.ensure_part(device, sizes, part).map_err(|error| match error {
+            GrowthError::TooLarge { needed_mib, limit_mib } => {
+                GpuError::ComparisonTooLarge { needed_mib, limit_mib }
+            }
+            GrowthError::Refused { mib } => GpuError::NoMemoryToCompare { mib },
+        })?;
     }
-
-    pub(super) fn buffer(&self, part: Part) -> &wgpu::Buffer {
-        self.buffers.get(part as usize)
-    }
-
-    /// Ensures the sizes of all buffers.
-    ///
-    /// # Errors
-    /// [`GpuError::ComparisonTooLarge`], [`GpuError::NoMemoryToCompare`].
-    pub(super) fn ensure_capacity(
-        &mut self,
-        device: &wgpu::Device,
-        load: &ComparisonSizes,
-    ) -> Result<(), GpuError> {
-        for (number, (part, ..)) in PARTS.into_iter().enumerate() {
-            let room = self.buffers.ensure_capacity(device, number, load.bytes(part));
-            room.map_err(|error| match error {
-                GrowthError::TooLarge { needed_mib, limit_mib } => {
-                    GpuError::ComparisonTooLarge { needed_mib, limit_mib }
-                }
-                GrowthError::Refused { mib } => GpuError::NoMemoryToCompare { mib },
-            })?;
-        }
-        Ok(())
-    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -24,7 +24,10 @@ use crate::render::cpu::photometric::{
     ComparerError, PackedView, PhotometricComparer, PhotometricSums, PixelRule, PreparedView,
     RowSubset,
 };
-use layout::{Comparison, ComparisonSizes, Memory, Part, SUM_BYTES, UPLOADED, offset, tile_grid};
+use layout::{
+    Comparison, ComparisonSizes, Memory, Part, SUM_BYTES, UPLOADED, ensure_capacity, offset,
+    tile_grid,
+};
 use std::time::Instant;
 
 /// Compares photographs on its own device.
@@ -65,7 +68,7 @@ impl GpuComparer {
         let Self { device, queue, kernels, memory, .. } = self;
         let started = Instant::now();
         let load = comparison.sizes();
-        memory.ensure_capacity(device, &load)?;
+        ensure_capacity(memory, device, &load)?;
         let upload = memory.buffer(Part::Upload);
         let mut mapped = upload.get_mapped_range_mut(..load.bytes(Part::Upload)).map_err(failed)?;
         comparison.write(mapped.slice(..), &load);

@@ -2,8 +2,9 @@
 
 use crate::model::scene::points_device::{POINT_WORDS, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
-use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, IN, OUT, READBACK_STAGING, UPLOAD_STAGING};
+use crate::render::gpu::growing::{
+    BufferPart, IN, OUT, PartBuffers, READBACK_STAGING, UPLOAD_STAGING,
+};
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
@@ -155,33 +156,19 @@ impl PointSizes {
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Memory {
-    buffers: GrowingBuffers,
-}
+/// All buffers, each as large as the largest size requested so far.
+pub(super) type Memory = PartBuffers<Part>;
 
-impl Memory {
-    pub(super) fn new(device: &wgpu::Device) -> Self {
-        let buffers = PARTS.map(|(_, label, usage)| (label, usage));
-        Self { buffers: GrowingBuffers::new(device, buffers) }
+impl BufferPart for Part {
+    type Sizes = PointSizes;
+    const ALL: &'static [(Self, &'static str, Usage)] = &PARTS;
+
+    fn index(self) -> usize {
+        self as usize
     }
 
-    pub(super) fn buffer(&self, part: Part) -> &wgpu::Buffer {
-        self.buffers.get(part as usize)
-    }
-
-    /// Ensures the size of some parts. Returns true if any lost its contents.
-    ///
-    /// # Errors
-    /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
-    pub(super) fn ensure_capacity(
-        &mut self,
-        device: &wgpu::Device,
-        load: &PointSizes,
-        parts: &[Part],
-    ) -> Result<bool, GpuError> {
-        let needed = parts.iter().map(|&part| (part as usize, load.bytes(part)));
-        self.buffers.ensure_pass_capacity(device, needed)
+    fn bytes(self, sizes: &PointSizes) -> u64 {
+        sizes.bytes(self)
     }
 }
 
