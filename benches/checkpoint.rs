@@ -60,7 +60,6 @@ fn main() {
         trajectory: Vec::new(),
         poses: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));
 }

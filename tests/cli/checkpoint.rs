@@ -173,14 +173,14 @@ fn info_tells_what_a_checkpoint_holds() {
     scratch.run(&format!("{TRAIN} --out out --max-frames 5")).succeeds();
     let info = scratch.run("info out/checkpoint.vbgs --json").succeeds().json();
     let summary = scratch.json("out/report.json")["summary"].clone();
-    assert_eq!((&info["kind"], &info["version"]), (&"checkpoint".into(), &"1.1".into()));
+    assert_eq!((&info["kind"], &info["version"]), (&"checkpoint".into(), &"1.2".into()));
     assert_eq!((&info["frames"], &info["planned_frames"]), (&5.into(), &5.into()));
     assert_eq!((&info["components"], &info["used"]), (&2000.into(), &summary["used"]));
     assert_eq!(info["bytes"], scratch.bytes("out/checkpoint.vbgs").len());
     assert_eq!(info["config"]["components"], 2000);
     assert_eq!(info["defects"], serde_json::json!([]));
     let said = scratch.run("info out/checkpoint.vbgs").succeeds().stdout;
-    for part in ["checkpoint, version 1.1", "5 of 5 frames", "of 2000 components", "0 defects"] {
+    for part in ["checkpoint, version 1.2", "5 of 5 frames", "of 2000 components", "0 defects"] {
         assert!(said.contains(part), "`{part}` is missing from: {said}");
     }
     fs::rename(scratch.path("room"), scratch.path("elsewhere")).unwrap();

@@ -80,7 +80,6 @@ mod columns;
 mod container;
 mod element;
 mod error;
-mod kept;
 mod mixture;
 mod read;
 mod scene;

@@ -3,7 +3,7 @@
 use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
-use super::{check, kept, sections};
+use super::{check, sections};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
     MAX_COARSENING_STEPS, SceneState, StoredSums, TrackedPose, VisibilityCounts, WHOLE, WideRow,
@@ -79,7 +79,6 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         sections.push(Section::new::<f64>(sections::TRAJECTORY, numbers));
     }
     sections.extend(state.photometric.iter().flat_map(photometric_sections));
-    sections.extend(kept::retained_sections(&state.stored_frames));
     sections
 }
 
@@ -186,11 +185,8 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             true => Some(photometric(sections, n)?),
             false => None,
         },
-        stored_frames: kept::read(sections)?,
     };
     check::check_scene(&state)?;
-    check::check_retained_frames(&state)?;
-    check::check_retained_frames(&state)?;
     Ok(state)
 }
 

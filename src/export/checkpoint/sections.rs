@@ -163,11 +163,6 @@ pub const EXPOSURES: [u8; 4] = *b"EXPO";
 pub const POSES: [u8; 4] = *b"POSE";
 pub const POSE_ROTATIONS: [u8; 4] = *b"POSR";
 pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
-pub const RETAINED: [u8; 4] = *b"KEPT";
-pub const KEPT_SHOWN_IDS: [u8; 4] = *b"KESI";
-pub const RETAINED_MEANS: [u8; 4] = *b"KESH";
-pub const KEPT_IDS: [u8; 4] = *b"KETI";
-pub const KEPT_SUMS: [u8; 4] = *b"KETS";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
 pub const PHOTO_SHAPE_PRECISION: [u8; 4] = *b"PHFO";
@@ -186,7 +181,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// Sections of scenes only.
-pub const OF_SCENES: [[u8; 4]; 29] = [
+pub const OF_SCENES: [[u8; 4]; 24] = [
     ORIGIN,
     SEEDS,
     COARSENED,
@@ -200,11 +195,6 @@ pub const OF_SCENES: [[u8; 4]; 29] = [
     POSES,
     POSE_ROTATIONS,
     TRAJECTORY,
-    RETAINED,
-    KEPT_SHOWN_IDS,
-    RETAINED_MEANS,
-    KEPT_IDS,
-    KEPT_SUMS,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,
     PHOTO_SHAPE_PRECISION,
@@ -222,5 +212,6 @@ pub fn is_known(tag: [u8; 4]) -> bool {
     [&OF_ALL[..], &OF_MIXTURES, &OF_SCENES].iter().any(|tags| tags.contains(&tag))
 }
 
-/// Version of the format that this program writes, major and minor. Scenes need 1.1.
-pub const VERSION: (u16, u16) = (1, 1);
+/// Version of the format that this program writes, major and minor. Scenes need 1.1; from
+/// 1.2 on they hold no contributions of single frames.
+pub const VERSION: (u16, u16) = (1, 2);

@@ -41,7 +41,6 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
     for same in terms.chunk_by(|a, b| a.seed == b.seed) {
@@ -138,7 +137,6 @@ mod tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
-            stored_frames: Vec::new(),
         }
     }
 

@@ -1,6 +1,5 @@
 //! State of a trained scene as plain columns, as stored in checkpoints.
 
-use super::kept::StoredFrame;
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
 use crate::math::pose::{Pose, unit_rotation};
@@ -56,8 +55,6 @@ pub struct SceneState {
     pub trajectory: Vec<TrackedPose>,
     /// Photometric state, row by component, if splats are trained on photographs.
     pub photometric: Option<PhotometricState>,
-    /// The last frames, oldest first, which are aligned a second time if poses are corrected.
-    pub stored_frames: Vec<StoredFrame>,
 }
 
 /// Compares seeds by x, then y, then z: the order of components that have no order of birth.

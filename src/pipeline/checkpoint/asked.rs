@@ -151,10 +151,7 @@ impl SavedRun {
         }
         let most_visits = self.most_visited_frame().1;
         let Self { path, mut config, meta, content, .. } = self;
-        let Checkpoint { history, cursor, mut model, .. } = content;
-        if asked.shard.is_some_and(|shard| config.selection.shard != Some(shard)) {
-            model.drop_stored_frames();
-        }
+        let Checkpoint { history, cursor, model, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         config.selection.shard = asked.shard.or(config.selection.shard);
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);

@@ -8,10 +8,8 @@ use super::component_sums::{ComponentSums, SumRow, SumScalar, Visibility};
 use super::components::SeedPositions;
 use super::config::VisibilityRule;
 use super::grid::NONE;
-use crate::math::image::split_by_sizes;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
-use crate::model::scene::kept::FrameContribution;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
@@ -29,8 +27,6 @@ pub struct AssignedPoints<'a> {
     pub gain: [f32; 3],
     /// Pixels per point.
     pub weight: u32,
-    /// True if the added sums are to be returned.
-    pub returns_contribution: bool,
 }
 
 impl AssignedPoints<'_> {
@@ -61,8 +57,7 @@ impl AssignedPoints<'_> {
 }
 
 /// Adds every point with an owner; sums are exact, so the order is irrelevant. Replaces `touched` by the
-/// owners, ascending. Returns the added sums if `is_noted`, unless a component received more than a row
-/// holds.
+/// owners, ascending.
 pub fn accumulate<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,
@@ -70,7 +65,7 @@ pub fn accumulate<W: SumScalar>(
     h: f64,
     rule: VisibilityRule,
     touched: &mut Vec<u32>,
-) -> Option<FrameContribution> {
+) {
     // Threads finish in any order: results are sorted by their first component afterwards.
     let received = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     let parts = PointParts::new(frame.owners, component_sums.len());
@@ -86,22 +81,10 @@ pub fn accumulate<W: SumScalar>(
     received.sort_unstable_by_key(|(first, _)| *first);
     touched.clear();
     received.iter().for_each(|(_, part)| touched.extend(&part.ids));
-    let is_narrow = received.iter().all(|(_, part)| part.wide.is_empty());
-    let taught = (frame.returns_contribution && is_narrow).then(|| taught(touched, &received));
     for (id, sums) in received.into_iter().flat_map(|(_, part)| part.wide) {
         // Wide rows are shared, so they are updated after all threads have finished.
         component_sums.add_wide(id, sums);
     }
-    taught
-}
-
-/// Concatenates the sums of all parts.
-fn taught(ids: &[u32], received: &[(usize, PartResult)]) -> FrameContribution {
-    let mut sums = vec![[0; N_SUMS]; ids.len()];
-    let parts = split_by_sizes(&mut sums, received.iter().map(|(_, part)| part.sums.len()));
-    let parts = parts.into_par_iter().zip(received);
-    parts.for_each(|(to, (_, part))| to.copy_from_slice(&part.sums));
-    FrameContribution { ids: ids.to_vec(), sums }
 }
 
 #[derive(Default)]
@@ -110,8 +93,6 @@ struct PartResult {
     ids: Vec<u32>,
     /// Sums of components whose points exceed the range of a row.
     wide: Vec<(u32, [f64; N_SUMS])>,
-    /// Sums added to each component, if `is_noted`.
-    sums: Vec<[i32; N_SUMS]>,
 }
 
 struct Part<'a, W, P> {
@@ -171,12 +152,6 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
                 received.wide.push(((first as u32) + taker.row, [0.0; N_SUMS]));
             }
         }
-        let before = |taker: &Receiver| rows[taker.row as usize].sums;
-        let before: Vec<_> = if frame.returns_contribution {
-            takers.iter().map(before).collect()
-        } else {
-            Vec::new()
-        };
         // Nested loops, since `next` of a flattened iterator is not inlined.
         for points in points {
             for &point in points {
@@ -196,11 +171,8 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
         let mut order: Vec<usize> = (0..takers.len()).collect();
         order.sort_unstable_by_key(|&taker| takers[taker].row);
         for place in order {
-            let Receiver { row, n, returns, wide, .. } = takers[place];
+            let Receiver { row, n, returns, .. } = takers[place];
             let (id, row) = (first + row as usize, &mut rows[row as usize]);
-            if frame.returns_contribution && wide.is_none() {
-                received.sums.push(std::array::from_fn(|i| row.sums[i].since(before[place][i])));
-            }
             if rule == VisibilityRule::Returned {
                 let surface = h * h * seed_positions.share(id).powi(2);
                 row.count_visibility(Visibility::Hit, surface * returns / f64::from(n));
@@ -318,7 +290,6 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::kept::quanta_to_values;
     use crate::model::scene::state::WHOLE;
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
@@ -350,7 +321,6 @@ mod tests {
                 shifts: &shifts[..points.len()],
                 gain: [1.0; 3],
                 weight: 1,
-                returns_contribution: true,
             })
             .collect();
         sum_of(&frames)
@@ -365,8 +335,7 @@ mod tests {
         component_sums.grow(1);
         for frame in frames {
             let mut touched = Vec::new();
-            let before = component_sums.sums(0);
-            let taught = accumulate(
+            accumulate(
                 &mut component_sums,
                 seed_positions,
                 *frame,
@@ -375,14 +344,6 @@ mod tests {
                 &mut touched,
             );
             assert_eq!(touched, [0]);
-            // The returned sums are those added, unless they exceed the range of a row.
-            let fits = frame.points.len() as u32 * frame.weight <= 4096;
-            assert_eq!(taught.is_some(), frame.returns_contribution && fits);
-            if let Some(taught) = taught {
-                let (added, after) =
-                    (quanta_to_values(taught.of(0).unwrap()), component_sums.sums(0));
-                assert!((0..N_SUMS).all(|i| before[i] + added[i] == after[i]));
-            }
             component_sums.spill_to_wide_rows(&touched);
         }
         component_sums
@@ -399,7 +360,6 @@ mod tests {
             shifts: &shifts,
             gain: [1.0; 3],
             weight: 1,
-            returns_contribution: false,
         };
         for i in 0..points.len() {
             let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
@@ -422,14 +382,7 @@ mod tests {
         let of = |weight: u32, points: &[SurfacePoint]| {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
             let (owners, shifts, gain) = (&owners, &shifts, [1.0; 3]);
-            let frame = AssignedPoints {
-                points,
-                owners,
-                shifts,
-                gain,
-                weight,
-                returns_contribution: false,
-            };
+            let frame = AssignedPoints { points, owners, shifts, gain, weight };
             sum_of(&[frame])
         };
         // 1,500 points of weight 4 exceed the range of a row; 1,000 do not.

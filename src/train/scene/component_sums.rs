@@ -236,19 +236,6 @@ impl<W: SumScalar> ComponentSums<W> {
         ids.iter().zip(sums).map(with).collect()
     }
 
-    /// Adds changes of earlier contributions to the given components (ascending), with equal counts, in parts
-    /// of equal numbers. Exact, except for second moments that no set of points could have any more.
-    pub fn apply_changes(&mut self, ids: &[u32], changes: &[[i32; N_SUMS]], parts: usize) {
-        self.add_quanta(ids, changes, parts);
-        let mended = |&id: &u32| {
-            let mut sums = self.sums(id as usize);
-            let is_restrained = clamp_moments(&mut sums, W::SLACK);
-            (repair_scatter(&mut sums) || is_restrained).then_some((id as usize, sums))
-        };
-        let mended: Vec<_> = ids.par_iter().with_min_len(256).filter_map(mended).collect();
-        mended.into_iter().for_each(|(id, sums)| self.replace(id, &sums));
-    }
-
     /// Moves rows that the next frame could overflow into wide ones.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         let full = touched.par_iter().with_min_len(1024);
@@ -364,8 +351,6 @@ pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
     fn of_sum(sum: f64) -> Self;
     /// Converts a sum of whole quanta.
     fn of_quanta(quanta: i32) -> Self;
-    /// Returns the difference from an earlier value, in whole quanta.
-    fn since(self, before: Self) -> i32;
     /// Adds two sums; integers wrap.
     fn plus(self, other: Self) -> Self;
     /// Returns the value of a sum.
@@ -397,11 +382,6 @@ impl SumScalar for i32 {
     #[inline(always)]
     fn of_quanta(quanta: i32) -> Self {
         quanta
-    }
-
-    #[inline(always)]
-    fn since(self, before: Self) -> i32 {
-        self.wrapping_sub(before)
     }
 
     #[inline(always)]
@@ -445,10 +425,6 @@ macro_rules! plain_sum_scalar {
 
             fn of_quanta(quanta: i32) -> Self {
                 (f64::from(quanta) * QUANTUM) as $t
-            }
-
-            fn since(self, before: Self) -> i32 {
-                (f64::from(self - before) / QUANTUM).round_ties_even() as i32
             }
 
             #[inline(always)]

@@ -177,13 +177,6 @@ impl SceneConfig {
         }
     }
 
-    /// True if frames are aligned a second time and moved with their contributions (`scene.md`, Second
-    /// alignment): if both poses and exposures are corrected. Without gains, frames drift along with their
-    /// brightness.
-    pub fn aligns_twice(&self) -> bool {
-        self.align && !self.track && self.gain
-    }
-
     /// Returns the photometric rule for the configured kind of splats.
     pub fn photometric_rule(&self) -> Option<PhotometricRule> {
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
@@ -252,13 +245,6 @@ const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
 /// Owner, shift and distance of a point.
 const SCENE_POINT_BYTES: usize = 16;
-/// Maximum number of frames stored for a second alignment.
-pub const MOST_KEPT_FRAMES: usize = 16;
-/// Maximum number of bytes for their contributions.
-pub const MOST_KEPT_BYTES: usize = 32 << 20;
-/// Contributions of a frame per pixel: on the Kinect 5,500 components of 168 bytes each, plus half of that
-/// for the means of its points.
-const KEPT_PIXEL_BYTES: usize = 4;
 
 impl SceneConfig {
     /// Estimates the memory of a run over frames of `pixels`, of which `frames_at_once` are in memory, with
@@ -278,12 +264,7 @@ impl SceneConfig {
             None => [0; 2],
         };
         let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
-        let kept = match self.aligns_twice() {
-            // Twice, as a checkpoint holds a copy.
-            true => 2 * (MOST_KEPT_FRAMES * pixels * KEPT_PIXEL_BYTES).min(MOST_KEPT_BYTES),
-            false => 0,
-        };
-        let fixed = of_photographs + SCENE_PROGRAM_BYTES + kept as u64;
+        let fixed = of_photographs + SCENE_PROGRAM_BYTES;
         // A lattice is merged only in a copy.
         let most = match self.births.is_order_invariant() {
             true => self.most_seeds(),

@@ -60,11 +60,6 @@ pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneStat
         exposures: state.exposures.iter().map(|frame| frame.moved(motion)).collect(),
         poses: state.poses.iter().map(|frame| frame.moved(motion)).collect::<Option<_>>()?,
         photometric,
-        stored_frames: state
-            .stored_frames
-            .into_iter()
-            .map(|kept| kept.rotated(motion.rotation()))
-            .collect(),
         ..state
     })
 }

@@ -258,16 +258,7 @@ pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneSta
     let shares = state.shares.unwrap_or_else(|| vec![WHOLE; state.seeds.len()]);
     let narrower = |share: u8| ((f64::from(share) / by).round() as u8).max(1);
     let shares = Some(shares.into_iter().map(narrower).collect());
-    // Stored contributions of frames use the old unit: they are dropped, and those frames stay where they
-    // are.
-    Some(SceneState {
-        coarsening_steps: steps,
-        shares,
-        sums,
-        visibility,
-        stored_frames: Vec::new(),
-        ..state
-    })
+    Some(SceneState { coarsening_steps: steps, shares, sums, visibility, ..state })
 }
 
 /// Converts sums to offsets in units `by` times as long, in whole quanta.
@@ -368,7 +359,6 @@ mod coarsening_tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
-            stored_frames: Vec::new(),
         }
     }
 

@@ -31,8 +31,6 @@ mod merged_moments_tests;
 mod observe;
 mod point_fits;
 mod rigid_equations;
-#[cfg(test)]
-mod second_look_tests;
 mod seed_groups;
 pub mod spacing;
 #[cfg(test)]

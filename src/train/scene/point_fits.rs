@@ -12,7 +12,6 @@ use super::config::VisibilityRule;
 use super::grid::{NONE, SeedGrid};
 use super::spacing::Spacing;
 use crate::model::inspection::DeviceError;
-use crate::model::scene::kept::FrameContribution;
 use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;
 use crate::observation::surface::SurfacePoint;
@@ -163,7 +162,7 @@ impl PointFits {
         h: f64,
         rule: VisibilityRule,
         touched: &mut Vec<u32>,
-    ) -> Option<FrameContribution> {
+    ) {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
         let mut on_trial = None;
@@ -175,18 +174,15 @@ impl PointFits {
             match fitter.sums(slots, frame, h) {
                 Ok(sums) if is_alone => {
                     component_sums.add_quanta(&slots.ids, sums, PARTS);
-                    let mut taught = frame.returns_contribution.then(FrameContribution::default);
                     touched.clear();
                     if !slots.left.is_empty() {
                         let frame = AssignedPoints { owners: &slots.left, ..frame };
-                        taught =
-                            accumulate(component_sums, seed_positions, frame, h, rule, touched);
+                        accumulate(component_sums, seed_positions, frame, h, rule, touched);
                     }
-                    taught.iter_mut().for_each(|taught| taught.append(&slots.ids, sums));
                     touched.extend_from_slice(&slots.ids);
                     touched.sort_unstable();
                     self.count_device_frame(frame.points.len());
-                    return taught.map(FrameContribution::sorted);
+                    return;
                 }
                 Ok(sums) => on_trial = Some(component_sums.rows_with(&slots.ids, sums)),
                 Err(error) => self.drop_device(error.reason),
@@ -194,12 +190,11 @@ impl PointFits {
         }
         let device_ms = clock.lap_ms();
         self.used.processor_frames += 1;
-        let taught = accumulate(component_sums, seed_positions, frame, h, rule, touched);
+        accumulate(component_sums, seed_positions, frame, h, rule, touched);
         if let Some(expected) = on_trial {
             let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
             self.conclude_trial(found.eq(expected), [clock.lap_ms(), device_ms]);
         }
-        taught
     }
 
     /// Counts a frame of `n_points` points computed by the device.

@@ -3,7 +3,6 @@
 mod damage;
 mod files;
 mod forms;
-mod kept;
 mod raw;
 mod scene;
 mod values;

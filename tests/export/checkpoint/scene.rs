@@ -88,7 +88,6 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     }))
 }
 
@@ -242,7 +241,6 @@ pub fn nothing() -> SceneState {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     }
 }
 

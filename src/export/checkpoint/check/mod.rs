@@ -1,6 +1,5 @@
 //! Validation of values: a checkpoint with correct checksums may still hold an impossible model.
 
-mod kept;
 mod mixture;
 mod scene;
 
@@ -8,7 +7,6 @@ use super::error::{Defect, tag_text};
 use super::sections;
 use crate::math::measured_pixel::Normalization;
 
-pub(super) use kept::{check_retained_frames, check_retained_numbers};
 pub(super) use mixture::check_mixture;
 pub(super) use scene::{check_buffered_views, check_depth_scales, check_scene};
 
@@ -59,15 +57,6 @@ fn check_ascending(
         let expected = "components in ascending order";
         return Err(Defect::malformed(tag_text(tag), expected, "another order"));
     }
-    check_below(tag, ids, components)
-}
-
-/// Checks that all component ids are below `components`.
-fn check_below(
-    tag: [u8; 4],
-    ids: impl Iterator<Item = u32>,
-    components: usize,
-) -> Result<(), Defect> {
     match ids.max().filter(|id| *id as usize >= components) {
         Some(id) => {
             let expected = format!("components below {components}");

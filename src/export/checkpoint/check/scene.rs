@@ -230,12 +230,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 /// that are positive semi-definite for every pair of axes.
 #[inline]
 #[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
-pub(super) fn check_sums(
-    tag: [u8; 4],
-    k: usize,
-    row: &[f64; N_SUMS],
-    slack: Slack,
-) -> Result<(), Defect> {
+fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(), Defect> {
     let n = row[0];
     let most = MAX_TERM * n * (1.0 + slack.relative);
     let last = n - row[28] - row[31];

@@ -243,7 +243,6 @@ impl Fused {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: Some(photometric),
-            stored_frames: Vec::new(),
         }
     }
 }

@@ -88,13 +88,6 @@ impl PhotometricLearner {
         self.state.move_by(motion);
     }
 
-    /// Moves the camera of a frame's photograph, if it is still buffered.
-    pub fn move_photograph(&mut self, frame: u64, motion: &Pose) {
-        let is_it = |waiting: &&mut BufferedPhotograph| waiting.view.frame == frame as f64;
-        let waiting = self.state.buffered.iter_mut().filter(is_it);
-        waiting.for_each(|waiting| waiting.view = waiting.view.moved(motion));
-    }
-
     /// Resumes training after [`Self::settled_state`].
     pub fn resume(&mut self) {
         self.comparers.end_settling();

@@ -84,7 +84,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.component_elbo.set_scoring(wider.scoring);
         (self.grid, self.components) = (wider.grid, wider.components);
         self.component_sums = wider.component_sums;
-        self.kept = wider.kept;
         self.fits.forget_seeds();
         true
     }
@@ -105,9 +104,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
         let Self { component_sums, components, grid, .. } = self;
         merge_down(component_sums, components, grid, self.config.h, target, worthwhile);
-        // Contributions of frames to merged components are dropped, and so stay fixed.
-        let has_points = |id: u32| component_sums.plane_sums(id as usize).0 > 0.0;
-        self.kept.iter_mut().for_each(|kept| kept.taught.retain(has_points));
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
             if count(&self.component_sums, id) != before {

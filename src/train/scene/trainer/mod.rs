@@ -7,7 +7,6 @@ mod budget;
 mod photograph;
 mod posing;
 mod seam;
-mod second_look;
 
 use super::accumulate::AssignedPoints;
 use super::births::assign_to_lattice;
@@ -24,7 +23,6 @@ use super::point_fits::PointFits;
 use super::spacing::Spacing;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::kept::{ComponentObservation, FrameContribution, StoredFrame};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{PointExtent, SplatContext};
 use crate::model::scene::state::{SceneState, TrackedPose, WHOLE, seed_order};
@@ -40,7 +38,6 @@ use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
 use crate::train::timing::{SCENE_STAGES, SceneStage, StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 // Interval, in frames, at which all components are reported as changed.
@@ -85,10 +82,6 @@ pub struct SceneTrainer<W> {
     exposures: Vec<FrameExposure>,
     /// Pose corrections of the frames, unless poses count as exact.
     poses: Vec<FramePose>,
-    /// Means of the current frame's points by component, from its alignment.
-    shown: Vec<ComponentObservation>,
-    /// Frames that await a second alignment, oldest first.
-    kept: VecDeque<StoredFrame>,
     /// Tracked camera poses, if poses are tracked.
     trajectory: Vec<TrackedPose>,
     /// Buffer for the current frame's points under the corrected pose.
@@ -130,8 +123,6 @@ impl<W: SumScalar> SceneTrainer<W> {
             unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
             poses: Vec::new(),
-            shown: Vec::new(),
-            kept: VecDeque::new(),
             trajectory: Vec::new(),
             moved: Vec::new(),
             photometric: PhotometricLearner::default(),
@@ -162,7 +153,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         trainer.exposures = state.exposures;
         trainer.poses = state.poses;
-        trainer.kept = state.stored_frames.into();
         trainer.trajectory = state.trajectory;
         trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
         let sums = &trainer.component_sums;
@@ -198,18 +188,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             poses,
             trajectory: self.trajectory.clone(),
             photometric,
-            stored_frames: self.kept_in(&order),
         }
-    }
-
-    /// Stored frames, with component numbers converted to a stored order.
-    fn kept_in(&self, order: &[u32]) -> Vec<StoredFrame> {
-        if !self.config.births.is_order_invariant() {
-            return self.kept.iter().cloned().collect();
-        }
-        let mut numbers = vec![0; order.len()];
-        (0..).zip(order).for_each(|(number, &id)| numbers[id as usize] = number);
-        self.kept.iter().map(|kept| kept.renumbered(&numbers)).collect()
     }
 
     /// Components in checkpoint order. If components do not depend on the order of frames, neither does this
@@ -266,18 +245,17 @@ impl<W: SumScalar> SceneTrainer<W> {
         let is_rebuilt = merged > 0 || self.coarsened != coarsened;
         let gain = if is_rebuilt { self.gain(points, frame.point_weight) } else { gain };
         lap(&mut ms, SceneStage::Refine);
-        let taught = self.sum_up(points, frame.point_weight, gain);
+        self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
         // After the sums, so that components count the frame in which they were born.
         self.count_visibility(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
-        let changes = self.train_on_photograph_and_realign(frame, &camera, gain, taught);
+        self.learn_photograph(frame, &camera, gain);
         lap(&mut ms, SceneStage::Photometric);
         self.log_frame(frame, &camera, gain);
-        changes.iter().for_each(|change| self.apply_change(change));
         let is_moved = self.move_to_recorded(frame);
         lap(&mut ms, SceneStage::Pose);
-        // Second alignment, merging and coarsening also change components without points.
+        // Merging and coarsening also change components without points.
         self.end_frame(moved, is_rebuilt || is_moved);
         ms.train = wall.elapsed_ms();
         FrameOutcome {
@@ -438,21 +416,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
     }
 
-    /// Adds the points to the sums; returns the contributions if frames are stored for a second alignment.
-    fn sum_up(
-        &mut self,
-        points: &[SurfacePoint],
-        weight: u32,
-        gain: [f32; 3],
-    ) -> Option<FrameContribution> {
+    /// Adds the points to the sums.
+    fn sum_up(&mut self, points: &[SurfacePoint], weight: u32, gain: [f32; 3]) {
         self.component_sums.grow(self.components.n_rows());
         let (owners, shifts) = (&self.owners, &self.shifts);
-        let is_noted = self.config.aligns_twice();
-        let matched =
-            AssignedPoints { points, owners, shifts, gain, weight, returns_contribution: is_noted };
+        let matched = AssignedPoints { points, owners, shifts, gain, weight };
         let (h, looks) = (self.config.h, self.config.visibility);
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let (sums, touched) = (&mut self.component_sums, &mut self.touched);
-        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched)
+        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched);
     }
 }

@@ -55,7 +55,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         ms.add(SceneStage::Assign as usize, clock.lap_ms());
         self.touched.clear();
         if !contradicts {
-            self.learn_photograph(frame, &camera, gain, |_| ());
+            self.learn_photograph(frame, &camera, gain);
         }
         self.end_frame(moved, was_settled);
         ms.add(SceneStage::Photometric as usize, clock.lap_ms());
@@ -102,31 +102,24 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.has_changed_all = has_changed_all || self.frames.is_multiple_of(EVERYTHING_EVERY);
     }
 
-    /// Takes the photometric step for a frame, if enabled, and runs `beside` in parallel: either alone would
-    /// leave threads idle. Returns the result of `beside`.
-    pub(super) fn learn_photograph<T: Send>(
+    /// Takes the photometric step for a frame, if enabled.
+    pub(super) fn learn_photograph(
         &mut self,
         frame: &Observation,
         camera: &Camera,
         gain: [f32; 3],
-        beside: impl FnOnce(&Self) -> T + Send,
-    ) -> T {
+    ) {
         // Taken out of `self`, which is borrowed to make new splats from the sums.
         let mut photometric = std::mem::take(&mut self.photometric);
-        let trainer = &*self;
-        let (learnt, given) = rayon::join(
-            || trainer.step_of_photograph(&mut photometric, frame, camera, gain),
-            || beside(trainer),
-        );
+        let learned = self.step_of_photograph(&mut photometric, frame, camera, gain);
         self.photometric = photometric;
-        let (changed, compared) = learnt.unwrap_or_default();
+        let (changed, compared) = learned.unwrap_or_default();
         self.compared.extend(compared);
         self.mark_changed(&changed);
-        given
     }
 
     /// Adds components, ascending, to those changed by the frame.
-    pub(super) fn mark_changed(&mut self, changed: &[u32]) {
+    fn mark_changed(&mut self, changed: &[u32]) {
         self.touched.extend_from_slice(changed);
         // A stable sort, which merges the two sorted runs.
         self.touched.sort();

@@ -60,10 +60,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         // threads.
         let found = rayon::scope(|_| self.found_motion(part, &mut owners));
         self.owners = owners;
-        self.shown.clear();
-        let Improvement { motion, shown, .. } = found?;
-        self.shown = shown;
-        Some(motion)
+        found.map(|found| found.motion)
     }
 
     fn found_motion(&self, part: &Observation, owners: &mut Vec<u32>) -> Option<Improvement> {
@@ -106,9 +103,8 @@ impl<W: SumScalar> SceneTrainer<W> {
             // remaining motion.
             let gain = self.assign_moved(part, &motion, near.as_mut(), fewest, owners);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
-            let is_last = round >= rounds;
-            let improvement = alignment.improve(&motion, planes, is_last)?;
-            if improvement.has_converged || is_last {
+            let improvement = alignment.improve(&motion, planes)?;
+            if improvement.has_converged || round >= rounds {
                 return Some(improvement);
             }
             motion = improvement.motion;
@@ -157,7 +153,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.fits.forget_seeds();
         self.component_sums.rotate(motion.rotation());
         self.photometric.move_by(motion);
-        self.kept.iter_mut().for_each(|kept| kept.taught.rotate(motion.rotation()));
         self.poses.iter_mut().for_each(|frame| *frame = frame.moved(motion).unwrap_or(*frame));
         self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
         true
