@@ -55,7 +55,7 @@ fn a_noisy_wall_is_one_layer() {
 
 #[test]
 fn cells_of_a_lattice_are_where_they_are() {
-    let config = SceneConfig { births: BirthRule::Lattice, near: None, ..SceneConfig::coarse(H) };
+    let config = SceneConfig { births: BirthRule::Lattice, ..SceneConfig::coarse(H) };
     let error = config.clone().check().err().unwrap();
     assert_eq!((error.setting, error.found.as_str()), ("ray_search", "on"));
     assert!(SceneConfig { ray_search: 0.0, ..config }.check().is_ok());

@@ -21,7 +21,6 @@ use vbgs_studio::train::device_trial::PassUse;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
-use vbgs_studio::train::scene::spacing::NearSpacing;
 
 /// Structural scale of the synthetic frames, world units.
 const H: f64 = 0.05;
@@ -101,8 +100,7 @@ fn compared(
 #[test]
 fn frames_of_every_kind_are_learnt_to_the_processors_bits() {
     let Some(gpu) = Fixture::shared() else { return };
-    let near = Some(NearSpacing { pixels: 10.0, least: 0.4 });
-    let room = SceneConfig { near, gain: true, ..SceneConfig::fine(H) };
+    let room = SceneConfig { gain: true, ..SceneConfig::fine(H) };
     for config in [SceneConfig::fine(H), room.clone(), SceneConfig { refine: false, ..room }] {
         for weight in [1, 4] {
             let weighted = |frame| Observation { point_weight: weight, ..frame };

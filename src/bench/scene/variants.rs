@@ -45,7 +45,7 @@ type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// Parts and the changes that disable them, in the order of the table
 /// (`scene.md`, Effect of each part).
-const PARTS: [PresetChange; 13] = [
+const PARTS: [PresetChange; 12] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -57,7 +57,6 @@ const PARTS: [PresetChange; 13] = [
     ("gain per frame", |run| run.engine.gain = false),
     ("pose correction", |run| run.engine.align = false),
     ("depth refinement", |run| run.engine.refine = false),
-    ("near detail", |run| run.engine.near = None),
     ("colour by direction", |run| run.engine.splat_rule.directional = false),
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 only fully covered pixels count as full, so nothing is filled.

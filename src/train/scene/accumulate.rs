@@ -290,7 +290,6 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::state::WHOLE;
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
 
@@ -329,7 +328,7 @@ mod tests {
     fn sum_of(frames: &[AssignedPoints<'_>]) -> ComponentSums<i32> {
         let mut grid = SeedGrid::new(1.0);
         let mut components = Components::default();
-        components.add_seed(grid.insert([0.0; 3]), WHOLE);
+        components.add_seed(grid.insert([0.0; 3]));
         let seed_positions = SeedPositions { grid: &grid, components: &components };
         let mut component_sums = ComponentSums::<i32>::default();
         component_sums.grow(1);

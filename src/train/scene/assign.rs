@@ -5,8 +5,7 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid};
-use super::seed_groups::{SearchRays, SeedGroups};
-use super::spacing::Spacing;
+use super::seed_groups::{Reach, SearchRays, SeedGroups};
 use crate::math::simd::Isa;
 use crate::model::scene::points_device::LEFT_TO_PROCESSOR;
 use crate::observation::surface::SurfacePoint;
@@ -20,7 +19,7 @@ const GROUP: usize = 64;
 pub fn assign(
     grid: &SeedGrid,
     components: &Components,
-    spacing: Spacing,
+    reach: Reach,
     points: &[SurfacePoint],
     owners: &mut Vec<u32>,
 ) {
@@ -32,9 +31,9 @@ pub fn assign(
             places.clear();
             places.extend(points.iter().map(|point| point.position));
             groups.clear();
-            groups.gather(grid, spacing.h(), places);
-            groups.nearest(grid, spacing.h(), places, owners);
-            keep_components(grid, components, spacing, points, owners);
+            groups.gather(grid, reach.h, places);
+            groups.nearest(grid, reach.h, places, owners);
+            keep_components(grid, components, reach, points, owners);
         },
     );
 }
@@ -44,7 +43,7 @@ pub fn assign(
 pub fn assign_known(
     grid: &SeedGrid,
     components: &Components,
-    spacing: Spacing,
+    reach: Reach,
     points: &[SurfacePoint],
     owners: &mut [u32],
 ) {
@@ -54,41 +53,23 @@ pub fn assign_known(
         {
             *owner = grid.nearest(point.position).unwrap_or(NONE);
         }
-        keep_components(grid, components, spacing, points, owners);
+        keep_components(grid, components, reach, points, owners);
     });
 }
 
-/// Replaces seeds by their components and drops seeds that are out of reach, unless the point finds one along
-/// its ray.
+/// Replaces seeds by their components; points without a seed are searched along their rays.
 fn keep_components(
     grid: &SeedGrid,
     components: &Components,
-    spacing: Spacing,
+    reach: Reach,
     points: &[SurfacePoint],
     owners: &mut [u32],
 ) {
-    if !spacing.is_uniform() {
-        drop_out_of_reach(grid, spacing, points, owners);
-    }
-    if spacing.searches_rays() {
-        Isa::best().run(SearchRays { grid, spacing, points, seeds: owners });
+    if reach.searches_rays() {
+        Isa::best().run(SearchRays { grid, reach, points, seeds: owners });
     }
     for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
         *owner = components.of_seed(*owner);
-    }
-}
-
-/// Drops seeds that are too far from their point for the resolution of its view.
-fn drop_out_of_reach(
-    grid: &SeedGrid,
-    spacing: Spacing,
-    points: &[SurfacePoint],
-    owners: &mut [u32],
-) {
-    for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner != NONE) {
-        if !grid.is_within(*owner, point.position, spacing.reach(point)) {
-            *owner = NONE;
-        }
     }
 }
 
@@ -96,7 +77,6 @@ fn drop_out_of_reach(
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::state::WHOLE;
 
     #[test]
     fn groups_find_what_single_searches_find() {
@@ -120,9 +100,9 @@ mod tests {
         let mut owners = Vec::new();
         let mut components = Components::default();
         for seed in 0..grid.len() as u32 {
-            components.add_seed(seed, WHOLE);
+            components.add_seed(seed);
         }
-        assign(&grid, &components, Spacing::new(0.1, None), &points, &mut owners);
+        assign(&grid, &components, Reach::new(0.1, 0.0), &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {
             assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
         }

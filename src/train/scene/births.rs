@@ -3,7 +3,6 @@
 use super::components::Components;
 use super::config::BirthRule;
 use super::grid::{NONE, SeedGrid, squared_distance};
-use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
@@ -27,11 +26,11 @@ pub struct Limits {
     pub seeds: usize,
 }
 
-/// Assigns an owner to the points with [`NONE`]: the component of a seed born in this frame within reach,
-/// else a new component within the limits, else that of any seed within the structural scale.
+/// Assigns an owner to the points with [`NONE`]: the component of a seed born in this frame within the
+/// structural scale `h`, else a new component within the limits.
 pub fn create_components(
     rule: BirthRule,
-    spacing: Spacing,
+    h: f64,
     grid: &mut SeedGrid,
     components: &mut Components,
     points: &[SurfacePoint],
@@ -41,17 +40,17 @@ pub fn create_components(
     let lone = owners.par_iter().enumerate().with_min_len(4096);
     let lone: Vec<usize> = lone.filter(|(_, owner)| **owner == NONE).map(|(i, _)| i).collect();
     // Older seeds were searched before and are out of reach.
-    let (mut fresh, first) = (SeedGrid::new(spacing.h().into()), grid.len() as u32);
+    let (mut fresh, first) = (SeedGrid::new(h), grid.len() as u32);
     // Sequential: every birth affects the following points.
     let mut births = FrameBirths::default();
     for i in lone {
         let (point, owner) = (&points[i], &mut owners[i]);
-        let place = seed_of(rule, spacing.h(), point.position);
+        let place = seed_of(rule, h as f32, point.position);
         let nearest = match rule {
             BirthRule::Seeds => fresh.nearest(place).map(|seed| first + seed),
             BirthRule::Lattice | BirthRule::BodyCentred => grid.at(place),
         };
-        *owner = match nearest.filter(|&seed| grid.is_within(seed, place, spacing.reach(point))) {
+        *owner = match nearest {
             Some(seed) => components.of_seed(seed),
             // Checked before the budget: such a place has no grid cell for a seed.
             None if !grid.has_cell(place) => {
@@ -61,7 +60,7 @@ pub fn create_components(
             None if components.used() < limits.components && grid.len() < limits.seeds => {
                 births.born += 1;
                 fresh.insert(place);
-                components.add_seed(grid.insert(place), spacing.share(point))
+                components.add_seed(grid.insert(place))
             }
             None => {
                 let near = (rule == BirthRule::Seeds).then(|| grid.nearest(place)).flatten();

@@ -1,7 +1,6 @@
 //! Settings of the scene preset.
 
 use super::photometric::rule::PhotometricRule;
-use super::spacing::NearSpacing;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{DensityOpacity, SplatRule};
@@ -67,10 +66,6 @@ pub struct SceneConfig {
     pub births: BirthRule,
     /// Structural scale `h`: maximum distance of a point from its seed (edge of a lattice cell), world units.
     pub h: f64,
-    /// Denser seeds in close views; `None` for a uniform structural scale.
-    // Skipped if off, so that files of scenes without it are unchanged.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub near: Option<NearSpacing>,
     /// Length of the search for a seed along a point's ray, in half-widths of its depth noise; 0 for none.
     // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -116,7 +111,6 @@ impl SceneConfig {
         Self {
             births: BirthRule::Seeds,
             h,
-            near: None,
             ray_search: 0.0,
             refine: true,
             align: false,
@@ -167,14 +161,7 @@ impl SceneConfig {
             gradient_ridge: 0.016,
             ..fine.splat_rule
         };
-        Self {
-            near: Some(NearSpacing::ROOM),
-            ray_search: RAY_SEARCH,
-            align: true,
-            gain: true,
-            splat_rule,
-            ..fine
-        }
+        Self { ray_search: RAY_SEARCH, align: true, gain: true, splat_rule, ..fine }
     }
 
     /// Returns the photometric rule for the configured kind of splats.
@@ -204,10 +191,7 @@ impl SceneConfig {
                 found: self.h.to_string(),
             });
         }
-        let of_seeds = [
-            ("near_detail", self.near.is_some(), "one size"),
-            ("ray_search", self.ray_search != 0.0, "fixed positions"),
-        ];
+        let of_seeds = [("ray_search", self.ray_search != 0.0, "fixed positions")];
         let asked = of_seeds.into_iter().find(|(_, is_on, _)| *is_on);
         if let Some((setting, _, how)) = asked.filter(|_| self.births.is_order_invariant()) {
             return Err(ConfigError {

@@ -6,7 +6,7 @@
 use super::component_sums::{ComponentSums, SumScalar};
 use super::components::SeedPositions;
 use super::grid::{NONE, squared_distance};
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::observation::surface::{DepthTolerance, SurfacePoint};
 use rayon::prelude::*;
 
@@ -19,7 +19,7 @@ pub struct Explainer<'a, W> {
     pub seed_positions: SeedPositions<'a>,
     /// Structural scale, world units.
     pub h: f64,
-    pub spacing: Spacing,
+    pub reach: Reach,
     pub tolerance: DepthTolerance,
     pub refines: bool,
 }
@@ -69,7 +69,7 @@ impl<W: SumScalar> Explainer<'_, W> {
             }
             *q = squared_distance(point.position, seed).into();
             *shift = plane.as_ref().map_or(0.0, |plane| {
-                let reach = self.spacing.reach_along_ray(point);
+                let reach = self.reach.along_ray(point);
                 plane.shift(point, self.tolerance.refinement.max(reach).into()) as f32
             });
         }

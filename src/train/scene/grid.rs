@@ -73,12 +73,6 @@ impl SeedGrid {
         self.positions[id]
     }
 
-    /// True if a seed is within `reach` of a place.
-    #[inline(always)]
-    pub fn is_within(&self, seed: u32, place: [f32; 3], reach: f32) -> bool {
-        squared_distance(self.position(seed as usize), place) <= reach * reach
-    }
-
     /// Returns all seeds for upload to a device; `are_new` states that they differ from those it has.
     pub fn seeds(&self, are_new: bool) -> Seeds<'_> {
         let Self { cell: h, per_cell, positions, .. } = self;

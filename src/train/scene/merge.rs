@@ -12,7 +12,7 @@ use super::component_sums::{ComponentSums, SumScalar};
 use super::components::{Components, SeedPositions};
 use super::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use super::grid::{NONE, SeedGrid};
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::math::sym3::Sym3;
 use crate::model::scene::state::{MAX_COARSENING_STEPS, QUANTUM, SceneState, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
@@ -198,7 +198,7 @@ fn error(sums: &SceneSums) -> f64 {
 /// assert_eq!(partition.components(), 2);
 /// ```
 pub struct Partition {
-    spacing: Spacing,
+    h: f64,
     grid: SeedGrid,
     components: Components,
     owners: Vec<u32>,
@@ -207,20 +207,15 @@ pub struct Partition {
 impl Partition {
     /// Creates a partition without seeds; `h` is the structural scale, world units.
     pub fn new(h: f64) -> Self {
-        Self {
-            spacing: Spacing::new(h, None),
-            grid: SeedGrid::new(h),
-            components: Components::default(),
-            owners: Vec::new(),
-        }
+        Self { h, grid: SeedGrid::new(h), components: Components::default(), owners: Vec::new() }
     }
 
     /// Returns the component of every point; new ones are born where none is near. `None` beyond the limit.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
-        let Self { spacing, grid, components, owners } = self;
-        assign(grid, components, *spacing, points, owners);
+        let Self { h, grid, components, owners } = self;
+        assign(grid, components, Reach::new(*h, 0.0), points, owners);
         let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
-        create_components(BirthRule::Seeds, *spacing, grid, components, points, owners, limits);
+        create_components(BirthRule::Seeds, *h, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 

@@ -32,6 +32,5 @@ mod observe;
 mod point_fits;
 mod rigid_equations;
 mod seed_groups;
-pub mod spacing;
 #[cfg(test)]
 mod wall_tests;

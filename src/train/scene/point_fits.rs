@@ -10,7 +10,7 @@ use super::component_sums::{ComponentSums, SumScalar};
 use super::components::{Components, SeedPositions};
 use super::config::VisibilityRule;
 use super::grid::{NONE, SeedGrid};
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::model::inspection::DeviceError;
 use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;
@@ -104,12 +104,12 @@ impl PointFits {
         &mut self,
         grid: &SeedGrid,
         components: &Components,
-        spacing: Spacing,
+        reach: Reach,
         points: &[SurfacePoint],
         owners: &mut Vec<u32>,
     ) {
         let mut clock = Stopwatch::start();
-        let is_found = self.assign_on_device(grid, components, spacing, points);
+        let is_found = self.assign_on_device(grid, components, reach, points);
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
@@ -117,7 +117,7 @@ impl PointFits {
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
-        assign(grid, components, spacing, points, owners);
+        assign(grid, components, reach, points, owners);
         let Some(fitter) = self.device.as_mut().filter(|_| is_found) else { return };
         fitter.ms[0] += clock.lap_ms();
         if fitter.owners != *owners {
@@ -130,7 +130,7 @@ impl PointFits {
         &mut self,
         grid: &SeedGrid,
         components: &Components,
-        spacing: Spacing,
+        reach: Reach,
         points: &[SurfacePoint],
     ) -> bool {
         let Some(fitter) =
@@ -140,7 +140,7 @@ impl PointFits {
         };
         match fitter.find_seeds(grid, points) {
             Ok(n_open) => {
-                assign_known(grid, components, spacing, points, &mut fitter.owners);
+                assign_known(grid, components, reach, points, &mut fitter.owners);
                 self.points += points.len() as u64;
                 self.open_points += n_open as u64;
                 true

@@ -76,7 +76,6 @@ impl SceneRun {
             engine.refine = false;
             engine.align = false;
             engine.gain = false;
-            engine.near = None;
             engine.ray_search = 0.0;
             engine.photometric = None;
             engine.visibility = VisibilityRule::Returned;

@@ -6,7 +6,6 @@ use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::{BirthRule, RAY_SEARCH, SumForm, VisibilityRule};
 use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
-use crate::train::scene::spacing::NearSpacing;
 use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
 use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
@@ -148,14 +147,6 @@ settings! {
     gain: bool {
         default by "on for real cameras; off with lattices";
         at |run| run.engine.gain;
-    }
-    /// Use smaller components where cameras come close: ten pixels wide, but at least two thirds of the
-    /// structural scale.
-    near_detail: bool {
-        label "Near detail";
-        default by "on for real cameras; off with lattices";
-        get |run| Some(run.engine.near.is_some());
-        set |run, on| run.engine.near = on.then_some(NearSpacing::ROOM);
     }
     /// Search along the ray, within the sensor noise, for a component if none is near the point. Avoids
     /// duplicate layers of a surface.

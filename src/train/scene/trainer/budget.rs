@@ -38,14 +38,14 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Creates components for points without one, within the budget.
     fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
-        let (rule, spacing) = (self.config.births, self.spacing());
+        let (rule, h) = (self.config.births, self.config.h);
         let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
             true => Limits { components: seeds, seeds },
             false => Limits { components: self.config.max_components, seeds },
         };
         let Self { grid, components, owners, .. } = self;
-        create_components(rule, spacing, grid, components, points, owners, limits)
+        create_components(rule, h, grid, components, points, owners, limits)
     }
 
     /// Merges components to allow `refused` births, an eighth of the budget at most, and coarsens the scale

@@ -20,12 +20,12 @@ use super::merge;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::point_fits::PointFits;
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{PointExtent, SplatContext};
-use crate::model::scene::state::{SceneState, TrackedPose, WHOLE, seed_order};
+use crate::model::scene::state::{SceneState, TrackedPose, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::pose_log::{ExposureLog, FrameExposure, FramePose, PoseLog};
@@ -140,17 +140,16 @@ impl<W: SumScalar> SceneTrainer<W> {
         (trainer.scale, trainer.coarsened) = (config.h, state.coarsening_steps);
         trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
         let shares = state.shares.unwrap_or_default();
-        for (i, place) in state.seeds.into_iter().enumerate() {
+        for place in state.seeds {
             if !trainer.grid.has_cell(place) {
                 return None;
             }
-            let seed = trainer.grid.insert(place);
-            trainer.components.add_seed(seed, shares.get(i).copied().unwrap_or(WHOLE));
+            trainer.grid.insert(place);
         }
-        if let Some(components) = state.components {
-            trainer.components =
-                Components::restore(components, trainer.component_sums.len(), shares)?;
-        }
+        trainer.components = match state.components {
+            Some(of_seeds) => Components::restore(of_seeds, trainer.component_sums.len(), shares)?,
+            None => Components::of_seeds(trainer.grid.len(), shares),
+        };
         trainer.exposures = state.exposures;
         trainer.poses = state.poses;
         trainer.trajectory = state.trajectory;
@@ -308,7 +307,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             component_sums: &self.component_sums,
             seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
             h: self.config.h,
-            spacing: self.spacing(),
+            reach: self.reach(),
             tolerance,
             refines: self.config.refine,
         };
@@ -402,18 +401,18 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Assigns the points of the current frame, possibly again.
     fn assign(&mut self, points: &[SurfacePoint]) {
-        let (rule, spacing) = (self.config.births, self.spacing());
+        let (rule, reach) = (self.config.births, self.reach());
         let Self { fits, grid, components, owners, .. } = self;
         match rule {
-            BirthRule::Seeds => fits.assign(grid, components, spacing, points, owners),
+            BirthRule::Seeds => fits.assign(grid, components, reach, points, owners),
             BirthRule::Lattice | BirthRule::BodyCentred => {
-                assign_to_lattice(rule, spacing.h(), grid, components, points, owners);
+                assign_to_lattice(rule, reach.h, grid, components, points, owners);
             }
         }
     }
 
-    fn spacing(&self) -> Spacing {
-        Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
+    fn reach(&self) -> Reach {
+        Reach::new(self.config.h, self.config.ray_search)
     }
 
     /// Adds the points to the sums.
