@@ -51,7 +51,7 @@ fn main() {
         seeds: rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32)).collect(),
         shares: None,
         components: None,
-        sums: StoredSums::Mixed {
+        sums: StoredSums {
             rows: vec![quanta(scene::terms([0.1; 3], [0.5; 3], [0.0; 3], direction)); n],
             wide: Vec::new(),
         },

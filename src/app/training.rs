@@ -69,14 +69,13 @@ pub struct RefusedSetting(ConfigError);
 mod tests {
     use super::*;
     use crate::train::paper::config::{Candidates, PaperConfig, ReassignPolicy};
-    use crate::train::scene::config::BirthRule;
     use crate::train::scene::units::{Budget, StructuralScale};
 
     #[test]
     fn settings_survive_a_restart() {
         let scene = SceneOverrides {
             scale: Some(StructuralScale::Pixels(3.5)),
-            births: Some(BirthRule::BodyCentred),
+            refine: Some(false),
             budget: Some(Budget::Components(9000)),
             cosine: Some(false),
             ..SceneOverrides::default()

@@ -15,7 +15,6 @@ use vbgs_studio::export::{
     local_origin, mapping, write,
 };
 use vbgs_studio::pipeline::checkpoint::{SavedRun, merge, merge_onto};
-use vbgs_studio::train::scene::config::BirthRule;
 
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     match args.kind {
@@ -226,10 +225,9 @@ pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
 
 /// Warns about the quality lost by fusing models with different seeds.
 fn warn_about_fusing(runs: Vec<SavedRun>) -> Vec<SavedRun> {
-    let first = runs.first().and_then(|run| run.config.method.scene());
-    if first.is_some_and(|scene| scene.engine.births == BirthRule::Seeds) {
+    if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
         eprintln!(
-            "warning: setting `births`: expected \"lattice\" or \"body-centred\" for runs without a common start, found \"seeds\": surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
+            "warning: expected runs with a common start, found none: surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
         );
     }
     runs

@@ -349,8 +349,7 @@ fn far_origin(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> 
     let distance = from_origin.length();
     let is_far = distance > FAR * FARTHEST_SENSED * metre
         && distance > FAR_BESIDE_SPREAD * spread(split, centre);
-    // Whole metres: short numbers for files and users, and the phase of lattices does not depend on the
-    // unit.
+    // Whole metres: short numbers for files and users.
     is_far.then(|| (from_origin / metre).round() * metre)
 }
 

@@ -91,11 +91,11 @@ fn another_dataset_needs_force() {
 fn scenes_are_merged_onto_the_run_they_went_on_from() {
     let scratch = Scratch::with_room();
     let saved = |out: &str| format!("{out}/checkpoint.vbgs");
-    scratch.run("train room --set births=seeds --shard 1/4 --out start").succeeds();
+    scratch.run("train room --shard 1/4 --out start").succeeds();
     let start = saved("start");
     for k in 1..=2 {
         let shard = format!("--resume {start} --shard {k}/2 --out s{k}");
-        scratch.run(&format!("train room --set births=seeds {shard}")).succeeds();
+        scratch.run(&format!("train room {shard}")).succeeds();
     }
     let [a, b] = ["s1", "s2"].map(saved);
     let onto = scratch.run(&format!("merge --start {start} {b} {a} -o all.vbgs"));
@@ -106,12 +106,12 @@ fn scenes_are_merged_onto_the_run_they_went_on_from() {
     scratch.run(&format!("merge {a} {b} -o m.vbgs")).fails(1, &["no frame in both", "--start"]);
     // Runs without a common start are merged, with a warning.
     for k in 1..=2 {
-        let shard = format!("--set births=seeds --shard {k}/2 --out own{k}");
+        let shard = format!("--shard {k}/2 --out own{k}");
         scratch.run(&format!("train room {shard}")).succeeds();
     }
     let [c, d] = ["own1", "own2"].map(saved);
     let apart = scratch.run(&format!("merge {c} {d} -o m.vbgs")).succeeds().stderr;
-    assert!(apart.contains("setting `births`") && apart.contains("--start START"), "{apart}");
+    assert!(apart.contains("a common start") && apart.contains("--start START"), "{apart}");
     let parts = [d.as_str(), &start, "other frames at its beginning"];
     scratch.run(&format!("merge --start {start} {a} {d} -o no.vbgs")).fails(1, &parts);
     scratch.run(&format!("merge --start none.vbgs {a} {b} -o no.vbgs")).fails(1, &["none.vbgs"]);

@@ -18,7 +18,7 @@ use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::points::GpuPoints;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
-use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
+use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 
@@ -148,15 +148,6 @@ fn what_only_the_processor_can_sum_is_left_to_it() {
     let used = compared(&gpu, &SceneConfig::fine(H), &none, |_| ());
     assert_eq!((used.device_frames + used.processor_frames, used.given_up), (4, None));
     gpu.assert_no_faults();
-}
-
-#[test]
-fn lattices_are_the_processors() {
-    let Some(gpu) = Fixture::shared() else { return };
-    let config = SceneConfig { births: BirthRule::Lattice, ..SceneConfig::fine(H) };
-    let mut scene = engine::begin(&config, DVec3::ZERO);
-    scene.fit_on(Box::new(points(&gpu)), DevicePolicy::Device);
-    assert_eq!(scene.point_use(), None);
 }
 
 #[test]

@@ -328,7 +328,6 @@ mod command_line_tests {
     use super::*;
     use crate::pipeline::settings::scene::SceneOverrides;
     use crate::train::paper::config::Candidates;
-    use crate::train::scene::config::BirthRule;
     use crate::train::scene::units::StructuralScale;
 
     #[test]
@@ -353,11 +352,11 @@ mod command_line_tests {
         assert!(settings(&training).is_empty(), "defaults need no options");
         training.scene = SceneOverrides {
             scale: Some(StructuralScale::Pixels(1.5)),
-            births: Some(BirthRule::BodyCentred),
             cosine: Some(false),
+            refine: Some(false),
             ..SceneOverrides::default()
         };
-        let words = "--scale 1.5px --set births=body-centred --set cosine=false";
+        let words = "--scale 1.5px --set cosine=false --set refine=false";
         assert_eq!(settings(&training).join(" "), words);
         training.preset = Preset::Paper;
         assert_eq!(settings(&training), ["--preset", "paper"]);

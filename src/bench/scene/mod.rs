@@ -28,7 +28,6 @@ use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{RenderMethod, RenderOptions};
-use crate::train::scene::config::BirthRule;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use serde::Serialize;
 use std::sync::Arc;
@@ -216,7 +215,6 @@ impl AccuracyRuns {
 pub struct AccuracyRow {
     pub table: Table,
     pub configuration: String,
-    pub births: BirthRule,
     pub photographs: PhotometricMode,
     /// Structural scale, world units.
     pub h: f64,
@@ -293,7 +291,6 @@ impl AccuracyRow {
         Self {
             table: variant.table,
             configuration: variant.name.clone(),
-            births: variant.run.engine.births,
             photographs: PhotometricMode::of(variant.run.engine.photometric),
             h: variant.run.engine.h,
             drawn: mean(&|m| m.trained.drawn() as f64),

@@ -143,15 +143,14 @@ fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Seri
             .collect(),
         connected: true,
     };
-    let kind = |row: &AccuracyRow| (row.births, row.photographs);
-    let by_rule = scales.chunk_by(|a, b| kind(a) == kind(b));
-    let by_rule = by_rule.map(|rule| curve(curve_name(rule[0]), rule));
-    by_rule.chain([curve("seeds, budgets".to_owned(), &budgets)]).collect()
+    let by_mode = scales.chunk_by(|a, b| a.photographs == b.photographs);
+    let by_mode = by_mode.map(|rows| curve(curve_name(rows[0]).to_owned(), rows));
+    by_mode.chain([curve("budgets".to_owned(), &budgets)]).collect()
 }
 
-fn curve_name(row: &AccuracyRow) -> String {
+fn curve_name(row: &AccuracyRow) -> &'static str {
     match row.photographs {
-        PhotometricMode::Off => format!("{}, points alone", row.births),
-        _ => row.births.to_string(),
+        PhotometricMode::Off => "scales, points alone",
+        _ => "scales",
     }
 }

@@ -1,5 +1,5 @@
 //! Configurations of the tables: parts of the scene preset added one by one or left out one at a
-//! time, and structural scales under every birth rule.
+//! time, and structural scales.
 //!
 //! Each part is represented by a change that disables it. A row whose change has no effect on a
 //! dataset is left out. Constants of the changes are those of the ablation in the docs
@@ -12,7 +12,6 @@ use crate::dataset::surface::sensor::Thresholds;
 use crate::model::scene::splat_rule::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
-use crate::train::scene::config::{BirthRule, SumForm, VisibilityRule};
 use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
@@ -26,7 +25,7 @@ pub enum Table {
     LeaveOneOut,
     /// Each row changes one constant of photometric training.
     Constants,
-    /// Quality against components: structural scales under one birth rule.
+    /// Quality against components: structural scales.
     Scale,
     /// Quality against components: the preset's scale, merged down to a budget.
     Budget,
@@ -65,21 +64,18 @@ const PARTS: [PresetChange; 12] = [
 ];
 
 /// Changes other than leaving out one part.
-const CHANGES: [PresetChange; 10] = [
+const CHANGES: [PresetChange; 7] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
         run.engine.splat_rule.directional = false;
     }),
     ("opacity from the number of points only", opacity_of_count),
     ("plain splats", |run| run.engine.splat_rule = run.engine.splat_rule.plain()),
-    ("visibility counted by returns", |run| run.engine.visibility = VisibilityRule::Returned),
     ("no prior of the covariance", |run| run.engine.splat_rule.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);
         uncalibrated(run);
     }),
-    ("sums in f32", |run| run.engine.sums = SumForm::F32),
-    ("sums in f64", |run| run.engine.sums = SumForm::F64),
     ("photographs in full", |run| run.engine.photometric = PhotometricMode::Full.rule()),
     ("photographs without coverage", |run| {
         run.engine.photometric.iter_mut().for_each(|rule| rule.coverage = 0.0);
@@ -217,8 +213,7 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// Rows with the structural scale of `base` times each factor, under every birth rule, and without
-/// photographs. Scales below the depth noise are left out.
+/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales below the depth noise are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,
@@ -226,21 +221,14 @@ pub fn scales(
     factors: &[f64],
 ) -> Result<Vec<SceneVariant>, SceneError> {
     let mut rows = Vec::new();
-    let points_alone = Some(PhotometricMode::Off);
-    for (births, photometric) in [
-        (BirthRule::Seeds, None),
-        (BirthRule::Seeds, points_alone),
-        (BirthRule::Lattice, None),
-        (BirthRule::BodyCentred, None),
-    ] {
+    for photometric in [None, Some(PhotometricMode::Off)] {
         for factor in factors {
             let scale = Some(StructuralScale::World(base.engine.h * factor));
-            let overrides =
-                SceneOverrides { scale, births: Some(births), photometric, ..Default::default() };
+            let overrides = SceneOverrides { scale, photometric, ..Default::default() };
             match SceneRun::new(dataset, plan, &overrides) {
                 Ok(run) => {
-                    let of_points = photometric.map_or("", |_| ", points alone");
-                    let name = format!("{births}{of_points}, h = {:.3}", run.engine.h);
+                    let of_points = photometric.map_or("", |_| "points alone, ");
+                    let name = format!("{of_points}h = {:.3}", run.engine.h);
                     rows.push(SceneVariant { table: Table::Scale, name, run });
                 }
                 Err(SceneError::BelowNoise { .. }) => {}

@@ -129,7 +129,7 @@ pub struct MergeArgs {
     #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
     pub checkpoints: Vec<PathBuf>,
     /// Checkpoint that all of them were resumed from, each with its own --shard. Required for full quality
-    /// unless components are on a lattice
+    /// of scenes
     #[arg(long, value_name = "CHECKPOINT")]
     pub start: Option<PathBuf>,
     /// Checkpoint to write

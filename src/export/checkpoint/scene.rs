@@ -2,7 +2,7 @@
 
 use super::container::Section;
 use super::error::Defect;
-use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
+use super::sections::{Sections, check_size};
 use super::{check, sections};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
@@ -39,19 +39,14 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         Section::new(sections::ORIGIN, &state.origin),
         Section::new(sections::SEEDS, state.seeds.as_flattened()),
     ];
-    match &state.sums {
-        StoredSums::Mixed { rows, wide } => {
-            sections.push(Section::new(sections::SUMS, rows.as_flattened()));
-            // Only large components are stored wide; without any, the sections are omitted.
-            if !wide.is_empty() {
-                let ids = wide.iter().map(|row| row.id).collect();
-                let sums = wide.iter().flat_map(|row| row.sums).collect();
-                sections.push(Section::owned::<u32>(sections::WIDE_IDS, ids));
-                sections.push(Section::owned::<f64>(sections::WIDE_SUMS, sums));
-            }
-        }
-        StoredSums::F32(rows) => sections.push(Section::new(sections::SUMS, rows.as_flattened())),
-        StoredSums::F64(rows) => sections.push(Section::new(sections::SUMS, rows.as_flattened())),
+    let StoredSums { rows, wide } = &state.sums;
+    sections.push(Section::new(sections::SUMS, rows.as_flattened()));
+    // Only large components are stored wide; without any, the sections are omitted.
+    if !wide.is_empty() {
+        let ids = wide.iter().map(|row| row.id).collect();
+        let sums = wide.iter().flat_map(|row| row.sums).collect();
+        sections.push(Section::owned::<u32>(sections::WIDE_IDS, ids));
+        sections.push(Section::owned::<f64>(sections::WIDE_SUMS, sums));
     }
     // Omitted if the component budget sufficed, so that such files keep their earlier bytes.
     if state.coarsening_steps > 0 {
@@ -300,19 +295,10 @@ fn read_depths(
 }
 
 fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {
-    let (_, form) = sections.find(sections::SUMS)?;
     let has_wide = [sections::WIDE_IDS, sections::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
-    match form {
-        I32 => {
-            let rows = sections.rows(sections::SUMS, Some(n))?;
-            let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
-            Ok(StoredSums::Mixed { rows, wide })
-        }
-        _ if has_wide => Err(wrong_type(sections::SUMS, "I32 beside wide sums", form)),
-        F32 => Ok(StoredSums::F32(sections.rows(sections::SUMS, Some(n))?)),
-        F64 => Ok(StoredSums::F64(sections.rows(sections::SUMS, Some(n))?)),
-        code => Err(wrong_type(sections::SUMS, "I32, F32 or F64", code)),
-    }
+    let rows = sections.rows(sections::SUMS, Some(n))?;
+    let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
+    Ok(StoredSums { rows, wide })
 }
 
 fn wide_rows(sections: &Sections) -> Result<Vec<WideRow>, Defect> {

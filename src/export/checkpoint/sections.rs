@@ -115,7 +115,6 @@ pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]
 /// Codes of the element types that distinguish variants of a section.
 pub(super) const F32: u32 = ElementType::F32 as u32;
 pub(super) const F64: u32 = ElementType::F64 as u32;
-pub(super) const I32: u32 = ElementType::I32 as u32;
 pub(super) const I64: u32 = ElementType::I64 as u32;
 pub(super) const I128: u32 = ElementType::I128 as u32;
 
@@ -213,5 +212,5 @@ pub fn is_known(tag: [u8; 4]) -> bool {
 }
 
 /// Version of the format that this program writes, major and minor. Scenes need 1.1; from
-/// 1.2 on they hold no contributions of single frames.
+/// 1.2 on they hold no contributions of single frames, and sums in one form.
 pub const VERSION: (u16, u16) = (1, 2);

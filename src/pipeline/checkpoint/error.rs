@@ -109,19 +109,6 @@ pub enum RunError {
         /// What to do.
         advice: &'static str,
     },
-    /// The scene depends on the order of frames.
-    #[error(
-        "{}: expected a scene that does not depend on the order of frames, found one trained with \
-         {found}; train every shard with {advice}", path.display()
-    )]
-    Ordered {
-        /// Path of the checkpoint.
-        path: PathBuf,
-        /// Setting that causes the dependence.
-        found: String,
-        /// Setting to use instead.
-        advice: &'static str,
-    },
     /// A run does not continue the given one.
     #[error(
         "{}: expected a run that continues {}, found {found}; train every shard with --resume of \

@@ -15,7 +15,7 @@
 //! starts at the correction of nearby frames. Six rounds with a subset of the points are typical, then one
 //! with all. Exact poses are not aligned.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::SeedPositions;
 use super::grid::NONE;
 use super::rigid_equations::{Motion, RigidEquations};
@@ -133,11 +133,7 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 impl PoseAlignment<'_> {
     /// Returns a more probable motion than `before`, under which `owners` were assigned; `None` if too few
     /// components are known.
-    pub fn improve<W: SumScalar>(
-        &self,
-        before: &Motion,
-        planes: &mut KnownPlanes<'_, W>,
-    ) -> Option<Improvement> {
+    pub fn improve(&self, before: &Motion, planes: &mut KnownPlanes<'_>) -> Option<Improvement> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
@@ -151,7 +147,7 @@ impl PoseAlignment<'_> {
 
     /// Averages the points by component, in the order of each component's first point. Runs on one thread, so
     /// that rounding depends neither on the machine nor on the numbering of components.
-    fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> FrameMatches<'p> {
+    fn matches<'p>(&self, planes: &'p mut KnownPlanes<'_>) -> FrameMatches<'p> {
         planes.compute_missing(self.owners);
         let planes = &*planes;
         let mut at = vec![NONE; planes.len()];
@@ -307,8 +303,8 @@ impl ColoredPlane {
 }
 
 /// Cache of the planes requested so far.
-pub struct KnownPlanes<'a, W> {
-    component_sums: &'a ComponentSums<W>,
+pub struct KnownPlanes<'a> {
+    component_sums: &'a ComponentSums,
     seed_positions: SeedPositions<'a>,
     /// Structural scale, world units.
     h: f64,
@@ -319,9 +315,9 @@ pub struct KnownPlanes<'a, W> {
     planes: Vec<Option<ColoredPlane>>,
 }
 
-impl<'a, W: SumScalar> KnownPlanes<'a, W> {
+impl<'a> KnownPlanes<'a> {
     pub fn new(
-        component_sums: &'a ComponentSums<W>,
+        component_sums: &'a ComponentSums,
         seed_positions: SeedPositions<'a>,
         h: f64,
         ridge: f64,

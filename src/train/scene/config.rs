@@ -8,7 +8,6 @@ use crate::observation::surface::SurfacePoint;
 use crate::train::outcome::{MemoryEstimate, PIXEL_BYTES};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
-use strum::{Display, EnumString, VariantNames};
 
 /// Upper bound of a component's memory, in bytes: its sums and visibility counts (176), its seed and the next
 /// of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes and memory estimates use it.
@@ -17,39 +16,6 @@ pub const COMPONENT_BYTES: usize = 200;
 
 /// Default budget, in components: 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
-
-/// Placement of new components.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum BirthRule {
-    /// At the first point without a seed within the structural scale.
-    Seeds,
-    /// At the centre of the point's cell in a fixed cubic lattice.
-    Lattice,
-    /// At the centre of the point's cell in a body-centred cubic lattice.
-    BodyCentred,
-}
-
-impl BirthRule {
-    /// True if the model depends only on which frames were used, not on their order.
-    pub fn is_order_invariant(self) -> bool {
-        self != Self::Seeds
-    }
-}
-
-/// Counting of the returns that a component could have given.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum VisibilityRule {
-    /// Projects every component into every frame: frames that see it or see through it count.
-    Projected,
-    /// Counts the frames in which the component received points. Depends on the frame alone.
-    Returned,
-}
 
 /// Settings of the scene engine.
 ///
@@ -62,9 +28,7 @@ pub enum VisibilityRule {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
-    /// Placement of new components.
-    pub births: BirthRule,
-    /// Structural scale `h`: maximum distance of a point from its seed (edge of a lattice cell), world units.
+    /// Structural scale `h`: maximum distance of a point from its seed, world units.
     pub h: f64,
     /// Length of the search for a seed along a point's ray, in half-widths of its depth noise; 0 for none.
     // Skipped if off, so that files of scenes without it are unchanged.
@@ -77,13 +41,7 @@ pub struct SceneConfig {
     pub align: bool,
     /// True if each frame's exposure is fitted to the scene's.
     pub gain: bool,
-    /// Counting of hits and misses.
-    #[serde(rename = "looks")]
-    pub visibility: VisibilityRule,
-    /// Number format of the sums.
-    pub sums: SumForm,
-    /// Maximum number of components in use at any time; for a lattice, which may hold eight times as many,
-    /// the maximum number drawn.
+    /// Maximum number of components in use at any time.
     #[serde(rename = "most")]
     pub max_components: usize,
     /// Conversion of sums to splats.
@@ -109,14 +67,11 @@ impl SceneConfig {
     /// Settings for exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
     pub fn fine(h: f64) -> Self {
         Self {
-            births: BirthRule::Seeds,
             h,
             ray_search: 0.0,
             refine: true,
             align: false,
             gain: false,
-            visibility: VisibilityRule::Projected,
-            sums: SumForm::Mixed,
             max_components: DEFAULT_MAX_COMPONENTS,
             splat_rule: SplatRule {
                 // These opacities require flat tops: with plain Gaussians surfaces become transparent and 2
@@ -169,8 +124,7 @@ impl SceneConfig {
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
     }
 
-    /// Returns the maximum number of seeds: merged components retain theirs, and a lattice is merged only for
-    /// drawing.
+    /// Returns the maximum number of seeds: merged components retain theirs.
     pub fn most_seeds(&self) -> usize {
         self.max_components.saturating_mul(8)
     }
@@ -189,15 +143,6 @@ impl SceneConfig {
                 setting: "scale",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
-            });
-        }
-        let of_seeds = [("ray_search", self.ray_search != 0.0, "fixed positions")];
-        let asked = of_seeds.into_iter().find(|(_, is_on, _)| *is_on);
-        if let Some((setting, _, how)) = asked.filter(|_| self.births.is_order_invariant()) {
-            return Err(ConfigError {
-                setting,
-                expected: format!("off with births={}, whose cells have {how}", self.births),
-                found: "on".to_owned(),
             });
         }
         let coverage = self.splat_rule.full_coverage;
@@ -249,11 +194,6 @@ impl SceneConfig {
         };
         let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
         let fixed = of_photographs + SCENE_PROGRAM_BYTES;
-        // A lattice is merged only in a copy.
-        let most = match self.births.is_order_invariant() {
-            true => self.most_seeds(),
-            false => self.max_components,
-        };
         let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + of_splat;
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels
@@ -263,21 +203,8 @@ impl SceneConfig {
                 + DECODER_PIXEL_BYTES
                 + of_pixel);
         MemoryEstimate {
-            model: (most as u64).saturating_mul(per_component as u64),
+            model: (self.max_components as u64).saturating_mul(per_component as u64),
             frames: fixed + of_points as u64,
         }
     }
-}
-
-/// Number format of the sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum SumForm {
-    /// Terms in f32, sums in integers: the same bits for any order of points.
-    Mixed,
-    /// Terms and sums in f32.
-    F32,
-    /// Terms and sums in f64, the reference.
-    F64,
 }

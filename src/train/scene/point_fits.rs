@@ -6,9 +6,8 @@
 
 use super::accumulate::{AssignedPoints, PARTS, accumulate};
 use super::assign::{assign, assign_known};
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::{ComponentSums, FULL};
 use super::components::{Components, SeedPositions};
-use super::config::VisibilityRule;
 use super::grid::{NONE, SeedGrid};
 use super::seed_groups::Reach;
 use crate::model::inspection::DeviceError;
@@ -152,15 +151,13 @@ impl PointFits {
         }
     }
 
-    /// Adds the points to the sums of their components, with the same result as [`accumulate`] with
-    /// visibility by projection.
-    pub fn accumulate<W: SumScalar>(
+    /// Adds the points to the sums of their components, with the same result as [`accumulate`].
+    pub fn accumulate(
         &mut self,
-        component_sums: &mut ComponentSums<W>,
+        component_sums: &mut ComponentSums,
         seed_positions: SeedPositions<'_>,
         frame: AssignedPoints<'_>,
         h: f64,
-        rule: VisibilityRule,
         touched: &mut Vec<u32>,
     ) {
         let Self { device, slots, .. } = self;
@@ -169,7 +166,7 @@ impl PointFits {
         if let Some(fitter) =
             device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
         {
-            slots.fill::<W>(component_sums.len(), seed_positions, frame);
+            slots.fill(component_sums.len(), seed_positions, frame);
             let is_alone = fitter.turn == DeviceChoice::Device;
             match fitter.sums(slots, frame, h) {
                 Ok(sums) if is_alone => {
@@ -177,7 +174,7 @@ impl PointFits {
                     touched.clear();
                     if !slots.left.is_empty() {
                         let frame = AssignedPoints { owners: &slots.left, ..frame };
-                        accumulate(component_sums, seed_positions, frame, h, rule, touched);
+                        accumulate(component_sums, seed_positions, frame, h, touched);
                     }
                     touched.extend_from_slice(&slots.ids);
                     touched.sort_unstable();
@@ -190,7 +187,7 @@ impl PointFits {
         }
         let device_ms = clock.lap_ms();
         self.used.processor_frames += 1;
-        accumulate(component_sums, seed_positions, frame, h, rule, touched);
+        accumulate(component_sums, seed_positions, frame, h, touched);
         if let Some(expected) = on_trial {
             let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
             self.conclude_trial(found.eq(expected), [clock.lap_ms(), device_ms]);
@@ -289,7 +286,7 @@ pub struct PointSlots {
 impl PointSlots {
     /// Assigns a slot to every component with points, except those that the processor must sum: with more
     /// points than a row holds, or with invalid or large numbers.
-    pub fn fill<W: SumScalar>(
+    pub fn fill(
         &mut self,
         n_components: usize,
         seed_positions: SeedPositions<'_>,
@@ -301,7 +298,7 @@ impl PointSlots {
         let mut any_left = false;
         for (id, slot) in self.of_components.iter_mut().enumerate() {
             let pixels = std::mem::replace(slot.get_mut(), NONE);
-            if pixels >= LEFT || f64::from(pixels) > W::FULL {
+            if pixels >= LEFT || f64::from(pixels) > FULL {
                 (*slot.get_mut(), any_left) = (LEFT, true);
             } else if pixels > 0 {
                 *slot.get_mut() = self.ids.len() as u32;

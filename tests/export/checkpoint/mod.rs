@@ -110,15 +110,13 @@ fn mixture(checkpoint: &mut Checkpoint) -> (&mut Normalization, &mut Hyper, &mut
 }
 
 /// One checkpoint of every form.
-pub fn samples() -> [Checkpoint; 8] {
+pub fn samples() -> [Checkpoint; 6] {
     [
         sample(means_f32(), fixed64()),
         sample(means_f64(), fixed128()),
         sample(means_f32(), f32s()),
         Checkpoint { history: None, ..sample(means_f32(), fixed128()) },
         scene::sample(scene::mixed()),
-        scene::sample(scene::f32s()),
-        scene::sample(scene::f64s()),
         checkpoint(StoredModel::Scene(scene::nothing())),
     ]
 }

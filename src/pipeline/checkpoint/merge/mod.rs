@@ -1,7 +1,5 @@
-//! Merging of runs that started alike and were trained on different frames. Models with identical initial
-//! components are added; scenes with components born from points are fused.
-
-mod order;
+//! Merging of runs that started alike and were trained on different frames. Mixtures, whose components are
+//! the same from the start, are added; scenes, whose components are born from points, are fused.
 
 use super::error::RunError;
 use super::saved::{Meta, SavedRun, canonical};
@@ -10,33 +8,29 @@ use crate::export::checkpoint::{Checkpoint, Cursor, StoredModel};
 use crate::model::paper::merging;
 use crate::model::paper::merging::AddError;
 use crate::model::paper::state::{InitialMeans, ModelState};
-use crate::model::scene;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::method::Method;
-use order::check_order_independent;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// Merges runs into one over the frames of all. Models with identical initial components are added exactly,
-/// so any order and tree of merges gives the same model. Scenes with seeds are fused, to the same model for
-/// any order of `runs`. The result can be resumed on the remaining frames. `None` for an empty list.
+/// Merges runs into one over the frames of all. Mixtures are added exactly, so any order and tree of merges
+/// gives the same model. Scenes are fused, to the same model for any order of `runs`. The result can be resumed on the remaining frames. `None` for an empty list.
 ///
 /// # Errors
 /// [`RunError::Unlike`] if they did not start alike, [`RunError::Overlap`] if a frame would count twice,
-/// [`RunError::Add`] and [`RunError::Ordered`] for models that depend on the order of frames.
+/// [`RunError::Add`] for totals that cannot be added exactly.
 pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
-    if runs.first().is_some_and(|run| run.config.method.as_any().is_fused()) {
+    if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
         return fuse(None, runs);
     }
-    runs.iter().try_for_each(check_order_independent)?;
     check_compatible(&runs)?;
     let mut runs = runs.into_iter();
     let Some(first) = runs.next() else { return Ok(None) };
     runs.try_fold(first, add).map(Some)
 }
 
-/// Merges scenes with seeds that all continued `origin`: statistics of their common components are added to
+/// Merges scenes that all continued `origin`: statistics of their common components are added to
 /// those of `origin`.
 ///
 /// # Errors
@@ -50,19 +44,17 @@ fn add(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
         .map_err(|source| RunError::Add { paths: [a.path.clone(), b.path.clone()], source })?;
     let mut merged = combine_runs(a, b)?;
     merged.content.model = model;
-    check_order_independent(&merged)?;
     Ok(merged)
 }
 
 fn sum(a: &StoredModel, b: &StoredModel) -> Result<StoredModel, AddError> {
-    use StoredModel::{Mixture, Scene};
+    use StoredModel::Mixture;
     match (a, b) {
         (Mixture { normalization, hyper, state: a }, Mixture { state: b, .. }) => {
             let totals = merging::add(&a.totals, &b.totals)?;
             let state = ModelState { totals, ..a.clone() };
             Ok(Mixture { normalization: *normalization, hyper: *hyper, state })
         }
-        (Scene(a), Scene(b)) => Ok(Scene(scene::merging::add(a, b)?)),
         _ => Err(AddError::Unlike),
     }
 }

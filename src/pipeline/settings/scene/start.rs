@@ -1,8 +1,7 @@
 //! Fitting of the scene settings to a dataset.
 //!
-//! Defaults come in three layers, where later ones take precedence: values measured with the kind of sensor,
-//! values that lattice components require for order invariance, and the user's settings. Then the structural
-//! scale is converted to world units, from sampled frames prepared as in training.
+//! Defaults come in two layers: values measured with the kind of sensor, and the user's settings, which take
+//! precedence. Then the structural scale is converted to world units, from sampled frames prepared as in training.
 
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
@@ -13,7 +12,7 @@ use crate::dataset::wild_poses::outlier_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::scene::config::SceneConfig;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::ConfigError;
@@ -48,7 +47,7 @@ impl SceneRun {
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
-    /// Returns the defaults for the requested sensor and birth rule; `h` is not known yet.
+    /// Returns the defaults for the requested sensor; `h` is not known yet.
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
         let split = &dataset.splits[plan.split];
         // An outlier pose as origin would be far from all other frames.
@@ -60,7 +59,7 @@ impl SceneRun {
             camera.intrinsics.width as usize * camera.intrinsics.height as usize
         });
         let origin = first.map_or(DVec3::ZERO, |camera| {
-            // Whole metres, so that the phase of a lattice does not depend on the unit of the world.
+            // Whole metres, so that seeds are rounded alike in any unit of the world.
             (camera.pose.centre() / dataset.units_per_metre()).round() * dataset.units_per_metre()
         });
         let mut surface = SurfaceSettings::new(dataset, origin);
@@ -70,16 +69,7 @@ impl SceneRun {
         surface.sampling = sampling(surface.sensor, pixels);
         let mut engine = sensor_defaults(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
-        engine.births = overrides.births.unwrap_or(engine.births);
         engine.track = dataset.options.track;
-        if engine.births.is_order_invariant() {
-            engine.refine = false;
-            engine.align = false;
-            engine.gain = false;
-            engine.ray_search = 0.0;
-            engine.photometric = None;
-            engine.visibility = VisibilityRule::Returned;
-        }
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }
     }

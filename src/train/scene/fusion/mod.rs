@@ -4,7 +4,7 @@
 //! photometric estimates refer to the same parameters. Components born since have no counterpart: they are
 //! matched against existing seeds, as points are, so that no surface is covered twice.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::config::SceneConfig;
 use super::gauge::moved;
 use super::grid::{SeedGrid, squared_distance};
@@ -27,23 +27,23 @@ use std::borrow::Cow;
 
 /// Fuses scenes of one scale that may have continued from a common `start`. Where several scenes have new
 /// components at one place, those of the first remain. Components of the start come first, and the result may
-/// exceed the budget. `None` without scenes or if sums are of another form than `W`.
-pub fn fuse<W: SumScalar>(
+/// exceed the budget. `None` without scenes.
+pub fn fuse(
     config: &SceneConfig,
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
-    let start = start.map(|start| with_settled_photographs::<W>(config, start));
+    let start = start.map(|start| with_settled_photographs(config, start));
     let start = start.as_deref();
     let scenes: Option<Vec<_>> = scenes
         .iter()
-        .map(|scene| back_at::<W>(start, with_settled_photographs::<W>(config, scene)))
+        .map(|scene| back_at(start, with_settled_photographs(config, scene)))
         .collect();
     let scenes = scenes?;
     let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
     let first = scenes.first()?;
-    let shared = start.map_or(Some(Vec::new()), components::<W>)?;
-    let all: Option<Vec<Vec<Component>>> = scenes.iter().map(|s| components::<W>(s)).collect();
+    let shared = start.map_or(Some(Vec::new()), components)?;
+    let all: Option<Vec<Vec<Component>>> = scenes.iter().map(|s| components(s)).collect();
     let all = all?;
     let of_start = shared.par_iter().enumerate().map(|(id, start)| {
         let later: Vec<&Component> = all.iter().filter_map(|scene| scene.get(id)).collect();
@@ -53,7 +53,7 @@ pub fn fuse<W: SumScalar>(
     for scene in all {
         fused.add_new_components(scene.into_iter().skip(shared.len()));
     }
-    let mut state = fused.state::<W>(first);
+    let mut state = fused.state(first);
     // Every scene's log begins with the entries of the start.
     let (n_exposures, n_poses) = start.map_or((0, 0), |s| (s.exposures.len(), s.poses.len()));
     state.exposures.extend(first.exposures.iter().take(n_exposures));
@@ -71,14 +71,13 @@ pub fn fuse<W: SumScalar>(
 }
 
 /// Returns the scene after training on its buffered photographs.
-fn with_settled_photographs<'a, W: SumScalar>(
+fn with_settled_photographs<'a>(
     config: &SceneConfig,
     state: &'a SceneState,
 ) -> Cow<'a, SceneState> {
     let photographs = state.photometric.as_ref();
     let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
-    let trainer =
-        is_waiting.then(|| SceneTrainer::<W>::restore(config, state.clone(), 0)).flatten();
+    let trainer = is_waiting.then(|| SceneTrainer::restore(config, state.clone(), 0)).flatten();
     match trainer.and_then(SceneTrainer::settled_photographs) {
         None => Cow::Borrowed(state),
         photometric => Cow::Owned(SceneState { photometric, ..state.clone() }),
@@ -86,8 +85,8 @@ fn with_settled_photographs<'a, W: SumScalar>(
 }
 
 /// Moves a scene back to its start's coordinates, since later frames may have moved it as a whole. `None` if
-/// sums are of another form than `W`.
-fn back_at<'a, W: SumScalar>(
+/// a recorded rotation is unknown.
+fn back_at<'a>(
     start: Option<&SceneState>,
     scene: Cow<'a, SceneState>,
 ) -> Option<Cow<'a, SceneState>> {
@@ -100,7 +99,7 @@ fn back_at<'a, W: SumScalar>(
     }
     let (turn, place) = now.inverse();
     let motion = then.attached_camera(place, DQuat::from_mat3(&turn));
-    moved::<W>(scene.into_owned(), &motion).map(Cow::Owned)
+    moved(scene.into_owned(), &motion).map(Cow::Owned)
 }
 
 struct Component {
@@ -113,8 +112,8 @@ struct Component {
     estimate: Option<Estimate>,
 }
 
-/// Returns the components with seeds, in stored order; `None` if sums have another form.
-fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
+/// Returns the components with seeds, in stored order; `None` if a component number is out of range.
+fn components(state: &SceneState) -> Option<Vec<Component>> {
     let mut seeds = vec![None; state.visibility.len()];
     // In reverse, so that the oldest seed, to which sums refer, is the one retained.
     for (seed, &place) in state.seeds.iter().enumerate().rev() {
@@ -122,7 +121,7 @@ fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
         let share = state.shares.as_ref().map_or(WHOLE, |shares| shares[seed]);
         *seeds.get_mut(component)? = Some((place, share));
     }
-    let sums = ComponentSums::<W>::restore(state.sums.clone(), state.visibility.clone())?;
+    let sums = ComponentSums::restore(state.sums.clone(), state.visibility.clone());
     let component = |(id, seed): (usize, Option<([f32; 3], u8)>)| {
         let (seed, share) = seed?;
         let estimate = state.photometric.as_ref().and_then(|of| Estimate::of(of, id));
@@ -218,8 +217,8 @@ impl Fused {
     }
 
     /// Builds the state, with origin and scale of `like`.
-    fn state<W: SumScalar>(self, like: &SceneState) -> SceneState {
-        let mut sums = ComponentSums::<W>::default();
+    fn state(self, like: &SceneState) -> SceneState {
+        let mut sums = ComponentSums::default();
         let mut photometric = PhotometricState::default();
         photometric.grow(self.components.len());
         for (id, component) in self.components.iter().enumerate() {
@@ -228,8 +227,7 @@ impl Fused {
                 estimate.put(&mut photometric, id);
             }
         }
-        let order: Vec<u32> = (0..self.components.len() as u32).collect();
-        let (sums, visibility) = sums.state(&order);
+        let (sums, visibility) = sums.state();
         let shares: Vec<u8> = self.components.iter().map(|component| component.share).collect();
         SceneState {
             origin: like.origin,

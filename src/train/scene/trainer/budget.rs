@@ -3,12 +3,12 @@
 use super::SceneTrainer;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::{FrameBirths, Limits, create_components};
-use crate::train::scene::component_sums::{ComponentSums, SumScalar};
+use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::config::SceneConfig;
 use crate::train::scene::merge::{coarsened, factor, merge_down};
 use crate::train::timing::SceneStage;
 
-impl<W: SumScalar> SceneTrainer<W> {
+impl SceneTrainer {
     /// Creates components for points without one. If the budget is exhausted, others are merged first; if
     /// merging cannot free enough, the structural scale grows. Returns the numbers of births and of merged
     /// components.
@@ -38,24 +38,17 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Creates components for points without one, within the budget.
     fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
-        let (rule, h) = (self.config.births, self.config.h);
-        let seeds = self.config.most_seeds();
-        let limits = match rule.is_order_invariant() {
-            true => Limits { components: seeds, seeds },
-            false => Limits { components: self.config.max_components, seeds },
-        };
+        let h = self.config.h;
+        let limits =
+            Limits { components: self.config.max_components, seeds: self.config.most_seeds() };
         let Self { grid, components, owners, .. } = self;
-        create_components(rule, h, grid, components, points, owners, limits)
+        create_components(h, grid, components, points, owners, limits)
     }
 
     /// Merges components to allow `refused` births, an eighth of the budget at most, and coarsens the scale
     /// if that frees less than half of it. Returns the number of merged components, `None` if nothing can be
-    /// done. It runs before births, so that the budget holds at all times. Components of a lattice must not
-    /// depend on when the budget was reached: they are merged only for drawing.
+    /// done. It runs before births, so that the budget holds at all times.
     fn free_components(&mut self, refused: usize) -> Option<usize> {
-        if self.config.births.is_order_invariant() {
-            return None;
-        }
         let (most, used) = (self.config.max_components, self.components.used());
         // More than this frame needs, since merging takes longer than a frame.
         let room = (most / 16).max(refused.min(most / 8)).max(1);
@@ -74,7 +67,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         self.component_sums.grow(self.components.n_rows());
         let asked = SceneConfig { h: self.scale, ..self.config.clone() };
-        let wider = coarsened::<W>(self.state(), steps)
+        let wider = coarsened(self.state(), steps)
             .and_then(|state| Self::restore(&asked, state, self.frames));
         let Some(wider) = wider else { return false };
         // The photometric state is in world units, and the remaining fields are independent of the scale.
@@ -99,7 +92,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let used = self.components.used();
         self.component_sums.grow(self.components.n_rows());
         let photographed = self.config.photometric.is_some();
-        let count = |sums: &ComponentSums<W>, id: usize| sums.sums(id)[0];
+        let count = |sums: &ComponentSums, id: usize| sums.sums(id)[0];
         let n = if photographed { self.component_sums.len() } else { 0 };
         let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
         let Self { component_sums, components, grid, .. } = self;

@@ -9,10 +9,9 @@ mod posing;
 mod seam;
 
 use super::accumulate::AssignedPoints;
-use super::births::assign_to_lattice;
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::{Components, SeedPositions};
-use super::config::{BirthRule, SceneConfig, SumForm, VisibilityRule};
+use super::config::SceneConfig;
 use super::explain::Explainer;
 use super::gain::{MIN_MATCHES, fewest_matches, gain};
 use super::grid::SeedGrid;
@@ -25,7 +24,7 @@ use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{PointExtent, SplatContext};
-use crate::model::scene::state::{SceneState, TrackedPose, seed_order};
+use crate::model::scene::state::{SceneState, TrackedPose};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::pose_log::{ExposureLog, FrameExposure, FramePose, PoseLog};
@@ -52,8 +51,8 @@ pub struct UnassignedPoints {
     pub reach: u64,
 }
 
-/// Components and buffers; `W` is the number type of the sums.
-pub struct SceneTrainer<W> {
+/// Components and buffers.
+pub struct SceneTrainer {
     /// Configuration, with the current structural scale, which may have grown.
     config: SceneConfig,
     /// Configured structural scale, world units.
@@ -65,7 +64,7 @@ pub struct SceneTrainer<W> {
     scoring: Scoring,
     grid: SeedGrid,
     components: Components,
-    component_sums: ComponentSums<W>,
+    component_sums: ComponentSums,
     /// Assigns and sums points on the processor or a device.
     fits: PointFits,
     owners: Vec<u32>,
@@ -93,15 +92,11 @@ pub struct SceneTrainer<W> {
     compared: Vec<ComparedPhotograph>,
 }
 
-impl<W: SumScalar> SceneTrainer<W> {
+impl SceneTrainer {
     /// Creates an empty scene, whose positions are relative to `origin` (world units).
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let hyper = Hyper::scene(config.h);
         let scoring = Scoring::new(&hyper);
-        let grid = match config.births.is_order_invariant() {
-            true => SeedGrid::of_lattice(config.h),
-            false => SeedGrid::new(config.h),
-        };
         Self {
             config: config.clone(),
             scale: config.h,
@@ -109,7 +104,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             origin,
             hyper,
             scoring,
-            grid,
+            grid: SeedGrid::new(config.h),
             components: Components::default(),
             component_sums: ComponentSums::default(),
             fits: PointFits::default(),
@@ -131,14 +126,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Resumes a scene with the same configuration after `frames` frames; `None` if its sums have another
-    /// form, or seeds are too far from the origin for their scale.
+    /// Resumes a scene with the same configuration after `frames` frames; `None` if seeds are too far from the
+    /// origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let h = config.h * merge::factor(state.coarsening_steps);
         let mut trainer =
             Self::new(&SceneConfig { h, ..config.clone() }, DVec3::from_array(state.origin));
         (trainer.scale, trainer.coarsened) = (config.h, state.coarsening_steps);
-        trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
+        trainer.component_sums = ComponentSums::restore(state.sums, state.visibility);
         let shares = state.shares.unwrap_or_default();
         for place in state.seeds {
             if !trainer.grid.has_cell(place) {
@@ -160,47 +155,24 @@ impl<W: SumScalar> SceneTrainer<W> {
         Some(trainer)
     }
 
-    /// Returns the current state, with components in their stored order.
+    /// Returns the current state.
     pub fn state(&self) -> SceneState {
-        self.state_with(self.photometric.state())
-    }
-
-    fn state_with(&self, photometric: &PhotometricState) -> SceneState {
-        let order = self.stored_order();
-        let (sums, visibility) = self.component_sums.state(&order);
-        let components = self.components.shared().map(<[u32]>::to_vec);
-        let seeds = match components {
-            Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
-            None => order.iter().map(|&id| self.grid.position(id as usize)).collect(),
-        };
-        let (exposures, poses) = (self.exposures.clone(), self.poses.clone());
-        let photometric = self.config.photometric.map(|_| photometric.listed(&order));
+        let (sums, visibility) = self.component_sums.state();
+        let n = self.component_sums.len();
+        let photometric = self.config.photometric.map(|_| self.photometric.state().stored(n));
         SceneState {
             origin: self.origin.to_array(),
             coarsening_steps: self.coarsened,
-            seeds,
+            seeds: (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
             shares: self.components.shares().map(<[u8]>::to_vec),
-            components,
+            components: self.components.shared().map(<[u32]>::to_vec),
             sums,
             visibility,
-            exposures,
-            poses,
+            exposures: self.exposures.clone(),
+            poses: self.poses.clone(),
             trajectory: self.trajectory.clone(),
             photometric,
         }
-    }
-
-    /// Components in checkpoint order. If components do not depend on the order of frames, neither does this
-    /// order.
-    fn stored_order(&self) -> Vec<u32> {
-        let ids = 0..self.component_sums.len() as u32;
-        if !self.config.births.is_order_invariant() {
-            return ids.collect();
-        }
-        let mut seeds: Vec<_> = ids.map(|id| (self.grid.position(id as usize), id)).collect();
-        // Parallel, since training is blocked while a checkpoint is saved.
-        seeds.par_sort_unstable_by(|(a, _), (b, _)| seed_order(a, b));
-        seeds.into_iter().map(|(_, id)| id).collect()
     }
 
     /// Trains on one frame; cannot fail.
@@ -294,10 +266,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Every frame: a row that is not full can take one more frame, since accumulation sums a component
         // with more than 4,096 points wide at once.
         self.component_sums.spill_to_wide_rows(&self.touched);
-        if self.config.visibility == VisibilityRule::Projected {
-            let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-            observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
-        }
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
     }
 
     /// Finds the most probable depths of the points. Returns the number of points with a component and the
@@ -322,12 +292,8 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// `weight` is the number of pixels per point.
     fn gain(&self, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
         let fewest = fewest_matches(points.len(), MIN_MATCHES / f64::from(weight));
-        self.gain_of(points, &self.owners, fewest)
-    }
-
-    fn gain_of(&self, points: &[SurfacePoint], owners: &[u32], fewest: f64) -> [f32; 3] {
         let (is_fitted, sums) = (self.config.gain, &self.component_sums);
-        if is_fitted { gain(sums, points, owners, fewest) } else { [1.0; 3] }
+        if is_fitted { gain(sums, points, &self.owners, fewest) } else { [1.0; 3] }
     }
 
     /// Returns all sums of a component, in world units about its seed.
@@ -350,23 +316,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         DVec3::from_array(seed_positions.of(id).map(f64::from))
     }
 
-    /// Merged copy of a lattice that exceeds its budget; if merging does not suffice, components with the
-    /// fewest points are dropped.
-    fn merged_to_budget(&self) -> Option<Self> {
-        let most = self.config.max_components;
-        if !self.config.births.is_order_invariant() || self.components.used() <= most {
-            return None;
-        }
-        // Restored in stored order, that of the lattice, since the order of births depends on the frames.
-        let mut merged =
-            Self::restore(&self.config, self.state_with(self.drawn_state()), self.frames)?;
-        merged.merge_to(most);
-        for id in merged.component_sums.retain_fullest(most) {
-            merged.photometric.remove_splat(id as usize);
-        }
-        Some(merged)
-    }
-
     fn every_splat(&self) -> SplatSet {
         let splats = (0..self.component_sums.len()).into_par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
@@ -383,16 +332,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 }
 
-impl<W: SumScalar> SceneTrainer<W> {
-    /// True if a device can search seeds and sum points with the processor's bits: it supports whole quanta
-    /// about seeds born at points, and visibility by projection, only.
-    fn can_fit_on_device(&self) -> bool {
-        let SceneConfig { sums, births, visibility, .. } = &self.config;
-        *sums == SumForm::Mixed
-            && *births == BirthRule::Seeds
-            && *visibility == VisibilityRule::Projected
-    }
-
+impl SceneTrainer {
     /// Assigns the points of a new frame, for which the device is chosen first.
     fn begin_and_assign(&mut self, points: &[SurfacePoint]) {
         self.fits.begin_frame(points.len(), self.config.h);
@@ -401,14 +341,9 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Assigns the points of the current frame, possibly again.
     fn assign(&mut self, points: &[SurfacePoint]) {
-        let (rule, reach) = (self.config.births, self.reach());
+        let reach = self.reach();
         let Self { fits, grid, components, owners, .. } = self;
-        match rule {
-            BirthRule::Seeds => fits.assign(grid, components, reach, points, owners),
-            BirthRule::Lattice | BirthRule::BodyCentred => {
-                assign_to_lattice(rule, reach.h, grid, components, points, owners);
-            }
-        }
+        fits.assign(grid, components, reach, points, owners);
     }
 
     fn reach(&self) -> Reach {
@@ -420,9 +355,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.component_sums.grow(self.components.n_rows());
         let (owners, shifts) = (&self.owners, &self.shifts);
         let matched = AssignedPoints { points, owners, shifts, gain, weight };
-        let (h, looks) = (self.config.h, self.config.visibility);
+        let h = self.config.h;
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let (sums, touched) = (&mut self.component_sums, &mut self.touched);
-        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched);
+        self.fits.accumulate(sums, seed_positions, matched, h, touched);
     }
 }

@@ -9,7 +9,6 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use crate::render::cpu::photometric::RowSubset;
 use crate::render::near_plane_for;
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, PhotographOutcome};
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::components::SeedPositions;
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::waiting::packed;
@@ -37,7 +36,7 @@ fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
     (pixels as f64 / depth).max(1.0)
 }
 
-impl<W: SumScalar> SceneTrainer<W> {
+impl SceneTrainer {
     /// Trains on the photograph of a frame whose points were added in an earlier pass, unless it is an
     /// outlier.
     pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {

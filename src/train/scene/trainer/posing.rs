@@ -12,10 +12,7 @@ use crate::train::scene::align::{
     GROUP_STRIDE, Improvement, KnownPlanes, PoseAlignment, ROUNDS, TURN_DEVIATION,
     alignment_subset, first_groups,
 };
-use crate::train::scene::births::assign_to_lattice;
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::components::SeedPositions;
-use crate::train::scene::config::BirthRule;
 use crate::train::scene::gain::{Brightness, fewest_matches};
 use crate::train::scene::gauge::{common_motion, moved_seed};
 use crate::train::scene::rigid_equations::Motion;
@@ -31,7 +28,7 @@ const FEWEST_FRAMES: usize = 4;
 /// Number of known points, among those compared, that determine the gain of a large frame.
 const MIN_EXPOSED: f64 = 1000.0;
 
-impl<W: SumScalar> SceneTrainer<W> {
+impl SceneTrainer {
     /// Returns points and camera under the aligned pose; no points and the recorded camera if the pose is not
     /// aligned.
     pub(super) fn aligned_points(
@@ -92,16 +89,15 @@ impl<W: SumScalar> SceneTrainer<W> {
         fewest: f64,
         rounds: usize,
         mut motion: Motion,
-        planes: &mut KnownPlanes<'_, W>,
+        planes: &mut KnownPlanes<'_>,
         owners: &mut Vec<u32>,
     ) -> Option<Improvement> {
         let h = self.config.h;
-        let mut near = matches!(self.config.births, BirthRule::Seeds)
-            .then(|| NearSeeds::new(&self.grid, h as f32, part.points.len()));
+        let mut near = NearSeeds::new(&self.grid, h as f32, part.points.len());
         for round in 1.. {
             // Reassigned in every round: moved points belong to other components, which determine the
             // remaining motion.
-            let gain = self.assign_moved(part, &motion, near.as_mut(), fewest, owners);
+            let gain = self.assign_moved(part, &motion, &mut near, fewest, owners);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
             let improvement = alignment.improve(&motion, planes)?;
             if improvement.has_converged || round >= rounds {
@@ -117,23 +113,17 @@ impl<W: SumScalar> SceneTrainer<W> {
         &self,
         part: &Observation,
         motion: &Motion,
-        near: Option<&mut NearSeeds<'_>>,
+        near: &mut NearSeeds<'_>,
         fewest: f64,
         owners: &mut Vec<u32>,
     ) -> [f32; 3] {
-        let Self { config, grid, components, component_sums, .. } = self;
-        if let Some(near) = near {
-            let look = |points: &[SurfacePoint], owners: &[u32]| {
-                config.gain.then(|| Brightness::of(component_sums, points, owners))
-            };
-            let place = motion.point_mover(part);
-            let parts = near.assign(components, &part.points, place, owners, look);
-            return Brightness::gain(parts.into_iter().flatten(), fewest);
-        }
-        let mut moved = Vec::new();
-        motion.apply(part, &mut moved);
-        assign_to_lattice(config.births, config.h as f32, grid, components, &moved, owners);
-        self.gain_of(&part.points, owners, fewest)
+        let Self { config, components, component_sums, .. } = self;
+        let look = |points: &[SurfacePoint], owners: &[u32]| {
+            config.gain.then(|| Brightness::of(component_sums, points, owners))
+        };
+        let place = motion.point_mover(part);
+        let parts = near.assign(components, &part.points, place, owners, look);
+        Brightness::gain(parts.into_iter().flatten(), fewest)
     }
 
     /// Moves the whole scene to minimise its frames' pose corrections, each time their number has doubled:
@@ -165,7 +155,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 }
 
-impl<W: SumScalar> SceneTrainer<W> {
+impl SceneTrainer {
     /// Returns the frame's points and camera under the corrected or tracked pose; no points if unchanged.
     pub(super) fn points_and_camera(
         &mut self,

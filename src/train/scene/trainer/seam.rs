@@ -15,13 +15,12 @@ use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::{ComparerUse, DevicePolicy, PassUse};
 use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, TrainingWarning};
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::engine::SceneLearner;
 use crate::train::timing::{SCENE_STAGES, TrainStage};
 use glam::DVec3;
 use rayon::prelude::*;
 
-impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
+impl Learns<Observation> for SceneTrainer {
     fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
         Ok(self.train(frame))
     }
@@ -31,7 +30,7 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
     }
 }
 
-impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
+impl SceneLearner for SceneTrainer {
     fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.splat_rule = rule;
         // It was computed from pictures drawn with the previous rule.
@@ -39,7 +38,7 @@ impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
     }
 }
 
-impl<W: SumScalar> Learner for SceneTrainer<W> {
+impl Learner for SceneTrainer {
     fn stages(&self) -> &'static [TrainStage] {
         &SCENE_STAGES
     }
@@ -103,13 +102,11 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
-        if self.can_fit_on_device() {
-            self.fits.add_device(device, policy);
-        }
+        self.fits.add_device(device, policy);
     }
 
     fn point_use(&self) -> Option<PassUse> {
-        self.can_fit_on_device().then(|| self.fits.used())
+        Some(self.fits.used())
     }
 
     fn comparer_use(&self) -> Option<ComparerUse> {
@@ -126,18 +123,8 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         (splat, Appearance { observed: self.component_sums.observed_cone(id), ..appearance })
     }
 
-    /// For a lattice that exceeds its budget these are more than in [`Self::stored_splats`]: merged
-    /// components would have no permanent slots.
     fn splats(&self) -> SplatSet {
         self.every_splat()
-    }
-
-    /// In checkpoint order; components of a lattice that exceeds its budget are merged in that order first.
-    fn stored_splats(&self) -> SplatSet {
-        match self.merged_to_budget() {
-            Some(merged) => merged.every_splat(),
-            None => self.splats_of(&self.stored_order()),
-        }
     }
 
     fn splats_of(&self, ids: &[u32]) -> SplatSet {
