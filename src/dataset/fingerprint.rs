@@ -249,7 +249,7 @@ mod tests {
             n_eval: 1,
             ..SyntheticParams::demo()
         };
-        write(&small, folder.path(), SyntheticLayout::Open3d, &mut |_, _| ()).unwrap();
+        write(&small, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
         let plain = LoadOptions::default();
         let before = of(folder.path(), &plain);
         let difference = |options: &LoadOptions| before.difference(&of(folder.path(), options));
@@ -257,7 +257,7 @@ mod tests {
         let scaled = LoadOptions { depth_scale: Some(0.002), ..plain };
         assert!(difference(&scaled).unwrap().contains("depth"));
 
-        let file = folder.path().join("depth/00006.png");
+        let file = folder.path().join("depth/1000.200000.png");
         let bytes = std::fs::read(&file).unwrap();
         let mut edited = bytes.clone();
         edited[bytes.len() / 2] ^= 1;

@@ -24,6 +24,7 @@ const TYPICAL_DEPTH: f64 = 1.5;
 const DEPTH_SIDE: f64 = 256.0;
 const LEAST_FACTOR: f64 = 2.0;
 
+/// Photograph and depth image as a phone stores them.
 pub struct Capture {
     /// sRGB-encoded, opaque.
     pub color: Image<[u8; 4]>,
