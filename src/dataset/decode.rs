@@ -12,15 +12,12 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Storage of a split's depth files.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthEncoding {
     pub codes: CodeKind,
     pub kind: DepthKind,
     pub trusted: [f64; 2],
-    /// World units per metre.
     pub units_per_metre: f64,
-    /// Kind of depth sensor, known from the layout and not from the file.
     pub sensor: Sensor,
 }
 
@@ -31,7 +28,6 @@ impl DepthEncoding {
     }
 }
 
-/// Pixel format of a depth image and its conversion to depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CodeKind {
     /// First channel of an 8-bit image.
@@ -50,7 +46,6 @@ pub(super) struct ImageHeader {
     pub bits_per_channel: u16,
 }
 
-/// Reads an image's header only.
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
         // Not read whole: opening a dataset reads thousands of headers.
@@ -70,7 +65,6 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     })
 }
 
-/// Columns and rows of a depth file, from its header.
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
@@ -86,7 +80,6 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     Ok((width as u32, height as u32))
 }
 
-/// Decodes a colour image that must have `size` (columns, rows).
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
     let wrong = |found| FrameProblem::CameraSize { expected: size, found };
     // Grey and RGB become opaque RGBA, so that later stages handle one format.
@@ -102,12 +95,10 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
     Ok(Image::from_vec(width, height, data))
 }
 
-/// Converts RGBA bytes to pixels, without a copy if possible.
 fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
     try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 
-/// Decodes a depth file that must have `size` (columns, rows) and the format of `encoding`.
 pub(super) fn depth(
     source: &ByteSource,
     encoding: &DepthEncoding,

@@ -36,10 +36,8 @@ pub struct Fingerprint {
     /// trusted interval of depth, least confidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     reading: Option<u32>,
-    /// CRC-32 over the size of every file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sizes: Option<u32>,
-    /// CRC-32 over the sampled bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     content: Option<u32>,
 }
@@ -135,7 +133,6 @@ impl Fingerprint {
     }
 }
 
-/// True if both are known and differ.
 fn differs(a: Option<u32>, b: Option<u32>) -> bool {
     a.zip(b).is_some_and(|(a, b)| a != b)
 }

@@ -129,7 +129,6 @@ fn write_through(
     fill(&|_| Ok(()), &stream, write)
 }
 
-/// Writes the whole content and returns the number of bytes.
 fn fill(
     check: SaveCheck,
     file: &File,
@@ -198,7 +197,6 @@ fn copy_permissions(file: &File, older: &Metadata) -> io::Result<()> {
     }
 }
 
-/// Links the file at `path` as `<name>.bak` too.
 fn back_up(check: SaveCheck, path: &Path) -> Result<(), Fault> {
     const ACTION: &str = "keep the older file as .bak";
     let failed = |source| Fault::Io { action: ACTION, source };
@@ -222,7 +220,6 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Converts an I/O error after `written` bytes.
 pub(super) fn to_fault(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
     move |source| match source.kind() {
         _ if source.get_ref().is_some_and(|inner| inner.is::<Cancelled>()) => Fault::Cancelled,
@@ -276,7 +273,6 @@ impl Destination {
     }
 }
 
-/// Resolves a symbolic link whose target file does not exist.
 fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
     let mut end = path.to_path_buf();
     for _ in 0..MAX_LINKS {
@@ -295,7 +291,6 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Temporary name beside a file, removed on drop.
 struct Temporary<'a, T> {
     check: SaveCheck<'a>,
     entry: NamedTempFile<T>,
@@ -318,7 +313,6 @@ impl<'a, T> Temporary<'a, T> {
         Ok(Self { check, entry })
     }
 
-    /// Renames the temporary to its final name, replacing any file there.
     fn rename_to(self, path: &Path) -> io::Result<()> {
         // Not `persist`: renaming onto another link to the same file does nothing and leaves both names, of
         // which the drop removes this one.
@@ -388,7 +382,6 @@ pub fn remove_leftovers(path: &Path) {
     }
 }
 
-/// True if `found` is named like a temporary of `name` or of its `.bak`.
 fn is_temporary(found: &str, name: &str) -> bool {
     let rest = found.strip_prefix('.').and_then(|found| found.strip_prefix(name));
     let rest = rest.map(|rest| rest.strip_prefix(".bak").unwrap_or(rest));

@@ -53,7 +53,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     (!lists.is_empty()).then(|| format!("{} with `frames` and their poses", lists.join(", ")))
 }
 
-/// JSON files in the root that are frame lists by content or by name.
 fn frame_lists(folder: &Folder) -> Vec<&str> {
     let is_list = |name: &&str| name.ends_with(".json") && is_list(folder, name);
     folder.listing.files().filter(is_list).collect()
@@ -143,8 +142,6 @@ impl FrameList {
         }
     }
 
-    /// Reads the whole split: frames with files, one camera, one depth encoding. `None` if no image can be
-    /// read.
     fn split(
         &self,
         folder: &Folder,
@@ -221,7 +218,6 @@ impl FrameList {
         Ok(k)
     }
 
-    /// Refuses a stated image size or lens that does not match a pinhole camera of this size.
     fn check_camera(&self, size: (u32, u32)) -> Result<(), DatasetError> {
         let side = |key| Ok::<_, DatasetError>(self.number(key)?.map(|n| n as u32));
         let stated = (side("w")?.unwrap_or(size.0), side("h")?.unwrap_or(size.1));

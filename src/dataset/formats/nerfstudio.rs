@@ -44,7 +44,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     Some(format!("{name} whose frames name depth files or have cameras of their own"))
 }
 
-/// The JSON file in the root that is a frame list of this layout, with its content.
 fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
     folder.listing.files().filter(|name| name.ends_with(".json")).find_map(|name| {
         let json = serde_json::from_str(&folder.peek_whole(name)).ok().filter(is_list)?;
@@ -104,19 +103,16 @@ fn first_of<'a>(frame: &'a Value, keys: &[&str]) -> Option<&'a Value> {
     keys.iter().find_map(|key| frame.get(key))
 }
 
-/// True if a frame states its own camera.
 fn has_own_camera(frame: &Value) -> bool {
     first_of(frame, &["fl_x", "w", "camera_angle_x"]).is_some()
 }
 
-/// A frame list and the parameters that apply to all frames.
 struct FrameList<'a> {
     json: &'a Value,
     file: &'a Path,
 }
 
 impl FrameList<'_> {
-    /// A number stated by the frame, else for all frames.
     fn number(&self, frame: &Value, key: &str) -> Result<Option<f64>, DatasetError> {
         let Some(value) = frame.get(key).or_else(|| self.json.get(key)) else { return Ok(None) };
         let number = value.as_f64().filter(|number| number.is_finite());

@@ -26,7 +26,6 @@ const DEPTH_UNIT: f64 = 0.001;
 /// Metres; range of a structured-light depth camera.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
-/// Describes the image folders, if both exist.
 pub(super) fn recognise(folder: &Folder) -> Option<String> {
     let color = color_folder(folder)?;
     folder.has_folder(DEPTH_FOLDER).then(|| format!("images in {color}/ and {DEPTH_FOLDER}/"))
@@ -36,10 +35,8 @@ fn color_folder(folder: &Folder) -> Option<&'static str> {
     COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
 }
 
-/// Pairs of photograph and depth by number, and their cameras.
 type PairedImages = (BTreeMap<u64, Pair>, Cameras);
 
-/// Reads the images of a recording; `None` if none can be read.
 pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
     let color_name = color_folder(folder).unwrap_or("color");
@@ -69,7 +66,6 @@ pub(super) fn encoding(recording: &Recording) -> DepthEncoding {
 }
 
 pub(super) struct Pair {
-    /// File name of the photograph without its extension.
     pub name: String,
     pub color: Option<ByteSource>,
     depth: Result<ByteSource, String>,
@@ -277,7 +273,6 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
 
 type Block = (u64, Result<Pose, FrameProblem>);
 
-/// Image number and pose of every block.
 fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
     let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
     let (file, text) = recording.folder.lines(&name)?;

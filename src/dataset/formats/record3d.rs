@@ -32,7 +32,6 @@ use std::sync::Arc;
 /// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
-/// Metadata of a recording.
 pub(super) struct Metadata {
     pub file: PathBuf,
     json: Value,
@@ -45,7 +44,6 @@ pub(super) struct FrameSources {
 }
 
 impl Metadata {
-    /// True for JSON text of this app.
     pub fn is_one(text: &[u8]) -> bool {
         serde_json::from_slice::<Value>(text)
             .is_ok_and(|json| json.get("K").is_some() && json.get("poses").is_some())
@@ -58,7 +56,6 @@ impl Metadata {
         }
     }
 
-    /// Adds the numbered frames to the recording; `codes` is their depth encoding.
     pub fn record(
         &self,
         recording: &mut Recording,
@@ -115,7 +112,6 @@ impl Metadata {
         self.json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok())
     }
 
-    /// Intrinsics of the photograph.
     fn intrinsics(&self, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
         if let Some(stated) = self.side("w").zip(self.side("h")) {
             same_size(stated, size, &self.file)?;
@@ -213,7 +209,6 @@ fn archive_name(folder: &Folder) -> Option<&str> {
     first.filter(|_| ours.next().is_none())
 }
 
-/// True if a file in the root is an archive with this app's metadata.
 fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
     let path = folder.file(Path::new(""), &folder.listing, name)?;
     if !Archive::is_zip_archive(&path)? {

@@ -26,10 +26,8 @@ use crate::math::pose::Pose;
 use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
-/// Name of the split with the whole recording.
 const SPLIT: &str = "all";
 
-/// A recording to which frames are added.
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
@@ -37,7 +35,6 @@ pub(super) struct Recording<'a> {
     frames: Vec<FrameEntry>,
 }
 
-/// A frame with its files and a valid pose.
 pub(super) struct RecordedFrame {
     pub name: String,
     pub time: Option<f64>,
@@ -60,12 +57,10 @@ impl<'a> Recording<'a> {
         Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
     }
 
-    /// Adds a warning about a frame that cannot be used.
     pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
         self.parsed.skip(SPLIT, frame, file, problem);
     }
 
-    /// Adds warnings about frames with more than one file.
     pub fn skip_doubled(&mut self, files: &NumberedFiles, folder: &str) {
         for (number, name) in &files.duplicates {
             let file = self.folder.path.join(folder).join(name);
@@ -87,7 +82,6 @@ impl<'a> Recording<'a> {
         })
     }
 
-    /// Adds a notice for the user.
     pub fn note(&mut self, note: impl Into<String>) {
         self.parsed.notes.push(note.into());
     }
@@ -173,14 +167,12 @@ impl<'a> Recording<'a> {
     }
 }
 
-/// Refuses intrinsics that no camera has; `file` states them.
 pub(super) fn check_intrinsics(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
     check(k).map_err(|IntrinsicsDefect { expected, found, hint }| {
         metadata_error(file, &expected, found, hint)
     })
 }
 
-/// Error of a metadata file with malformed content.
 pub(super) fn metadata_error(
     file: &Path,
     expected: &str,
@@ -195,7 +187,6 @@ pub(super) fn metadata_error(
     }
 }
 
-/// Refuses metadata that state another image size than the photographs have.
 pub(super) fn same_size(
     stated: (u32, u32),
     found: (u32, u32),
@@ -212,14 +203,12 @@ pub(super) fn same_size(
     }
 }
 
-/// Size of most photographs; the first error if no header can be read.
 pub(super) fn photograph_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     most(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
-/// Size of most depth files; the first error if no header can be read.
 pub(super) fn depth_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {

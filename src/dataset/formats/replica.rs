@@ -33,9 +33,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";
 const CAMERA: &str = "cam_params.json";
-/// Codes per metre in the published renderings.
 const CODES_PER_METRE: f64 = 6553.5;
-/// Camera of the published renderings.
 const PUBLISHED: Intrinsics =
     Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 };
 
@@ -110,7 +108,6 @@ fn paths(
     Ok([color.into(), depth.into()])
 }
 
-/// Camera and codes per metre, with the file that states them.
 fn camera(
     recording: &mut Recording,
     size: (u32, u32),

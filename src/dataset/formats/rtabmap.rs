@@ -61,7 +61,6 @@ fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
     folder.subfolders().into_iter().find(is_one)
 }
 
-/// First calibration file, relative to the root.
 fn calibration(folder: &Folder) -> Option<String> {
     let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
     let holds = |relative: &str| {
@@ -205,7 +204,6 @@ impl<'a> Images<'a> {
         Ok(Self { folder, names, listings, colors, depths })
     }
 
-    /// Files of the first or second folder.
     #[expect(clippy::indexing_slicing, reason = "called with 0 and 1")]
     fn sources(&self, which: usize) -> impl Iterator<Item = ByteSource> {
         let images = [&self.colors, &self.depths][which].iter();
@@ -218,7 +216,6 @@ impl<'a> Images<'a> {
         Ok(self.folder.file(relative, &self.listings[which], name)?.into())
     }
 
-    /// Stem of the image that a pose belongs to.
     fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
         let by_number = pose.number.map(|n| n.to_string());
         if let Some(stem) = by_number.filter(|n| find(&self.colors, n).is_some()) {
@@ -260,7 +257,6 @@ fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
     images.split_at(images.partition_point(|(stem, _)| value(stem) < least)).1
 }
 
-/// Name of the file with a given stem.
 fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
     let rest = from(images, value(stem)).iter();
     let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
@@ -316,7 +312,6 @@ fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     Some(rest.split_once('[')?.1.split_once(']')?.0)
 }
 
-/// Makes a matrix from three rows of four numbers.
 fn from_rows(rows: [f64; 12]) -> DMat4 {
     let mut m = [0.0; 16];
     m[..12].copy_from_slice(&rows);

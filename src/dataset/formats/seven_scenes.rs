@@ -77,7 +77,6 @@ fn color_stem(name: &str) -> Option<&str> {
     COLOR_SUFFIXES.iter().find_map(|suffix| name.strip_suffix(suffix))
 }
 
-/// Split files such as `TrainSplit.txt` and `TestSplit.txt`.
 fn split_files(folder: &Folder) -> Vec<&str> {
     let is_split = |n: &&str| n.len() > SPLIT_SUFFIX.len() && n.ends_with(SPLIT_SUFFIX);
     folder.listing.files().filter(is_split).collect()
@@ -117,7 +116,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(parsed)
 }
 
-/// Name of each split and the folders of its frames.
 fn split_folders(
     folder: &Folder,
     parsed: &mut ParsedFolder,

@@ -63,7 +63,6 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
-/// All numbers of nested arrays, in order.
 pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     match value {
         Value::Array(items) => {
@@ -74,7 +73,6 @@ pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     }
 }
 
-/// Camera stated by a text file in the root, with the file's path.
 pub(super) fn in_text_file(
     folder: &Folder,
     size: (u32, u32),
@@ -123,12 +121,9 @@ const KNOWN_MODELS: [&str; 7] = [
     "PERSPECTIVE",
     "FULL_OPENCV",
 ];
-/// Terms of other models, unless zero.
 const OTHER_TERMS: [&str; 6] = ["k4", "k5", "k6", "skew", "sk_x", "sk_y"];
-/// Flags of other models.
 const OTHER_FLAGS: [&str; 2] = ["is_fisheye", "fisheye"];
 
-/// Refuses a camera that is not perspective, according to a frame or the list that contains it.
 pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<(), DatasetError> {
     let said = |key: &str| frame.get(key).or_else(|| list.get(key));
     let model = said("camera_model").and_then(Value::as_str);
@@ -148,7 +143,6 @@ pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<()
     Err(metadata_error(file, expected, found, "undistort the images to a pinhole first"))
 }
 
-/// Number of evenly spaced files that are read.
 const SAMPLED_FILES: usize = 9;
 
 /// Most frequent value among the sampled files; of equally frequent values the first file's. `None` without

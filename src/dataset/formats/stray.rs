@@ -40,7 +40,6 @@ const CONFIDENCES: &str = "confidence";
 const COLORS: &str = "rgb";
 const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
-/// Columns and rows of the app's video.
 const VIDEO_SIZE: (u32, u32) = (1920, 1440);
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
@@ -54,7 +53,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))
 }
 
-/// Positions of [`COLUMNS`] in the header line.
 fn columns(head: &str) -> Option<[usize; 9]> {
     let names: Vec<&str> = head.split(',').map(str::trim).collect();
     let mut found = [0; 9];
@@ -64,7 +62,6 @@ fn columns(head: &str) -> Option<[usize; 9]> {
     Some(found)
 }
 
-/// Files of a recording, by number.
 struct Files {
     colors: Option<NumberedFiles>,
     video: Option<Arc<Video>>,
@@ -73,7 +70,6 @@ struct Files {
 }
 
 impl Files {
-    /// Photograph of a frame; `None` if there is none.
     fn color(&self, folder: &Folder, frame: u64) -> Option<Result<ByteSource, FrameProblem>> {
         match (&self.colors, &self.video) {
             (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),

@@ -8,7 +8,6 @@ use glam::{DMat4, DQuat, DVec3};
 /// 17 ms.
 pub(super) const TOLERANCE: f64 = 0.020;
 
-/// Position and unit quaternion with a timestamp.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimedPose {
     pub time: f64,
@@ -28,7 +27,6 @@ impl TimedPose {
         })
     }
 
-    /// Pose matrix in the convention of the numbers.
     pub fn matrix(&self) -> DMat4 {
         DMat4::from_rotation_translation(self.turn, self.position)
     }

@@ -63,13 +63,11 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"))
 }
 
-/// Lines that are not comments, numbered from 1.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Time and file name in a line of a list.
 fn image(line: &str) -> Option<(f64, &str)> {
     let (time, file) = line.split_once(|c: char| c.is_whitespace() || c == ',')?;
     Some((time.parse().ok().filter(|t: &f64| t.is_finite())?, file.trim()))
@@ -134,14 +132,12 @@ fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedIma
     poses.is_none_or(|poses| has(end(poses))) && has(colors.last().map(|color| color.time))
 }
 
-/// An image of a list.
 struct TimedImage {
     time: f64,
     name: String,
     path: PathBuf,
 }
 
-/// The images of a list, sorted by time.
 fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, DatasetError> {
     let folder = recording.folder;
     let (file, text) = folder.lines(list)?;
@@ -254,7 +250,6 @@ fn cameras(
     Ok(Some((cameras, is_kinect(&cameras.depth))))
 }
 
-/// True for the intrinsics of a PrimeSense camera, also if it was calibrated.
 fn is_kinect(k: &Intrinsics) -> bool {
     let is_near = |focal: f64, makers: f64| (focal / makers - 1.0).abs() < CALIBRATED;
     (k.width, k.height) == (PRIMESENSE.width, PRIMESENSE.height)
@@ -262,7 +257,6 @@ fn is_kinect(k: &Intrinsics) -> bool {
         && is_near(k.fy, PRIMESENSE.fy)
 }
 
-/// Source of camera poses.
 #[derive(Clone, Copy)]
 struct Poses<'a> {
     trajectory: &'a Trajectory,
@@ -270,12 +264,10 @@ struct Poses<'a> {
     convention: Option<PoseConvention>,
     /// True for cameras with a rolling shutter.
     is_kinect: bool,
-    /// Delays and mount that all frames share.
     rig: Rig,
 }
 
 impl Poses<'_> {
-    /// World pose of the camera at a time; `None` if the trajectory has none.
     fn at(&self, time: f64) -> Option<Pose> {
         let matrix = self.trajectory.at(time).ok()?;
         self.mounted(matrix).ok()
@@ -292,13 +284,11 @@ impl Poses<'_> {
         }
     }
 
-    /// Pose of the camera, from a matrix of the trajectory and the camera's mount.
     fn mounted(&self, matrix: DMat4) -> Result<Pose, PoseError> {
         let convention = self.convention.unwrap_or(FORMAT.poses);
         Ok(self.rig.mount.camera_pose(&convention.pose(matrix)?))
     }
 
-    /// Estimates the rig from the images and adds notices about it.
     fn with_estimated_rig(
         self,
         recording: &mut Recording<'_>,
@@ -338,7 +328,6 @@ impl Poses<'_> {
         RollingShutter { rotation: turn }
     }
 
-    /// Rolling shutter of the images taken at these times.
     fn lens(&self, [depth, color]: [f64; 2]) -> Distortion {
         match self.is_kinect {
             true => Distortion {
@@ -396,7 +385,6 @@ fn frame(
     })
 }
 
-/// A depth image and its photograph, before their cameras are known.
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
     let color = nearest(colors, depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());

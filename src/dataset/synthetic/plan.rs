@@ -18,9 +18,7 @@ use std::sync::Arc;
 
 /// Ratio of photograph to depth resolution of the room's camera in phone layouts.
 const ROOM_FACTOR: u32 = 4;
-/// Minimum side of the depth image, pixels.
 const MIN_SIDE: u32 = 8;
-/// Confidence code of exact depth.
 const SURE: u8 = 2;
 
 /// Frame rate of the simulated recorder, hertz.
@@ -37,7 +35,6 @@ pub struct ViewPlan {
 
 pub(super) struct PlannedSplit {
     pub name: &'static str,
-    /// True poses, from which frames are rendered.
     pub poses: Vec<Pose>,
     /// Poses written to the recording; they differ from the true poses by drift.
     recorded_poses: Vec<Pose>,
@@ -48,7 +45,6 @@ pub(super) struct PlannedSplit {
 }
 
 impl PlannedSplit {
-    /// Returns a split with exact depth and true poses.
     fn exact(name: &'static str, poses: Vec<Pose>) -> Self {
         let stated = poses.clone();
         Self {
@@ -61,7 +57,6 @@ impl PlannedSplit {
         }
     }
 
-    /// Random stream of a frame's depth noise; `None` for exact depth.
     pub fn noise_stream(&self, frame: usize) -> Option<u64> {
         self.is_noisy.then_some(frame as u64)
     }
@@ -137,12 +132,10 @@ impl ViewPlan {
         self.splits.iter().any(|split| !split.is_recorded)
     }
 
-    /// Renders colour and depth of a frame, with depth noise if the split is noisy.
     pub(super) fn render_view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
         self.view_by(split, frame, self.scene.intrinsics())
     }
 
-    /// As [`Self::render_view`], with other intrinsics at the same pose.
     fn view_by(&self, split: &PlannedSplit, frame: usize, intrinsics: Intrinsics) -> SyntheticView {
         let camera = Camera { intrinsics, pose: split.poses[frame] };
         self.scene.render_sensed(&camera, split.noise_stream(frame))
@@ -172,7 +165,6 @@ impl ViewPlan {
         Intrinsics { width, height, fx: k.fx * sx, fy: k.fy * sy, cx: k.cx * sx, cy: k.cy * sy }
     }
 
-    /// True if a phone records.
     pub(super) fn has_phone_camera(&self) -> bool {
         self.phone.is_some()
     }
@@ -230,7 +222,6 @@ const TARGET: DVec3 = dvec3(0.0, 0.0, 0.85);
 /// Random stream of the phase; distinct from those of frames and furnishing.
 const PHASE: u64 = u64::MAX - 1;
 
-/// Poses of the training frames: smooth, one or more closed turns.
 pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
     // Whole turns close the path.
     let turns = (n_frames as f64 / FRAMES_PER_TURN).round().max(1.0);

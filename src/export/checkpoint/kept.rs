@@ -41,7 +41,6 @@ pub(super) fn retained_sections(frames: &[StoredFrame]) -> Vec<Section<'_>> {
     ]
 }
 
-/// Reads the frames. Their values are checked with the scene.
 pub(super) fn read(sections: &Sections) -> Result<Vec<StoredFrame>, Defect> {
     if !sections.has(sections::RETAINED) {
         return Ok(Vec::new());

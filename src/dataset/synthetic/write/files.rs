@@ -7,7 +7,6 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::{Path, PathBuf};
 
-/// Typical quality of a phone's photographs.
 const JPEG_QUALITY: u8 = 95;
 
 /// Error while writing a dataset.
@@ -53,7 +52,6 @@ pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {
     std::fs::create_dir_all(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// Creates a folder; an existing one must be empty.
 pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
     create_folder(path)?;
     let io = |source| WriteError::Io { path: path.to_owned(), source };
@@ -67,7 +65,6 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
     write_bytes(path, text.as_bytes())
 }
 
-/// Writes an 8-bit RGBA PNG with straight alpha.
 pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
     let size = (image.width, image.height);
     write_png(path, image.data.as_flattened(), size, ExtendedColorType::Rgba8)
@@ -82,7 +79,6 @@ pub(super) fn write_gray8(path: &Path, image: &Image<u8>) -> Result<(), WriteErr
     write_png(path, &image.data, (image.width, image.height), ExtendedColorType::L8)
 }
 
-/// Writes a JPEG; alpha is dropped.
 pub(super) fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
     let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
     let mut encoded = Vec::new();

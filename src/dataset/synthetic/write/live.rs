@@ -83,7 +83,6 @@ impl LiveFiles {
     }
 }
 
-/// Lists all files below a folder: relative path to (folder, file name).
 fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, WriteError> {
     let mut found = BTreeMap::new();
     let mut folders = vec![PathBuf::new()];

@@ -102,7 +102,6 @@ pub enum SyntheticLayout {
 }
 
 impl SyntheticLayout {
-    /// True if the layout has a folder or list per split.
     fn has_splits(self) -> bool {
         matches!(self, Self::Blender(_) | Self::SevenScenes)
     }

@@ -8,7 +8,6 @@ use crate::model::scene::kept::{StoredFrame, quanta_to_values};
 use crate::model::scene::state::SceneState;
 use crate::model::scene::sums::MIXED;
 
-/// Names of a frame's numbers, for messages.
 const NAMES: [&str; 5] = ["frame", "pose", "deviation", "components shown", "components updated"];
 /// Largest whole number that f64 represents exactly.
 const MOST: f64 = (1u64 << 53) as f64;
@@ -33,7 +32,6 @@ pub(in super::super) fn check_retained_numbers(frames: &[[f64; 5]]) -> Result<()
     Ok(())
 }
 
-/// Checks pose indices, component ids and sums of the frames.
 pub(in super::super) fn check_retained_frames(state: &SceneState) -> Result<(), Defect> {
     let (n_poses, n) = (state.poses.len() as u64, state.visibility.len());
     for (at, StoredFrame { log_index: logged, shown, taught, .. }) in
