@@ -77,6 +77,12 @@ pub(super) struct DepthSource {
     pub confidence: Option<(ByteSource, u8)>,
 }
 
+impl DepthSource {
+    pub fn new(file: ByteSource, encoding: DepthEncoding) -> Self {
+        Self { file, encoding, confidence: None }
+    }
+}
+
 impl FrameEntry {
     /// Decodes the frame's images and checks that they agree with each other and with the camera.
     ///

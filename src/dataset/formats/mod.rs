@@ -135,8 +135,10 @@ impl Layout {
     }
 
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
-        let (_, format) = FORMATS.iter().find(|(layout, _)| *layout == self)?;
-        (format.known_calibration)(depth_camera)
+        match self {
+            Self::SevenScenes => seven_scenes::known_calibration(depth_camera),
+            _ => None,
+        }
     }
 }
 
@@ -146,7 +148,6 @@ pub(in crate::dataset) struct DatasetFormat {
     /// Describes the identifying content found, if this is the layout. Must not fail on unknown content.
     pub recognise: fn(&Folder) -> Option<String>,
     pub parse: fn(&Folder, &LoadOptions) -> Result<ParsedFolder, DatasetError>,
-    pub known_calibration: fn(&Intrinsics) -> Option<Calibration>,
 }
 
 #[derive(Default)]

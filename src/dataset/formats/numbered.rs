@@ -83,6 +83,15 @@ impl NumberedFiles {
         let name = self.by_number.get(&number)?;
         Some(folder.file(&self.relative, &self.listing, name))
     }
+
+    pub fn required(
+        &self,
+        folder: &Folder,
+        number: u64,
+        missing: impl FnOnce() -> FrameProblem,
+    ) -> Result<ByteSource, FrameProblem> {
+        Ok(self.file(folder, number).transpose()?.ok_or_else(missing)?.into())
+    }
 }
 
 /// Parses the first digits after the prefix; `00012-000033.png` has the number 12.

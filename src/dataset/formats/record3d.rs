@@ -13,7 +13,6 @@ use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, relative_path};
@@ -97,9 +96,8 @@ impl Metadata {
                 encoding,
                 confidence: frame.confidence.clone().map(|map| (map, least)),
             });
-            let color = frame.color.clone();
-            let (time, lens) = (self.time(index), Distortion::default());
-            recording.push(RecordedFrame { name, time, pose, cameras, color, depth, lens });
+            let recorded = RecordedFrame::new(name, pose, cameras, frame.color.clone(), depth);
+            recording.push(RecordedFrame { time: self.time(index), ..recorded });
         }
         Ok(())
     }
@@ -181,7 +179,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const METADATA: [&str; 2] = ["metadata", "metadata.json"];
@@ -285,7 +282,6 @@ pub(super) const FOLDER: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise: recognise_folder,
     parse: parse_folder,
-    known_calibration: |_| None,
 };
 
 const FOLDER_METADATA: [&str; 2] = ["metadata.json", "metadata"];
@@ -312,28 +308,15 @@ fn parse_folder(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
     let mut recording = Recording::new(folder, options);
     let (file, text) = folder.text(metadata(folder).unwrap_or(FOLDER_METADATA[0]))?;
     let metadata = Metadata::new(file, text.as_bytes())?;
-    let list = |name: &str, extensions: &[&str]| {
-        NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
-            let expected = "a folder of numbered images";
-            metadata_error(
-                &folder.path.join(name),
-                expected,
-                problem.to_string(),
-                "export it again",
-            )
-        })
-    };
-    let colors = list(COLORS, &PHOTOGRAPHS)?;
-    recording.skip_doubled(&colors, COLORS);
+    let colors = recording.list(COLORS, "", &PHOTOGRAPHS)?;
     let depths = match folder.has_folder(DEPTHS) {
-        true => Some(list(DEPTHS, &["exr", "png", "tiff", "tif", "npy"])?),
+        true => Some(recording.list(DEPTHS, "", &["exr", "png", "tiff", "tif", "npy"])?),
         false => None,
     };
-    if let Some(depths) = &depths {
-        recording.skip_doubled(depths, DEPTHS);
-    }
-    let confidence = CONFIDENCES.into_iter().find(|name| folder.has_folder(name));
-    let confidences = confidence.map(|name| list(name, &["png", "conf", "bin"])).transpose()?;
+    let confidences = match CONFIDENCES.into_iter().find(|name| folder.has_folder(name)) {
+        Some(name) => Some(recording.list(name, "", &["png", "conf", "bin"])?),
+        None => None,
+    };
     let mut frames = BTreeMap::new();
     let lists: Vec<&NumberedFiles> =
         [Some(&colors), depths.as_ref()].into_iter().flatten().collect();

@@ -52,6 +52,19 @@ pub(super) struct Cameras {
     pub color: Option<ColorCamera>,
 }
 
+impl RecordedFrame {
+    /// A frame without time, by a camera without distortion.
+    pub fn new(
+        name: String,
+        pose: Pose,
+        cameras: Cameras,
+        color: ByteSource,
+        depth: Option<DepthSource>,
+    ) -> Self {
+        Self { name, time: None, pose, cameras, color, depth, lens: Distortion::default() }
+    }
+}
+
 impl<'a> Recording<'a> {
     pub fn new(folder: &'a Folder, options: &'a LoadOptions) -> Self {
         Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
@@ -61,10 +74,30 @@ impl<'a> Recording<'a> {
         self.parsed.skip(SPLIT, frame, file, problem);
     }
 
-    pub fn skip_doubled(&mut self, files: &NumberedFiles, folder: &str) {
+    /// Lists the files of a folder that are `prefix` and a number; a second file of a number becomes a
+    /// warning.
+    pub fn list(
+        &mut self,
+        name: &str,
+        prefix: &str,
+        extensions: &[&str],
+    ) -> Result<NumberedFiles, DatasetError> {
+        let path = self.folder.path.join(name);
+        let files =
+            NumberedFiles::list(self.folder, name, prefix, extensions).map_err(|problem| {
+                metadata_error(&path, "a folder of frames", problem.to_string(), "restore it")
+            })?;
         for (number, name) in &files.duplicates {
-            let file = self.folder.path.join(folder).join(name);
-            self.skip(&number.to_string(), file, FrameProblem::Duplicate(format!("`{name}`")));
+            let problem = FrameProblem::Duplicate(format!("`{name}`"));
+            self.skip(&number.to_string(), path.join(name), problem);
+        }
+        Ok(files)
+    }
+
+    /// Notes that the times of a list had to be sorted.
+    pub fn note_unordered(&mut self, list: &str, n: usize) {
+        if n > 0 {
+            self.note(format!("{list}: {n} times are out of order; sorted"));
         }
     }
 
@@ -147,19 +180,9 @@ impl<'a> Recording<'a> {
         depth: (u32, u32),
         file: &Path,
     ) -> Result<Cameras, DatasetError> {
-        let (width, height) = depth;
-        let sx = f64::from(width) / f64::from(stated.width);
-        let sy = f64::from(height) / f64::from(stated.height);
         let of_depth = match self.options.intrinsics {
             Some(numbers) => from_user(numbers, depth)?,
-            None => Intrinsics {
-                width,
-                height,
-                fx: stated.fx * sx,
-                fy: stated.fy * sy,
-                cx: stated.cx * sx,
-                cy: stated.cy * sy,
-            },
+            None => stated.resized(depth.0, depth.1),
         };
         check_intrinsics(&of_depth, file)?;
         let resampled = || ColorCamera::from_depth_intrinsics(&of_depth, [color.0, color.1]);

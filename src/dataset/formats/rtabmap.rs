@@ -9,9 +9,8 @@
 //! `…_camera_poses.txt`).
 
 use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error};
-use super::trajectory::TimedPose;
+use super::trajectory::{TimedPose, lines};
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
@@ -32,7 +31,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 /// Suffixes of folder names, which the exporter prefixes with the map's name.
@@ -82,11 +80,6 @@ fn pose_file(folder: &Folder) -> Option<&str> {
         named && lines(&text).next().is_some_and(|(_, line)| pose(line).is_ok())
     };
     folder.listing.files().filter(|name| name.ends_with(".txt")).find(is_ours)
-}
-
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
-    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
 struct PoseLine {
@@ -159,15 +152,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             }
             Ok(Some((pose, time, [color, depth], stem))) => {
                 seen.insert(stem.clone());
-                recording.push(RecordedFrame {
-                    name: stem,
-                    time,
-                    pose,
-                    cameras,
-                    color,
-                    depth: Some(DepthSource { file: depth, encoding, confidence: None }),
-                    lens: Distortion::default(),
-                });
+                let depth = Some(DepthSource::new(depth, encoding));
+                let frame = RecordedFrame::new(stem, pose, cameras, color, depth);
+                recording.push(RecordedFrame { time, ..frame });
             }
             Err(problem) => recording.skip(&format!("line {line}"), file.clone(), problem),
         }

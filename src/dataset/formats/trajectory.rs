@@ -32,6 +32,12 @@ impl TimedPose {
     }
 }
 
+/// Lines of a list that hold something, with their numbers from 1; `#` begins a comment.
+pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
 pub(super) struct Trajectory {
     // Ascending by time, without duplicates.
     poses: Vec<TimedPose>,

@@ -16,7 +16,7 @@
 use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
-use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
+use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines};
 use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -39,7 +39,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const COLOR_LIST: &str = "rgb.txt";
@@ -61,11 +60,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     };
     let is_ours = lists_images(COLOR_LIST) && lists_images(DEPTH_LIST);
     is_ours.then(|| format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"))
-}
-
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
-    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
 fn image(line: &str) -> Option<(f64, &str)> {
@@ -152,14 +146,16 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
         match folder.resolve_named(name) {
             Ok(path) => found.push(TimedImage { time, name: name.to_owned(), path }),
             Err(problem) => {
-                recording.skip(name, file.clone(), missing(problem, name, list == DEPTH_LIST));
+                let problem = problem.or_missing(|| match list == DEPTH_LIST {
+                    true => FrameProblem::MissingDepth(name.to_owned()),
+                    false => FrameProblem::MissingColor(name.to_owned()),
+                });
+                recording.skip(name, file.clone(), problem);
             }
         }
     }
     let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
-    if unordered > 0 {
-        recording.note(format!("{list}: {unordered} times are out of order; sorted"));
-    }
+    recording.note_unordered(list, unordered);
     found.sort_by(|a, b| a.time.total_cmp(&b.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
@@ -172,16 +168,6 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
         }
     }
     Ok(unique)
-}
-
-fn missing(problem: FrameProblem, name: &str, is_depth: bool) -> FrameProblem {
-    match problem {
-        FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => match is_depth {
-            true => FrameProblem::MissingDepth(name.to_owned()),
-            false => FrameProblem::MissingColor(name.to_owned()),
-        },
-        other => other,
-    }
 }
 
 fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
@@ -205,9 +191,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
         }
     }
     let (trajectory, unordered, doubled) = Trajectory::new(poses);
-    if unordered > 0 {
-        recording.note(format!("{POSES}: {unordered} times are out of order; sorted"));
-    }
+    recording.note_unordered(POSES, unordered);
     if doubled > 0 {
         recording
             .note(format!("{POSES}: {doubled} poses with the time of another pose are ignored"));
@@ -380,7 +364,7 @@ fn frame(
         pose,
         cameras,
         color: ByteSource::File(color.path.clone()),
-        depth: Some(DepthSource { file, encoding, confidence: None }),
+        depth: Some(DepthSource::new(file, encoding)),
         lens,
     })
 }
@@ -390,7 +374,7 @@ fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> O
     let file = ByteSource::File(depth.path.clone());
     Some(ImagePair {
         name: frame_name(&depth.name).into(),
-        depth: (depth.time, DepthSource { file, encoding, confidence: None }),
+        depth: (depth.time, DepthSource::new(file, encoding)),
         color: (color.time, ByteSource::File(color.path.clone())),
     })
 }

@@ -205,7 +205,7 @@ impl StoredDepth {
 /// Limit for depth images: 67 million pixels.
 const MAX_PIXELS: usize = 1 << 26;
 /// Highest compression factor of these formats and PNG, that of deflate.
-pub(super) const MAX_FACTOR: usize = 1040;
+const MAX_FACTOR: u64 = 1040;
 
 /// Checks, before allocation, that the file's bytes can contain this number of pixels.
 fn check_size(
@@ -214,8 +214,17 @@ fn check_size(
     per_pixel: usize,
 ) -> Result<(), FrameProblem> {
     let n = width.checked_mul(height).filter(|n| (1..=MAX_PIXELS).contains(n));
-    let fits = |n: usize| n.saturating_mul(per_pixel) <= bytes.len().saturating_mul(MAX_FACTOR);
-    match n.is_some_and(fits) {
+    let unpacked = n.map_or(u64::MAX, |n| (n as u64).saturating_mul(per_pixel as u64));
+    check_unpacked(bytes, [width, height], unpacked)
+}
+
+/// Checks, before allocation, that the file's bytes can hold an image of `unpacked` bytes.
+pub(super) fn check_unpacked(
+    bytes: &[u8],
+    [width, height]: [usize; 2],
+    unpacked: u64,
+) -> Result<(), FrameProblem> {
+    match unpacked <= (bytes.len() as u64).saturating_mul(MAX_FACTOR) {
         true => Ok(()),
         false => Err(FrameProblem::DepthFile {
             expected: "a size that the file's bytes can hold",

@@ -159,10 +159,7 @@ impl ViewPlan {
             return depth_camera(&k);
         }
         let side = |n: u32| (n / ROOM_FACTOR).max(MIN_SIDE);
-        let (width, height) = (side(k.width), side(k.height));
-        let sx = f64::from(width) / f64::from(k.width);
-        let sy = f64::from(height) / f64::from(k.height);
-        Intrinsics { width, height, fx: k.fx * sx, fy: k.fy * sy, cx: k.cx * sx, cy: k.cy * sy }
+        k.resized(side(k.width), side(k.height))
     }
 
     pub(super) fn has_phone_camera(&self) -> bool {
