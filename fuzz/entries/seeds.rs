@@ -3,8 +3,8 @@
 
 use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
 use super::training::{FIRST_OF_PAPER, steps_wider};
+use crate::common::layouts::TestLayout;
 use std::path::Path;
-use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::to_bytes;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
@@ -19,14 +19,14 @@ use vbgs_studio::train::setting::Preset;
 
 /// A folder of every layout in one text.
 pub fn layouts() -> Vec<Vec<u8>> {
-    let text = |layout: &SyntheticLayout| {
+    let text = |layout: &TestLayout| {
         let files = sound(*layout).iter();
         files.fold(Vec::new(), |text, (name, bytes)| {
             let name = name.to_str().expect("a plain name").as_bytes();
             [&text[..], MARK, name, b"\n", bytes].concat()
         })
     };
-    SyntheticLayout::ALL.iter().map(text).collect()
+    TestLayout::ALL.iter().map(text).collect()
 }
 
 /// Every file of poses behind its number.
@@ -39,12 +39,12 @@ pub fn images() -> Vec<Vec<u8>> {
     numbered(&IMAGE_FILES)
 }
 
-fn numbered(files: &[(SyntheticLayout, &str)]) -> Vec<Vec<u8>> {
+fn numbered(files: &[(TestLayout, &str)]) -> Vec<Vec<u8>> {
     let numbered = files.iter().zip(0..);
     numbered.map(|((layout, file), i)| [&[i][..], &file_of(*layout, file)].concat()).collect()
 }
 
-fn file_of(layout: SyntheticLayout, file: &str) -> Vec<u8> {
+fn file_of(layout: TestLayout, file: &str) -> Vec<u8> {
     let (_, bytes) = sound(layout)
         .iter()
         .find(|(name, _)| *name == Path::new(file))
@@ -54,7 +54,7 @@ fn file_of(layout: SyntheticLayout, file: &str) -> Vec<u8> {
 
 /// A file as Record3D has it.
 pub fn exr() -> Vec<Vec<u8>> {
-    vec![file_of(SyntheticLayout::Record3d, "depth/0.exr")]
+    vec![file_of(TestLayout::Record3d, "depth/0.exr")]
 }
 
 /// Arrays of the types that are read, and a TIFF of 16 bits.
@@ -80,7 +80,7 @@ pub fn npy() -> Vec<Vec<u8>> {
 
 /// A recording.
 pub fn r3d() -> Vec<Vec<u8>> {
-    vec![file_of(SyntheticLayout::Record3dArchive, "recording.r3d")]
+    vec![file_of(TestLayout::Record3dArchive, "recording.r3d")]
 }
 
 fn splats() -> [Splat; 2] {

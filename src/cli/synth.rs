@@ -88,14 +88,6 @@ fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
         LayoutName::Blender => SyntheticLayout::Blender(DepthBits::Sixteen),
         LayoutName::SevenScenes => SyntheticLayout::SevenScenes,
         LayoutName::Tum => SyntheticLayout::Tum,
-        LayoutName::Open3d => SyntheticLayout::Open3d,
-        LayoutName::Replica => SyntheticLayout::Replica,
-        LayoutName::Scannet => SyntheticLayout::Scannet,
-        LayoutName::Nerfstudio => SyntheticLayout::Nerfstudio,
         LayoutName::Record3d => SyntheticLayout::Record3d,
-        LayoutName::Record3dArchive => SyntheticLayout::Record3dArchive,
-        LayoutName::StrayScanner => SyntheticLayout::StrayScanner,
-        LayoutName::Arkit => SyntheticLayout::Arkit,
-        LayoutName::RtabMap => SyntheticLayout::RtabMap,
     })
 }

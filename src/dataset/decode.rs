@@ -8,19 +8,16 @@ use super::options::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use bytemuck::allocation::try_cast_vec;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Storage of a split's depth files.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthEncoding {
     pub codes: CodeKind,
     pub kind: DepthKind,
     pub trusted: [f64; 2],
-    /// World units per metre.
     pub units_per_metre: f64,
-    /// Kind of depth sensor, known from the layout and not from the file.
     pub sensor: Sensor,
 }
 
@@ -31,7 +28,6 @@ impl DepthEncoding {
     }
 }
 
-/// Pixel format of a depth image and its conversion to depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CodeKind {
     /// First channel of an 8-bit image.
@@ -50,7 +46,6 @@ pub(super) struct ImageHeader {
     pub bits_per_channel: u16,
 }
 
-/// Reads an image's header only.
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
         // Not read whole: opening a dataset reads thousands of headers.
@@ -70,7 +65,6 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     })
 }
 
-/// Columns and rows of a depth file, from its header.
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
@@ -86,7 +80,6 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     Ok((width as u32, height as u32))
 }
 
-/// Decodes a colour image that must have `size` (columns, rows).
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
     let wrong = |found| FrameProblem::CameraSize { expected: size, found };
     // Grey and RGB become opaque RGBA, so that later stages handle one format.
@@ -102,12 +95,10 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
     Ok(Image::from_vec(width, height, data))
 }
 
-/// Converts RGBA bytes to pixels, without a copy if possible.
 fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
     try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 
-/// Decodes a depth file that must have `size` (columns, rows) and the format of `encoding`.
 pub(super) fn depth(
     source: &ByteSource,
     encoding: &DepthEncoding,
@@ -147,53 +138,45 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
 
 fn inverse8(image: DynamicImage) -> Result<DepthCodes, FrameProblem> {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let found = format!("{:?}", image.color());
-    // Exporters write grey depth into every colour channel; the first one suffices.
-    Ok(match image {
-        DynamicImage::ImageLuma8(i) => {
-            DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
-        }
-        DynamicImage::ImageLumaA8(i) => inverse8_channel(width, height, &i, 2),
-        DynamicImage::ImageRgb8(i) => inverse8_channel(width, height, &i, 3),
-        DynamicImage::ImageRgba8(i) => inverse8_channel(width, height, &i, 4),
+    let color = image.color();
+    let raw = match image {
+        DynamicImage::ImageLuma8(i) => i.into_raw(),
+        DynamicImage::ImageLumaA8(i) => i.into_raw(),
+        DynamicImage::ImageRgb8(i) => i.into_raw(),
+        DynamicImage::ImageRgba8(i) => i.into_raw(),
         _ => {
             let hint = "export all depth of a split in one format";
+            let found = format!("{color:?}");
             return Err(FrameProblem::DepthFormat { expected: "8-bit", found, hint });
         }
-    })
+    };
+    Ok(DepthCodes::Inverse8(Image::from_vec(width, height, first_channel(raw, color))))
 }
 
 fn linear16(image: DynamicImage, unit: f64) -> Result<DepthCodes, FrameProblem> {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let found = format!("{:?}", image.color());
-    Ok(match image {
-        DynamicImage::ImageLuma16(i) => {
-            DepthCodes::Linear16 { codes: Image::from_vec(width, height, i.into_raw()), unit }
-        }
-        DynamicImage::ImageLumaA16(i) => linear16_channel(width, height, &i, 2, unit),
-        DynamicImage::ImageRgb16(i) => linear16_channel(width, height, &i, 3, unit),
-        DynamicImage::ImageRgba16(i) => linear16_channel(width, height, &i, 4, unit),
+    let color = image.color();
+    let raw = match image {
+        DynamicImage::ImageLuma16(i) => i.into_raw(),
+        DynamicImage::ImageLumaA16(i) => i.into_raw(),
+        DynamicImage::ImageRgb16(i) => i.into_raw(),
+        DynamicImage::ImageRgba16(i) => i.into_raw(),
         _ => {
             let hint = "export depth as 16-bit gray PNG";
+            let found = format!("{color:?}");
             return Err(FrameProblem::DepthFormat { expected: "16-bit gray", found, hint });
         }
-    })
+    };
+    let codes = Image::from_vec(width, height, first_channel(raw, color));
+    Ok(DepthCodes::Linear16 { codes, unit })
 }
 
-fn inverse8_channel(width: usize, height: usize, raw: &[u8], channels: usize) -> DepthCodes {
-    let data = raw.iter().copied().step_by(channels).collect();
-    DepthCodes::Inverse8(Image::from_vec(width, height, data))
-}
-
-fn linear16_channel(
-    width: usize,
-    height: usize,
-    raw: &[u16],
-    channels: usize,
-    unit: f64,
-) -> DepthCodes {
-    let data = raw.iter().copied().step_by(channels).collect();
-    DepthCodes::Linear16 { codes: Image::from_vec(width, height, data), unit }
+fn first_channel<T>(raw: Vec<T>, color: ColorType) -> Vec<T> {
+    match usize::from(color.channel_count()) {
+        1 => raw,
+        // Exporters write grey depth into every colour channel; the first one suffices.
+        n => raw.into_iter().step_by(n).collect(),
+    }
 }
 
 /// Decodes an image if its header states `size`; `wrong` makes the error for another size. The decoder's
@@ -216,12 +199,10 @@ fn decode(
         if decoder.dimensions() != size {
             return Err(wrong(decoder.dimensions()));
         }
-        let most = (bytes.len() as u64).saturating_mul(lengths::MAX_FACTOR as u64);
-        if format == Some(ImageFormat::Png) && decoder.total_bytes() > most {
-            return Err(FrameProblem::DepthFile {
-                expected: "a size that the file's bytes can hold",
-                found: format!("{}x{} pixels in {} bytes", size.0, size.1, bytes.len()),
-            });
+        if format == Some(ImageFormat::Png) {
+            let (width, height) = size;
+            let size = [width as usize, height as usize];
+            lengths::check_unpacked(bytes, size, decoder.total_bytes())?;
         }
         Limits::default().reserve(decoder.total_bytes())?;
         Ok(DynamicImage::from_decoder(decoder)?)

@@ -402,6 +402,16 @@ pub enum FrameProblem {
     },
 }
 
+impl FrameProblem {
+    /// Replaces the system's error about a file that does not exist.
+    pub(super) fn or_missing(self, missing: impl FnOnce() -> Self) -> Self {
+        match self {
+            Self::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
+            other => other,
+        }
+    }
+}
+
 /// Limits text from files in a message: one line, and of long text its start and end.
 fn abridged(text: &str) -> String {
     const MOST: usize = 400;

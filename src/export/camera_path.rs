@@ -86,7 +86,6 @@ struct KeyframeText {
     target: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     up: Option<[f64; 3]>,
-    /// Vertical field of view, in degrees.
     #[serde(default = "usual_fov")]
     fov_y: f64,
 }

@@ -204,7 +204,6 @@ pub(super) fn shorten(text: &str) -> String {
     shorten_to(text, 60)
 }
 
-/// Like [`shorten`], with at most `most` characters, counted after escaping.
 pub(super) fn shorten_to(text: &str, most: usize) -> String {
     let mut short = String::new();
     for c in text.chars() {
@@ -218,7 +217,6 @@ pub(super) fn shorten_to(text: &str, most: usize) -> String {
     short
 }
 
-/// Returns an empty vector with capacity `n`, or [`Fault::OutOfMemory`].
 pub(super) fn try_with_capacity<T>(n: usize) -> Result<Vec<T>, Fault> {
     let mut items = Vec::new();
     let bytes = n as u64 * size_of::<T>() as u64;

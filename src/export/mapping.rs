@@ -145,7 +145,6 @@ pub(super) fn plain_piece(
     to_plain_opacity(piece, full_coverage, mapping).to_splat()
 }
 
-/// Number of plain splats that replace a native one.
 pub(super) fn n_pieces(native: &Gaussian, mapping: Mapping) -> usize {
     1 << split_axes(native, mapping.split).count()
 }
@@ -186,7 +185,6 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
     }
 }
 
-/// Limits the opacity to that of plain files.
 fn to_plain_opacity(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
     let mut factor = mapping.scale(full_coverage);
     // Undoes crack filling, exactly where a single splat covers a pixel.

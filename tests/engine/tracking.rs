@@ -1,12 +1,12 @@
 //! Recordings without poses, tracked against the growing scene: accuracy of the poses, and frames that
 //! cannot be placed.
 
+use crate::common::layouts::{TestLayout, write};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
@@ -29,7 +29,7 @@ fn recording(width: u32) -> TempDir {
         n_eval: 0,
         ..SyntheticParams::demo()
     };
-    write(&params, folder.path(), SyntheticLayout::Open3d, &mut |_, _| ()).unwrap();
+    write(&params, folder.path(), TestLayout::Open3d, &mut |_, _| ()).unwrap();
     folder
 }
 

@@ -11,23 +11,8 @@ pub enum LayoutName {
     SevenScenes,
     /// TUM RGB-D
     Tum,
-    /// Open3D or Redwood
-    Open3d,
-    /// Replica as rendered by NICE-SLAM
-    Replica,
-    /// ScanNet's export format
-    Scannet,
-    Nerfstudio,
     /// Record3D's export folder
     Record3d,
-    /// Record3D's .r3d
-    Record3dArchive,
-    /// Stray Scanner, its video unpacked
-    StrayScanner,
-    /// ARKit package with JSON lines
-    Arkit,
-    /// RTAB-Map's export format
-    RtabMap,
 }
 
 #[derive(Clone, Copy, ValueEnum)]

@@ -8,7 +8,6 @@ use glam::{DMat4, DQuat, DVec3};
 /// 17 ms.
 pub(super) const TOLERANCE: f64 = 0.020;
 
-/// Position and unit quaternion with a timestamp.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimedPose {
     pub time: f64,
@@ -28,10 +27,15 @@ impl TimedPose {
         })
     }
 
-    /// Pose matrix in the convention of the numbers.
     pub fn matrix(&self) -> DMat4 {
         DMat4::from_rotation_translation(self.turn, self.position)
     }
+}
+
+/// Lines of a list that hold something, with their numbers from 1; `#` begins a comment.
+pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
 pub(super) struct Trajectory {

@@ -10,7 +10,6 @@ use std::io::Cursor;
 /// Names of depth channels, in order of preference; otherwise the first channel is used.
 const NAMES: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
 
-/// Reads the first layer.
 pub(super) fn read(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
     let damaged = |e: ::exr::error::Error| wrong(e.to_string());

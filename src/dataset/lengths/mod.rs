@@ -13,7 +13,6 @@ use std::io::{Cursor, Read};
 
 type Reader = fn(&[u8]) -> Result<StoredDepth, FrameProblem>;
 
-/// File signatures and their readers.
 const KINDS: [(&[u8], Reader); 4] = [
     (b"\x93NUM", read_npy),
     (b"\x76\x2f\x31\x01", exr::read),
@@ -25,7 +24,6 @@ fn reader(bytes: &[u8]) -> Option<Reader> {
     KINDS.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, reader)| *reader)
 }
 
-/// True if the bytes start with one of the signatures.
 pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
 }
@@ -35,7 +33,6 @@ pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem
     stored(bytes).map(|stored| stored.in_units(unit))
 }
 
-/// Reads columns and rows of a file.
 pub(super) fn size(bytes: &[u8]) -> Result<(usize, usize), FrameProblem> {
     stored(bytes).map(|stored| stored.size())
 }
@@ -50,14 +47,12 @@ fn stored(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     }
 }
 
-/// Decodes 32-bit floats of an image of `size` (columns, rows), in world units.
 pub(super) fn bare_floats(bytes: &[u8], size: (u32, u32)) -> Result<DepthCodes, FrameProblem> {
     let bytes = unpacked(bytes, size, size_of::<f32>())?;
     let lengths = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     Ok(DepthCodes::Lengths(Image::from_vec(size.0 as usize, size.1 as usize, lengths)))
 }
 
-/// Decodes bytes of an image of `size` (columns, rows).
 pub(super) fn bare_bytes(bytes: &[u8], size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
     let bytes = unpacked(bytes, size, 1)?.into_owned();
     Ok(Image::from_vec(size.0 as usize, size.1 as usize, bytes))
@@ -128,7 +123,6 @@ fn read_npy(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     })
 }
 
-/// Splits a file into header text and data.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     // Signature, two bytes of version, then the header's length in two bytes or, from version 2, in four.
     let rest = bytes.get(8..)?;
@@ -140,7 +134,6 @@ fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     Some((std::str::from_utf8(header).ok()?, data))
 }
 
-/// Quoted value of a key.
 fn text_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     header.split_once(&format!("'{key}':"))?.1.split('\'').nth(1)
 }
@@ -160,7 +153,6 @@ fn shorten(header: &str) -> String {
     header.trim().chars().take(80).collect()
 }
 
-/// Reads the first image.
 fn read_tiff(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a TIFF with one 16-bit or float sample per pixel",
@@ -193,7 +185,6 @@ enum StoredDepth {
 }
 
 impl StoredDepth {
-    /// Columns and rows.
     pub fn size(&self) -> (usize, usize) {
         match self {
             Self::Codes(image) => (image.width, image.height),
@@ -214,7 +205,7 @@ impl StoredDepth {
 /// Limit for depth images: 67 million pixels.
 const MAX_PIXELS: usize = 1 << 26;
 /// Highest compression factor of these formats and PNG, that of deflate.
-pub(super) const MAX_FACTOR: usize = 1040;
+const MAX_FACTOR: u64 = 1040;
 
 /// Checks, before allocation, that the file's bytes can contain this number of pixels.
 fn check_size(
@@ -223,8 +214,17 @@ fn check_size(
     per_pixel: usize,
 ) -> Result<(), FrameProblem> {
     let n = width.checked_mul(height).filter(|n| (1..=MAX_PIXELS).contains(n));
-    let fits = |n: usize| n.saturating_mul(per_pixel) <= bytes.len().saturating_mul(MAX_FACTOR);
-    match n.is_some_and(fits) {
+    let unpacked = n.map_or(u64::MAX, |n| (n as u64).saturating_mul(per_pixel as u64));
+    check_unpacked(bytes, [width, height], unpacked)
+}
+
+/// Checks, before allocation, that the file's bytes can hold an image of `unpacked` bytes.
+pub(super) fn check_unpacked(
+    bytes: &[u8],
+    [width, height]: [usize; 2],
+    unpacked: u64,
+) -> Result<(), FrameProblem> {
+    match unpacked <= (bytes.len() as u64).saturating_mul(MAX_FACTOR) {
         true => Ok(()),
         false => Err(FrameProblem::DepthFile {
             expected: "a size that the file's bytes can hold",

@@ -185,9 +185,7 @@ impl Emitter<'_> {
 struct Surface<V> {
     /// Ratio of fitted to measured depth.
     stretch: V,
-    /// Unnormalised, pointing away from the camera.
     normal: [V; 3],
-    /// Product of the normal with the ray.
     along: V,
 }
 
@@ -196,7 +194,6 @@ struct PointLanes {
     flying: u8,
     slant: u8,
     far: u8,
-    /// Projections into the colour camera.
     seen: SeenLanes,
     position: [[f32; LANES]; 3],
     range: [f32; LANES],
@@ -207,7 +204,6 @@ struct PointLanes {
 }
 
 impl PointLanes {
-    /// Point of one lane, or the reason why it is dropped.
     #[inline(always)]
     fn point(
         &self,
@@ -320,7 +316,6 @@ pub struct SurfaceCounts {
     pub dropped_no_color: usize,
 }
 
-/// Lists the pixels that became no points.
 impl std::fmt::Display for SurfaceCounts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(

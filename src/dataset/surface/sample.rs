@@ -158,7 +158,6 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by((last as f64 * share) as usize, f64::total_cmp).1)
 }
 
-/// Describes the depth found and guesses its unit.
 fn no_points(
     dataset: &Dataset,
     trusted: [f64; 2],
@@ -187,7 +186,6 @@ fn no_points(
     }
 }
 
-/// Formats a length readably at any magnitude.
 fn length(value: f64) -> String {
     match value == 0.0 || (1e-3..1e6).contains(&value) {
         true => format!("{value:.3}"),

@@ -86,7 +86,6 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Converts metric values to world units, with `metre` world units per metre.
     fn with_metre(mut self, metre: f64) -> Self {
         let length = metre as f32;
         self.noise.floor *= metre;

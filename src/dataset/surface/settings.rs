@@ -88,7 +88,6 @@ pub(super) const ROUNDS: usize = 3;
 pub(super) const MIN_INLIERS: usize = 5;
 /// Least final share of inliers in the window.
 pub(super) const MIN_SHARE: f64 = 0.3;
-/// Pixels on a side of a tile.
 pub(super) const TILE: usize = 8;
 /// Lengths whose squares and inverses are representable in f32.
 pub(super) const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
@@ -135,12 +134,10 @@ impl PixelSampling {
         }
     }
 
-    /// Distance between used rows.
     pub(super) fn row_step(self) -> usize {
         if self.is_every() { 1 } else { 2 }
     }
 
-    /// Distance between used columns.
     pub(super) fn column_step(self) -> usize {
         if self == Self::Quarter { 2 } else { 1 }
     }

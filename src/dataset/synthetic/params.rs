@@ -1,8 +1,6 @@
 //! Parameters of a procedural recording.
 
-/// Minimum and maximum image side, pixels.
 const SIDE_LIMITS: [u32; 2] = [8, 8192];
-/// Maximum number of frames in a split.
 const MAX_FRAMES: usize = 100_000;
 
 /// Recording device.

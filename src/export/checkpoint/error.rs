@@ -104,7 +104,6 @@ pub enum Defect {
 }
 
 impl Defect {
-    /// Message without the advice about the file.
     fn finding(&self) -> String {
         match self {
             Self::Malformed { place, expected, found } => {

@@ -17,7 +17,6 @@ use crate::model::splat::pose_log::{FrameExposure, FramePose};
 use crate::model::splat::splats::Splat;
 use crate::model::splat::viewpoint::Viewpoint;
 
-/// Words per component in the visibility counts.
 const N_VISIBILITY: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
@@ -25,7 +24,6 @@ const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 const N_POSE: usize = 12;
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
-/// Placeholder scale of a photograph without depths.
 const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
@@ -210,7 +208,6 @@ fn coarsened(sections: &Sections) -> Result<u32, Defect> {
     }
 }
 
-/// Reads the shares of seeds, 1 to 64 each.
 fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
     let words: Vec<u32> = sections.elements(sections::SHARES, Some(n))?;
     let share = |(at, word): (usize, u32)| match u8::try_from(word) {
@@ -268,7 +265,6 @@ fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotogra
     Ok(views.into_iter().zip(depths).map(of).collect())
 }
 
-/// Reads the depths of those photographs that have a scale.
 fn read_depths(
     sections: &Sections,
     views: &[PhotographView],

@@ -28,7 +28,6 @@ const UNSIGNED_SHORT: u32 = 5123;
 const VERTEX_DATA: u32 = 34962;
 pub(super) const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
-/// Attribute with its declaration and its encoder.
 struct Column {
     semantic: &'static str,
     kind: &'static str,
@@ -48,7 +47,6 @@ impl Column {
     }
 }
 
-/// Columns of every file.
 const COLUMNS: [Column; 6] = [
     Column::floats(POSITION, "VEC3", 3, |g, row| put_floats(row, &g.mean.to_array())),
     Column {
@@ -66,7 +64,6 @@ const COLUMNS: [Column; 6] = [
     }),
 ];
 
-/// Additional columns for view-dependent colour.
 const DEGREE_1: [Column; 3] = [
     Column::floats(SH_1[0], "VEC3", 3, |g, row| put_degree_1(g, 0, row)),
     Column::floats(SH_1[1], "VEC3", 3, |g, row| put_degree_1(g, 1, row)),
@@ -87,7 +84,6 @@ fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
     }
 }
 
-/// Prepared file: JSON, columns and lengths.
 pub(in crate::export) struct GlbLayout {
     pub(in crate::export) json: String,
     columns: Vec<&'static Column>,
@@ -95,7 +91,6 @@ pub(in crate::export) struct GlbLayout {
 }
 
 impl GlbLayout {
-    /// Prepares a file for these splats. Fails if it would exceed GLB's 32-bit lengths.
     pub fn new(rows: &impl SplatRows, options: &WriteOptions) -> Result<Self, Fault> {
         let n = rows.n_rows();
         let columns: Vec<&Column> = match rows.has_directions() {
@@ -114,7 +109,6 @@ impl GlbLayout {
         Ok(Self { json, columns, bin_length })
     }
 
-    /// Number of columns, each of which iterates over all rows.
     pub fn n_columns(&self) -> usize {
         self.columns.len()
     }
@@ -215,7 +209,6 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-/// Node of the only mesh, translated by the local origin in the axes and units of the file.
 pub(super) fn root_node(origin: DVec3) -> Node {
     let translation = (origin != DVec3::ZERO).then_some(origin.to_array());
     Node { mesh: Some(0), translation, ..Node::default() }

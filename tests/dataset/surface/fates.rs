@@ -2,6 +2,7 @@
 
 use super::drawn::{HEIGHT, WIDTH, frame, prepare, settings};
 use super::oracle;
+use crate::common::layouts::TestLayout;
 use crate::common::scratch::{open_plain, tiny};
 use glam::DVec3;
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{
     PixelSampling, PixelStatus, Preparer, Sensor, SurfaceCounts, SurfaceSettings,
 };
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::observation::surface::Observation;
@@ -172,9 +173,9 @@ fn a_frame_without_depth_is_an_error() {
 #[test]
 fn sensors_follow_from_how_depth_is_stored() {
     for (layout, sensor) in [
-        (SyntheticLayout::Blender(DepthBits::Eight), Sensor::Inverse8Ray),
-        (SyntheticLayout::Blender(DepthBits::Sixteen), Sensor::Exact { noise: 0.0 }),
-        (SyntheticLayout::SevenScenes, Sensor::Kinect),
+        (TestLayout::Blender(DepthBits::Eight), Sensor::Inverse8Ray),
+        (TestLayout::Blender(DepthBits::Sixteen), Sensor::Exact { noise: 0.0 }),
+        (TestLayout::SevenScenes, Sensor::Kinect),
     ] {
         let folder = tiny(layout);
         let dataset = open_plain(folder.path()).unwrap();

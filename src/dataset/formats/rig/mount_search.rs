@@ -17,7 +17,6 @@ use rayon::prelude::*;
 const FEWEST: usize = 6;
 /// Least relative decrease of the distance of pairs that were not used for the fit.
 const FALL: f64 = 0.05;
-/// Gauss-Newton steps.
 const ROUNDS: usize = 12;
 /// Bound of the number of times a step is doubled.
 const DOUBLINGS: u32 = 5;
@@ -77,7 +76,6 @@ where
         total(pairs, &self.clock.mounted(mount), self.delay)
     }
 
-    /// Most probable mount for these pairs.
     fn fitted(&self, pairs: &[&Pair<'_>]) -> Mount {
         let mut best = [0.0; N];
         let mut least = self.distance(pairs, mount_of(best));
@@ -115,7 +113,6 @@ where
         best
     }
 
-    /// Normal equations of one pair at a mount.
     fn equations(&self, pair: &Pair<'_>, from: Vector) -> Equations {
         let apart = |mount: Vector| {
             pair.depth_differences(&self.clock.mounted(mount_of(mount)), self.delay)
@@ -145,7 +142,6 @@ where
     }
 }
 
-/// Normal equations of a Gauss-Newton step.
 struct Equations {
     matrix: [Vector; N],
     right: Vector,
@@ -154,7 +150,6 @@ struct Equations {
 impl Equations {
     const NONE: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
 
-    /// Prior of the mount, linearised at `from`.
     fn prior(from: &Vector) -> Self {
         let mut prior = Self::NONE;
         let expected = from.iter().zip(EXPECTED).zip(&mut prior.matrix).zip(&mut prior.right);
@@ -186,7 +181,6 @@ impl Equations {
     }
 }
 
-/// Pose of a camera relative to the tracked body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in super::super) struct Mount {
     /// Translation in the body's axes, which are close to the camera's; metres.
@@ -196,7 +190,6 @@ pub(in super::super) struct Mount {
 }
 
 impl Mount {
-    /// Camera pose for a pose of the tracked body.
     pub fn camera_pose(&self, followed: &Pose) -> Pose {
         followed.attached_camera(self.shift, DQuat::from_scaled_axis(self.turn))
     }

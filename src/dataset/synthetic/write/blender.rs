@@ -20,7 +20,6 @@ pub enum DepthBits {
     Sixteen,
 }
 
-/// Writes one `transforms_SPLIT.json` and one folder of images per split.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,
@@ -30,7 +29,6 @@ pub(super) fn write(
     write_splits(plan, |_| true, out, bits, on_frame)
 }
 
-/// Writes only the splits that satisfy `is_wanted`.
 pub(super) fn write_splits(
     plan: &ViewPlan,
     is_wanted: fn(&PlannedSplit) -> bool,
@@ -71,7 +69,6 @@ fn ray_lengths(depth_z: &Image<f64>, k: &Intrinsics) -> Image<f64> {
     lengths
 }
 
-/// 8-bit inverted depth in the three colour channels, opaque.
 fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
     lengths.map(|length| {
         let code = (255.0 * (1.0 - length / INVERSE8_RANGE)).round();

@@ -9,7 +9,6 @@ use crate::model::paper::state::{InitialMeans, ModelState, Totals};
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
-/// Section and axis name of every sum, for messages.
 const SUMS: [([u8; 4], &str); N_SUMS] = [
     (sections::COUNTS, "N"),
     (sections::FIRST, "x"),

@@ -12,7 +12,6 @@ pub(super) use scene::{check_buffered_views, check_depth_scales, check_scene};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Checks for a finite offset and a positive scale.
 pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), Defect> {
     let Normalization { offset, scale } = normalization;
     let sound =
@@ -25,7 +24,6 @@ pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), D
     Err(Defect::malformed(tag_text(sections::NORMALIZATION), expected, found))
 }
 
-/// Checks that all hyperparameters are positive.
 pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         None => Ok(()),
@@ -35,7 +33,6 @@ pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     }
 }
 
-/// Checks that at least as many frames were visited as trained on, and converts their numbers.
 pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(tag_text(sections::CURSOR), expected, found))
@@ -47,7 +44,6 @@ pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Def
     ids.map_or_else(|| refuse("frame numbers of 32 bits", "larger ones".to_owned()), Ok)
 }
 
-/// Checks that component ids are ascending, unique and below `components`.
 fn check_ascending(
     tag: [u8; 4],
     ids: impl Iterator<Item = u32> + Clone,

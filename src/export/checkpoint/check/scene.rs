@@ -11,7 +11,6 @@ use crate::model::scene::sums::{
 use crate::model::scene::waiting::{BufferedPhotograph, DepthScale, NumberDefect, PhotographView};
 use crate::model::splat::viewpoint::Viewpoint;
 
-/// Name of every sum, for messages.
 #[rustfmt::skip]
 const NAMES: [&str; N_SUMS] = [
     "N", "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz",
@@ -23,7 +22,6 @@ const NAMES: [&str; N_SUMS] = [
     "blue view x", "blue view y", "blue view z",
 ];
 
-/// Checks origin, seeds, exposures, poses, trajectory, photometric state and sums.
 pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     if !state.origin.iter().all(|x| x.is_finite()) {
         let found = format!("{:?}", state.origin);
@@ -88,7 +86,6 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
     Ok(())
 }
 
-/// Checks the cameras and image extents of buffered photographs.
 pub(in super::super) fn check_buffered_views<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
@@ -112,7 +109,6 @@ fn no_defects(
     }
 }
 
-/// Checks for drawable splats, positive precisions and consistent buffered photographs.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     check_buffered_views(state.buffered.iter().map(|waiting| &waiting.view))?;
     let mut all = state.buffered.iter().enumerate();

@@ -7,15 +7,42 @@
 use super::error::{Cancelled, ExportError, Fault};
 use std::ffi::OsString;
 use std::fs::{File, Metadata, OpenOptions};
-use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tempfile::{Builder, NamedTempFile};
 
 const BUFFER_BYTES: usize = 1 << 16;
 /// Attempts to make a backup while another process cleans up or saves in the same folder.
 const BACK_UP_TRIES: usize = 5;
+/// Attempts to rename while another program holds the target open, and the delay between them.
+const RENAME_TRIES: usize = 5;
+const RENAME_WAIT: Duration = Duration::from_millis(200);
+
+/// Disk operations of a save.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SaveStep {
+    /// Creates the temporary file.
+    Create,
+    /// Writes some bytes.
+    Write,
+    /// Copies the permissions of the older file.
+    Permissions,
+    /// Flushes the written data to the storage device.
+    Sync,
+    /// Makes a hard link to the older file.
+    Link,
+    /// Renames the temporary.
+    Rename,
+    /// Flushes the entries of the folder to the storage device.
+    SyncFolder,
+    /// Removes the temporary.
+    Remove,
+}
+
+/// Called before each operation of a save, which does not happen if it returns an error.
+pub type SaveCheck<'a> = &'a dyn Fn(SaveStep) -> io::Result<()>;
 
 /// Writes `path` through `write` and returns the number of bytes.
 ///
@@ -45,7 +72,7 @@ pub fn write_atomic(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_on(&SystemDisk, path, false, write)
+    write_on(&|_| Ok(()), path, false, write)
 }
 
 /// Writes like [`write_atomic`] and retains an existing target as `<name>.bak`.
@@ -57,10 +84,10 @@ pub fn write_with_backup(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_with_backup_on(&SystemDisk, path, write)
+    write_with_backup_on(&|_| Ok(()), path, write)
 }
 
-/// Writes like [`write_with_backup`], on any [`SaveDisk`].
+/// Writes like [`write_with_backup`]; `check` may let any operation fail, in tests.
 ///
 /// Once either name has had a complete file, it always has one. Neither is ever opened for writing: both may
 /// be links to one file, and truncating one would empty the other.
@@ -68,21 +95,21 @@ pub fn write_with_backup(
 /// # Errors
 /// As [`write_with_backup`].
 pub fn write_with_backup_on(
-    disk: &dyn SaveDisk,
+    check: SaveCheck,
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_on(disk, path, true, write)
+    write_on(check, path, true, write)
 }
 
 fn write_on(
-    disk: &dyn SaveDisk,
+    check: SaveCheck,
     path: &Path,
     keeps_old: bool,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
     let written = match Destination::resolve(path) {
-        Ok(Destination::File(file)) => replace(disk, &file, keeps_old, write),
+        Ok(Destination::File(file)) => replace(check, &file, keeps_old, write),
         Ok(Destination::Stream) => write_through(path, write),
         Err(fault) => Err(fault),
     };
@@ -99,7 +126,15 @@ fn write_through(
         .write(true)
         .open(path)
         .map_err(|source| Fault::Io { action: "open this for writing", source })?;
-    let mut out = Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, stream), written: 0 };
+    fill(&|_| Ok(()), &stream, write)
+}
+
+fn fill(
+    check: SaveCheck,
+    file: &File,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<u64, Fault> {
+    let mut out = Content { check, file: BufWriter::with_capacity(BUFFER_BYTES, file), written: 0 };
     let filled = write(&mut out).and_then(|()| out.flush());
     filled.map_err(to_fault("write", out.written))?;
     Ok(out.written)
@@ -107,7 +142,7 @@ fn write_through(
 
 /// Replaces `path`, which is no symbolic link, by a complete file.
 fn replace(
-    disk: &dyn SaveDisk,
+    check: SaveCheck,
     path: &Path,
     keeps_old: bool,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -120,52 +155,63 @@ fn replace(
     if !folder.is_dir() {
         return Err(Fault::NoFolder { folder: folder.to_path_buf() });
     }
-    let (temporary, file) = Temporary::file(disk, path)
+    let temporary = Temporary::file(check, path)
         .map_err(|source| Fault::Io { action: "create a file in this folder", source })?;
-    let sink = DiskFile { disk, file: &file };
-    let mut out = Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, sink), written: 0 };
-    let filled = write(&mut out).and_then(|()| out.flush());
-    let written = out.written;
-    filled.map_err(to_fault("write", written))?;
+    let file = temporary.entry.as_file();
+    let written = fill(check, file, write)?;
     let older = path.metadata().ok();
     if let Some(older) = &older {
-        disk.copy_permissions(&file, older)
+        check(SaveStep::Permissions)
+            .and_then(|()| copy_permissions(file, older))
             .map_err(to_fault("keep the older file's permissions", written))?;
     }
     // Before the rename: otherwise a crash may leave the new name with missing content.
-    disk.sync(&file).map_err(to_fault("flush the data to the disk", written))?;
+    check(SaveStep::Sync)
+        .and_then(|()| file.sync_all())
+        .map_err(to_fault("flush the data to the disk", written))?;
     if keeps_old && older.is_some() {
-        back_up(disk, path)?;
+        back_up(check, path)?;
     }
     temporary.rename_to(path).map_err(to_fault("put the finished file in place", written))?;
     // Some file systems cannot sync a folder. The file is complete and in place, so this is no error.
-    let _ = disk.sync_folder(folder);
+    if cfg!(unix) && check(SaveStep::SyncFolder).is_ok() {
+        let _ = File::open(folder).and_then(|folder| folder.sync_all());
+    }
     Ok(written)
 }
 
-/// Links the file at `path` as `<name>.bak` too.
-fn back_up(disk: &dyn SaveDisk, path: &Path) -> Result<(), Fault> {
+fn copy_permissions(file: &File, older: &Metadata) -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        // Before the permissions: a change of owner clears some of them. Only root may change the owner;
+        // for other users it stays the writer.
+        let _ = std::os::unix::fs::fchown(file, Some(older.uid()), Some(older.gid()));
+        file.set_permissions(older.permissions())
+    }
+    #[cfg(not(unix))]
+    {
+        // On this platform permissions come from the folder, and "read-only" would block the rename.
+        let _ = (file, older);
+        Ok(())
+    }
+}
+
+fn back_up(check: SaveCheck, path: &Path) -> Result<(), Fault> {
+    const ACTION: &str = "keep the older file as .bak";
+    let failed = |source| Fault::Io { action: ACTION, source };
     let kept = with_suffix(path, ".bak");
     for _ in 0..BACK_UP_TRIES {
-        let Ok(second) = Temporary::hard_link(disk, path) else {
-            return copy_to(disk, path, &kept);
-        };
+        let Ok(second) = Temporary::hard_link(check, path) else { break };
         match second.rename_to(&kept) {
             // Another process that starts in this folder removed the link between the two calls.
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            done => return done.map_err(|source| Fault::Io { action: BACK_UP_ACTION, source }),
+            done => return done.map_err(failed),
         }
     }
-    copy_to(disk, path, &kept)
-}
-
-const BACK_UP_ACTION: &str = "keep the older file as .bak";
-
-/// Copies `file` to `kept` atomically, for file systems without hard links.
-fn copy_to(disk: &dyn SaveDisk, file: &Path, kept: &Path) -> Result<(), Fault> {
-    let mut old =
-        File::open(file).map_err(|source| Fault::Io { action: BACK_UP_ACTION, source })?;
-    replace(disk, kept, false, |out| io::copy(&mut old, out).map(drop)).map(drop)
+    // Without hard links, a copy, atomically.
+    let mut old = File::open(path).map_err(failed)?;
+    replace(check, &kept, false, |out| io::copy(&mut old, out).map(drop)).map(drop)
 }
 
 fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
@@ -174,7 +220,6 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Converts an I/O error after `written` bytes.
 pub(super) fn to_fault(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
     move |source| match source.kind() {
         _ if source.get_ref().is_some_and(|inner| inner.is::<Cancelled>()) => Fault::Cancelled,
@@ -183,35 +228,22 @@ pub(super) fn to_fault(action: &'static str, written: u64) -> impl Fn(io::Error)
     }
 }
 
-struct DiskFile<'a> {
-    disk: &'a dyn SaveDisk,
-    file: &'a File,
-}
-
-impl Write for DiskFile<'_> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.disk.write(self.file, bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-struct Counted<W> {
-    inner: W,
+struct Content<'a> {
+    check: SaveCheck<'a>,
+    file: BufWriter<&'a File>,
     written: u64,
 }
 
-impl<W: Write> Write for Counted<W> {
+impl Write for Content<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let n = self.inner.write(bytes)?;
+        (self.check)(SaveStep::Write)?;
+        let n = self.file.write(bytes)?;
         self.written += n as u64;
         Ok(n)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
+        self.file.flush()
     }
 }
 
@@ -241,7 +273,6 @@ impl Destination {
     }
 }
 
-/// Resolves a symbolic link whose target file does not exist.
 fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
     let mut end = path.to_path_buf();
     for _ in 0..MAX_LINKS {
@@ -260,95 +291,34 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Attempts to rename while another program holds the target open, and the delay between them.
-const RENAME_TRIES: usize = 5;
-const RENAME_WAIT: Duration = Duration::from_millis(200);
-
-/// File-system operations of a save. An operation that returns an error had no effect.
-pub trait SaveDisk {
-    /// Creates an empty file, open for writing.
-    ///
-    /// # Errors
-    /// [`io::ErrorKind::AlreadyExists`] if the name is taken.
-    fn create(&self, path: &Path) -> io::Result<File>;
-    /// Copies the permissions and, if allowed, the owner of the file that will be replaced.
-    ///
-    /// # Errors
-    /// The permissions could not be set.
-    fn copy_permissions(&self, file: &File, older: &Metadata) -> io::Result<()>;
-    /// Appends a prefix of `bytes` and returns its length.
-    ///
-    /// # Errors
-    /// Nothing was written.
-    fn write(&self, file: &File, bytes: &[u8]) -> io::Result<usize>;
-    /// Flushes written data to the storage device.
-    ///
-    /// # Errors
-    /// Written data may be lost.
-    fn sync(&self, file: &File) -> io::Result<()>;
-    /// Creates a hard link `second` to `file`; the name must be free.
-    ///
-    /// # Errors
-    /// Also if the file system has no hard links.
-    fn link(&self, file: &Path, second: &Path) -> io::Result<()>;
-    /// Renames a file, replacing any file at `to`.
-    ///
-    /// # Errors
-    /// Both names are unchanged.
-    fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
-    /// Removes a name.
-    ///
-    /// # Errors
-    /// The name still exists, or never did.
-    fn remove(&self, path: &Path) -> io::Result<()>;
-    /// Flushes the entries of a folder to the storage device.
-    ///
-    /// # Errors
-    /// Also if the file system does not support it.
-    fn sync_folder(&self, folder: &Path) -> io::Result<()>;
+struct Temporary<'a, T> {
+    check: SaveCheck<'a>,
+    entry: NamedTempFile<T>,
 }
 
-/// The operating system's file system.
-#[derive(Clone, Copy, Debug)]
-pub struct SystemDisk;
-
-impl SaveDisk for SystemDisk {
-    fn create(&self, path: &Path) -> io::Result<File> {
-        OpenOptions::new().write(true).create_new(true).open(path)
+impl<'a, T> Temporary<'a, T> {
+    /// Creates `.NAME.PROCESS.RANDOM<suffix>` with `make`, in the target's folder: across file systems a
+    /// rename is a copy, which can be interrupted.
+    fn create(
+        check: SaveCheck<'a>,
+        target: &Path,
+        suffix: &str,
+        make: impl FnMut(&Path) -> io::Result<T>,
+    ) -> io::Result<Self> {
+        let mut prefix = OsString::from(".");
+        prefix.push(target.file_name().unwrap_or_default());
+        prefix.push(format!(".{}.", std::process::id()));
+        let entry =
+            Builder::new().prefix(&prefix).suffix(suffix).make_in(folder_of(target), make)?;
+        Ok(Self { check, entry })
     }
 
-    fn copy_permissions(&self, file: &File, older: &Metadata) -> io::Result<()> {
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::MetadataExt;
-            // Before the permissions: a change of owner clears some of them. Only root may change the owner;
-            // for other users it stays the writer.
-            let _ = std::os::unix::fs::fchown(file, Some(older.uid()), Some(older.gid()));
-            file.set_permissions(older.permissions())
-        }
-        #[cfg(not(unix))]
-        {
-            // On this platform permissions come from the folder, and "read-only" would block the rename.
-            let _ = (file, older);
-            Ok(())
-        }
-    }
-
-    fn write(&self, mut file: &File, bytes: &[u8]) -> io::Result<usize> {
-        io::Write::write(&mut file, bytes)
-    }
-
-    fn sync(&self, file: &File) -> io::Result<()> {
-        file.sync_all()
-    }
-
-    fn link(&self, file: &Path, second: &Path) -> io::Result<()> {
-        std::fs::hard_link(file, second)
-    }
-
-    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+    fn rename_to(self, path: &Path) -> io::Result<()> {
+        // Not `persist`: renaming onto another link to the same file does nothing and leaves both names, of
+        // which the drop removes this one.
         for _ in 1..RENAME_TRIES {
-            match std::fs::rename(from, to) {
+            (self.check)(SaveStep::Rename)?;
+            match std::fs::rename(self.entry.path(), path) {
                 // A viewer or virus scanner often holds the target open for a moment.
                 Err(e) if cfg!(windows) && e.kind() == io::ErrorKind::PermissionDenied => {
                     std::thread::sleep(RENAME_WAIT);
@@ -356,97 +326,43 @@ impl SaveDisk for SystemDisk {
                 done => return done,
             }
         }
-        std::fs::rename(from, to)
-    }
-
-    fn remove(&self, path: &Path) -> io::Result<()> {
-        std::fs::remove_file(path)
-    }
-
-    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
-        match cfg!(unix) {
-            true => File::open(folder).and_then(|folder| folder.sync_all()),
-            false => Ok(()),
-        }
+        std::fs::rename(self.entry.path(), path)
     }
 }
 
-/// Number of names tried; the first is almost certainly free.
-const NAME_TRIES: usize = 10;
-
-/// Temporary name beside a file, removed on drop unless it was moved into place.
-struct Temporary<'a> {
-    disk: &'a dyn SaveDisk,
-    path: PathBuf,
-    is_placed: bool,
-}
-
-impl<'a> Temporary<'a> {
-    /// Creates an entry with `make` under the first free temporary name.
-    fn first_free<T>(
-        disk: &'a dyn SaveDisk,
-        target: &Path,
-        kind: &str,
-        mut make: impl FnMut(&Path) -> io::Result<T>,
-    ) -> io::Result<(Self, T)> {
-        for _ in 0..NAME_TRIES {
-            let path = new_name(target, kind);
-            match make(&path) {
-                Ok(made) => return Ok((Self { disk, path, is_placed: false }, made)),
-                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(e) => return Err(e),
-            }
-        }
-        Err(io::ErrorKind::AlreadyExists.into())
-    }
-
-    /// Creates a locked file in the target's folder: across file systems a rename is a copy, which can be
-    /// interrupted.
-    pub fn file(disk: &'a dyn SaveDisk, target: &Path) -> io::Result<(Self, File)> {
-        Self::first_free(disk, target, "", |path| {
-            let file = disk.create(path)?;
+impl<'a> Temporary<'a, File> {
+    fn file(check: SaveCheck<'a>, target: &Path) -> io::Result<Self> {
+        Self::create(check, target, ".tmp", |path| {
+            check(SaveStep::Create)?;
+            let file = OpenOptions::new().write(true).create_new(true).open(path)?;
             // On a file system without locks, leftovers are not removed; nothing else depends on the lock.
             let is_locked = file.lock().is_ok();
             // Another process may have removed the file between creation and lock.
-            match is_locked && !path.exists() {
+            match is_locked && matches!(path.try_exists(), Ok(false)) {
                 true => Err(io::ErrorKind::AlreadyExists.into()),
                 false => Ok(file),
             }
         })
     }
+}
 
+impl<'a> Temporary<'a, ()> {
     /// Creates a hard link to a file. It is not locked: if another process removes it and creates it again,
     /// it still refers to the same file, since only such links have this kind of name.
-    pub fn hard_link(disk: &'a dyn SaveDisk, file: &Path) -> io::Result<Self> {
-        Ok(Self::first_free(disk, file, ".old", |path| disk.link(file, path))?.0)
-    }
-
-    /// Renames the temporary to its final name, replacing any file there.
-    pub fn rename_to(mut self, path: &Path) -> io::Result<()> {
-        self.disk.rename(&self.path, path)?;
-        // Renaming onto another link to the same file does nothing and leaves both names.
-        self.is_placed = !self.path.exists();
-        Ok(())
+    fn hard_link(check: SaveCheck<'a>, file: &Path) -> io::Result<Self> {
+        Self::create(check, file, ".old.tmp", |path| {
+            check(SaveStep::Link)?;
+            std::fs::hard_link(file, path)
+        })
     }
 }
 
-impl Drop for Temporary<'_> {
+impl<T> Drop for Temporary<'_, T> {
     fn drop(&mut self) {
-        if !self.is_placed {
-            // A leftover only takes space until the next cleanup.
-            let _ = self.disk.remove(&self.path);
-        }
+        // A leftover only takes space until the next cleanup.
+        let is_kept = (self.check)(SaveStep::Remove).is_err();
+        self.entry.disable_cleanup(is_kept);
     }
-}
-
-/// Returns `.NAME.PROCESS.RANDOM.tmp` or, for links, `.NAME.PROCESS.RANDOM.old.tmp`.
-fn new_name(target: &Path, kind: &str) -> PathBuf {
-    // `RandomState` is seeded differently in every process and at every call.
-    let random = RandomState::new().build_hasher().finish();
-    let mut name = OsString::from(".");
-    name.push(target.file_name().unwrap_or_default());
-    name.push(format!(".{}.{random:x}{kind}.tmp", std::process::id()));
-    folder_of(target).join(name)
 }
 
 /// Removes temporary files of `path` left by killed processes; each is as large as the file. Files that a
@@ -466,10 +382,8 @@ pub fn remove_leftovers(path: &Path) {
     }
 }
 
-/// True if `found` is named like a temporary of `name` or of its `.bak`, in this or an earlier version of the
-/// program.
 fn is_temporary(found: &str, name: &str) -> bool {
-    let rest = found.strip_prefix('.').unwrap_or(found).strip_prefix(name);
+    let rest = found.strip_prefix('.').and_then(|found| found.strip_prefix(name));
     let rest = rest.map(|rest| rest.strip_prefix(".bak").unwrap_or(rest));
     let middle = rest.and_then(|rest| rest.strip_prefix('.')?.strip_suffix(".tmp"));
     let process = middle.and_then(|middle| middle.split('.').next()?.parse::<u32>().ok());
@@ -479,25 +393,23 @@ fn is_temporary(found: &str, name: &str) -> bool {
 #[cfg(test)]
 mod temporary_tests {
     use super::*;
-    use crate::export::atomic::SystemDisk;
 
     #[test]
     fn only_what_nobody_writes_any_more_of_this_file_is_removed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vbgs");
-        let left =
-            [".a.vbgs.0.Ab3.tmp", ".a.vbgs.7.0.old.tmp", ".a.vbgs.bak.7.1.tmp", "a.vbgs.0.tmp"];
+        let left = [".a.vbgs.0.Ab3.tmp", ".a.vbgs.7.0.old.tmp", ".a.vbgs.bak.7.1.tmp"];
         let kept = ["a.vbgs", "a.vbgs.bak", "a.vbgs.notes.tmp", ".b.vbgs.0.Ab3.tmp"];
         left.iter().chain(&kept).for_each(|name| {
             std::fs::write(folder.path().join(name), "x").unwrap();
         });
-        let written = Temporary::file(&SystemDisk, &path).unwrap();
+        let written = Temporary::file(&|_| Ok(()), &path).unwrap();
         remove_leftovers(&path);
         assert!(left.iter().all(|name| !folder.path().join(name).exists()));
         assert!(kept.iter().all(|name| folder.path().join(name).exists()));
-        assert!(written.0.path.exists(), "still being written");
-        let second = Temporary::file(&SystemDisk, &path).unwrap();
-        assert_ne!(second.0.path, written.0.path);
+        assert!(written.entry.path().exists(), "still being written");
+        let second = Temporary::file(&|_| Ok(()), &path).unwrap();
+        assert_ne!(second.entry.path(), written.entry.path());
         drop((written, second));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), kept.len());
         remove_leftovers(&folder.path().join("none/a.vbgs"));
