@@ -77,7 +77,7 @@ pub enum CalibrateError {
     Calibration(#[from] CalibrationError),
     /// Fewer than two frames see the same surface.
     #[error(
-        "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, ask for more of its frames or name another split"
+        "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, use more of them (`--max-frames`) or name another split (`--split`)"
     )]
     NothingInCommon {
         /// Name of the dataset.
@@ -87,7 +87,7 @@ pub enum CalibrateError {
     },
     /// Too many frames for the exposure search.
     #[error(
-        "exposures: expected a split of at most {most} frames, found {found}; name a smaller one, or leave the exposures to training, which fits them as frames come"
+        "exposures (`--exposure`): expected a split of at most {most} frames, found {found}; name a smaller one (`--split`), or leave the exposures to training, which fits them as frames come"
     )]
     TooManyExposures {
         /// Maximum number of frames of an exposure search.

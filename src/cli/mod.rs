@@ -21,7 +21,6 @@ mod tracked;
 mod train;
 #[cfg(feature = "gui")]
 mod window;
-mod wording;
 
 use args::{Arguments, Command};
 use failure::Failure;

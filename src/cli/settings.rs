@@ -52,7 +52,7 @@ pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     match given.foreign_to(preset) {
         None => Ok(given.request(preset)?),
         Some(ForeignSetting { setting, preset: other, .. }) => Err(Failure::Usage(format!(
-            "{setting}: expected --preset {other} with it, found the preset {preset}"
+            "{setting}: expected `--preset {other}` with it, found the preset {preset}"
         ))),
     }
 }

@@ -10,7 +10,7 @@ use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::quality::{RunQuality, is_measured, measure_run, photo_pixels, trajectory};
 use super::settings::{calibration_file, method_request, resume_request, selection};
-use super::{failure, output, tracked, wording};
+use super::{failure, output, tracked};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -99,10 +99,9 @@ fn settled_splats(session: &mut Session) -> SplatSet {
     session.stored_splats()
 }
 
-/// Reports the learner's warnings.
 fn print_warnings(session: &Session) {
     let warnings = session.learner().warnings();
-    warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
+    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
 }
 
 /// Creates the output folder, checks its files and removes temporary files of killed runs.

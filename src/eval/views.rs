@@ -74,7 +74,7 @@ pub enum EvalError {
     },
     /// The split has no views.
     #[error(
-        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another split"
+        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another one (`--split`)"
     )]
     NoViews {
         /// Name of the dataset.

@@ -139,11 +139,11 @@ fn options_of_the_other_preset_are_wrong_usage() {
     for (options, option, preset) in [
         ("--set components=5", "components", "--preset paper"),
         ("--set covariance_form=right", "covariance_form", "--preset paper"),
-        ("--preset paper --budget 5", "--budget", "--preset scene"),
+        ("--preset paper --budget 5", "budget (`--budget`)", "--preset scene"),
         ("--preset paper --set align=false", "align", "--preset scene"),
     ] {
         let run = scratch.run(&format!("train room --out out {options}"));
-        run.fails(2, &[&format!("{option}: expected {preset} with it")]);
+        run.fails(2, &[&format!("{option}: expected `{preset}` with it")]);
     }
 }
 

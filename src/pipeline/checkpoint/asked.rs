@@ -55,10 +55,11 @@ impl SavedRun {
     /// [`RunError::Conflict`] states the option, the run's value and the requested one.
     pub fn check(&self, asked: &ResumeRequest) -> Result<(), RunError> {
         let method = &self.config.method;
-        let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
-            .or_else(|| asked.model.conflict(method))
-            .or_else(|| frame_conflict(asked, &self.config.selection))
-            .or_else(|| depth_conflict(&asked.load, &self.config.load));
+        let conflict =
+            differs("preset (`--preset`)", asked.preset.as_ref(), Some(&method.preset()))
+                .or_else(|| asked.model.conflict(method))
+                .or_else(|| frame_conflict(asked, &self.config.selection))
+                .or_else(|| depth_conflict(&asked.load, &self.config.load));
         match conflict {
             None => Ok(()),
             Some(Conflict { setting, stored, requested: asked }) => {
@@ -86,10 +87,10 @@ fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict>
         follow: _,
         hold_out,
     } = asked;
-    differs("--split", split.as_ref(), stored.split.as_ref())
+    differs("split (`--split`)", split.as_ref(), stored.split.as_ref())
         .or_else(|| differs("order", order.as_ref(), Some(&stored.order)))
         .or_else(|| differs("stride", stride.as_ref(), Some(&stored.stride)))
-        .or_else(|| differs("--hold-out", hold_out.as_ref(), Some(&stored.hold_out)))
+        .or_else(|| differs("hold out (`--hold-out`)", hold_out.as_ref(), Some(&stored.hold_out)))
 }
 
 fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
@@ -106,29 +107,41 @@ fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict>
     } = asked;
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
     let tracked = |load: &LoadOptions| load.track.then_some(true);
-    differs("--depth-scale", depth_scale.as_ref(), stored.depth_scale.as_ref())
-        .or_else(|| differs("--depth-range", depth_range.as_ref(), stored.depth_range.as_ref()))
-        .or_else(|| differs("--pose-axes", poses.as_ref(), stored.poses.as_ref()))
-        .or_else(|| differs("--intrinsics", intrinsics.as_ref(), stored.intrinsics.as_ref()))
-        .or_else(|| differs("--confidence", confidence.as_ref(), stored.confidence.as_ref()))
+    differs("depth scale (`--depth-scale`)", depth_scale.as_ref(), stored.depth_scale.as_ref())
         .or_else(|| {
-            differs("--geometry-only", geometry_only.then_some(&true), grey(stored).as_ref())
+            differs(
+                "depth range (`--depth-range`)",
+                depth_range.as_ref(),
+                stored.depth_range.as_ref(),
+            )
         })
-        .or_else(|| differs("--poses track", track.then_some(&true), tracked(stored).as_ref()))
+        .or_else(|| differs("pose axes (`--pose-axes`)", poses.as_ref(), stored.poses.as_ref()))
+        .or_else(|| {
+            differs("intrinsics (`--intrinsics`)", intrinsics.as_ref(), stored.intrinsics.as_ref())
+        })
+        .or_else(|| {
+            differs("confidence (`--confidence`)", confidence.as_ref(), stored.confidence.as_ref())
+        })
+        .or_else(|| {
+            differs(
+                "geometry only (`--geometry-only`)",
+                geometry_only.then_some(&true),
+                grey(stored).as_ref(),
+            )
+        })
+        .or_else(|| {
+            differs("poses (`--poses track`)", track.then_some(&true), tracked(stored).as_ref())
+        })
 }
 
 /// Returns a conflict if the requested value is not the stored one.
 fn differs<T: PartialEq + Serialize + Debug>(
-    option: &str,
+    setting: &'static str,
     asked: Option<&T>,
     stored: Option<&T>,
 ) -> Option<Conflict> {
     let asked = asked.filter(|_| asked != stored)?;
-    Some(Conflict {
-        setting: option.to_owned(),
-        stored: stored.map(text_of),
-        requested: text_of(asked),
-    })
+    Some(Conflict { setting, stored: stored.map(text_of), requested: text_of(asked) })
 }
 
 impl SavedRun {

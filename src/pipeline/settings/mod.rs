@@ -67,7 +67,7 @@ impl From<SceneOverrides> for GivenSettings {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ForeignSetting {
     /// Name of the setting in messages.
-    pub setting: String,
+    pub setting: &'static str,
     /// Preset that has this setting.
     pub preset: Preset,
     /// Given value.
@@ -76,7 +76,7 @@ pub struct ForeignSetting {
 
 fn first_foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<ForeignSetting> {
     let (about, value) = given.first_unsupported_by::<Own>()?;
-    Some(ForeignSetting { setting: about.name(), preset: Other::PRESET, value })
+    Some(ForeignSetting { setting: about.name, preset: Other::PRESET, value })
 }
 
 /// Returns a preset as a RON file: every setting with its help and its default.

@@ -30,6 +30,8 @@ pub type StoredAndAsked = (Option<String>, String);
 pub struct About {
     /// Name in files.
     pub field: &'static str,
+    /// Name in messages: with its option, if it has one.
+    pub name: &'static str,
     /// Form on the command line.
     pub spelling: Spelling,
     /// Label in the window; `None` if not shown there.
@@ -53,7 +55,7 @@ impl About {
     #[doc(hidden)]
     #[expect(clippy::too_many_arguments, reason = "called only by `settings!`, in this order")]
     pub const fn new(
-        field: &'static str,
+        (field, name): (&'static str, &'static str),
         spelling: Spelling,
         label: Option<&'static str>,
         (default, is_default_fixed): (&'static str, bool),
@@ -64,6 +66,7 @@ impl About {
     ) -> Self {
         Self {
             field,
+            name,
             spelling,
             label,
             default,
@@ -81,29 +84,13 @@ impl About {
         let doc = self.doc.trim();
         doc.strip_suffix('.').unwrap_or(doc)
     }
-
-    /// Returns the name used in messages.
-    pub fn name(&self) -> String {
-        match self.spelling {
-            Spelling::Option(option, _) => option.to_owned(),
-            Spelling::Name => self.field.to_owned(),
-        }
-    }
-
-    /// Returns the option, or the name in files if there is none.
-    pub fn key(&self) -> &'static str {
-        match self.spelling {
-            Spelling::Option(option, _) => option,
-            Spelling::Name => self.field,
-        }
-    }
 }
 
 /// A requested value differs from the stored run's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conflict {
-    /// Name of the setting as used in messages.
-    pub setting: String,
+    /// Name of the setting in messages.
+    pub setting: &'static str,
     /// Stored value, if any.
     pub stored: Option<String>,
     /// Requested value.
@@ -155,12 +142,12 @@ pub trait SettingLayer: Default + Sized + 'static {
     /// Checks all ranges of a run's settings.
     ///
     /// # Errors
-    /// [`ConfigError`] for the first setting out of range, with its name in files.
+    /// [`ConfigError`] for the first setting out of range.
     fn check(run: &Self::Run) -> Result<(), ConfigError> {
         Self::TABLE.iter().try_for_each(|setting| match (setting.outside)(run) {
             None => Ok(()),
             Some((expected, found)) => {
-                Err(ConfigError { setting: setting.about.field, expected, found })
+                Err(ConfigError { setting: setting.about.name, expected, found })
             }
         })
     }
@@ -169,15 +156,15 @@ pub trait SettingLayer: Default + Sized + 'static {
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| {
             let (stored, asked) = (setting.differs)(self, run)?;
-            Some(Conflict { setting: setting.about.name(), stored, requested: asked })
+            Some(Conflict { setting: setting.about.name, stored, requested: asked })
         })
     }
 
     /// Returns the first set value that `Other` has no option for.
     fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static About, String)> {
         Self::TABLE.iter().find_map(|setting| {
-            let key = setting.about.key();
-            let is_shared = Other::TABLE.iter().any(|other| other.about.key() == key);
+            let field = setting.about.field;
+            let is_shared = Other::TABLE.iter().any(|other| other.about.field == field);
             let value = (setting.given)(self).filter(|_| !is_shared)?;
             Some((&setting.about, value))
         })
@@ -227,7 +214,7 @@ macro_rules! settings {
             const TABLE: &'static [$crate::train::setting::table::Setting<Self>] = &[
                 $($crate::train::setting::table::Setting {
                     about: $crate::train::setting::table::About::new(
-                        stringify!($field),
+                        (stringify!($field), settings!(@name $field $($option)?)),
                         settings!(@spelling $($option $stands)?),
                         settings!(@optional $($label)?),
                         settings!(@default $($default)? $(by $depends)?),
@@ -299,6 +286,8 @@ macro_rules! settings {
     };
     (@optional) => { None };
     (@optional $value:expr) => { Some($value) };
+    (@name $field:ident) => { stringify!($field) };
+    (@name $field:ident $option:literal) => { concat!(stringify!($field), " (`", $option, "`)") };
     (@spelling) => { $crate::train::setting::table::Spelling::Name };
     (@spelling $option:literal $stands:literal) => {
         $crate::train::setting::table::Spelling::Option($option, $stands)

@@ -118,7 +118,7 @@ fn check_shuffle_buffer(
         None => Ok(()),
         Some(n) => Err(ConfigError {
             setting: "shuffle_buffer",
-            expected: "0 without photometric training (--photometric off)".to_owned(),
+            expected: "0 without photometric training (`--photometric off`)".to_owned(),
             found: n.to_string(),
         }),
     }
@@ -145,7 +145,7 @@ fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, Sce
     if asked > most {
         let unit = if matches!(scale, StructuralScale::Pixels(_)) { "px" } else { " world units" };
         return Err(SceneError::Config(ConfigError {
-            setting: "scale",
+            setting: "scale (`--scale`)",
             expected: format!("at most the depth of the scene, {most:.3}{unit}"),
             found: String::from(scale),
         }));
@@ -174,7 +174,7 @@ pub enum SceneError {
     Photographs(#[from] AspectRatioMismatch),
     /// The structural scale is below the depth noise.
     #[error(
-        "structural scale: expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
+        "scale (`--scale`): expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range (`--depth-scale`, `--depth-range`)"
     )]
     BelowNoise {
         /// Minimum scale, in world units.

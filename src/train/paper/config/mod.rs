@@ -168,7 +168,7 @@ impl PaperOverrides {
         match (self.precision, self.operations) {
             (Some(Precision::Custom), None) => refuse(
                 "precision",
-                "f64, mixed or f32, or `operations` in a settings file".into(),
+                "f64, mixed or f32, or `operations` in a settings file (`--config`)".into(),
                 "custom alone".into(),
             ),
             (Some(precision), Some(operations))
