@@ -32,16 +32,13 @@ const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ResidualKind {
-    /// Distance from the component's plane.
     Thickness,
-    /// Colour difference between views.
     Color,
 }
 
 type Both = [NormalEquations<WITH_POSE>; 2];
 const NOTHING: Both = [NormalEquations::ZERO; 2];
 
-/// Matched views and the robust weights of their points.
 pub(super) struct Evidence<'a> {
     pub matches: Matches,
     images: &'a [Pyramid],
@@ -88,7 +85,6 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Recomputes the robust weights of the points and the information of both kinds.
     pub fn update_weights(&mut self, at: &Estimate) {
         self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
         self.half_weight_squares = self
@@ -150,7 +146,6 @@ impl<'a> Evidence<'a> {
         first
     }
 
-    /// Median squared residuals of planes and colours over a sample of the components.
     fn median_squares(&self, at: &Estimate) -> [f64; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
@@ -168,7 +163,6 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Squared residual of each kind for every point; `None` without a residual.
     pub(super) fn squared_residuals(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let parts: Vec<[Vec<Option<f64>>; 2]> = (0..self.matches.len())
@@ -231,7 +225,6 @@ impl<'a> Evidence<'a> {
         views
     }
 
-    /// Mean weighted squared residual of a kind.
     pub fn variance(&self, at: &Estimate, kind: ResidualKind) -> f64 {
         let views = self.equations_by_view(at);
         NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
@@ -258,7 +251,6 @@ impl<'a> Evidence<'a> {
         views.iter().zip(&at.poses).map(of_view).collect()
     }
 
-    /// Divides the weight of all evidence by `times` from now on.
     pub fn scale_down(&mut self, times: f64) {
         self.overdispersion *= times;
         self.information = self.information.map(|information| information / times);
@@ -275,7 +267,6 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// Minimum length of a component's mean normal; below, it has no common plane.
 const MIN_COHERENCE: f64 = 0.9;
 
 /// Distance of a point from its component's plane, with derivatives by depth offset and scale.

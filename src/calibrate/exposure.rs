@@ -26,7 +26,6 @@ const BRIGHTEST: f64 = 0.92;
 /// Ridge that pulls gains towards 1, relative to the mean information of a view.
 const RIDGE: f64 = 1e-6;
 
-/// Summed colour of a component in a view.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     component: u32,
@@ -45,7 +44,6 @@ impl Patch {
         self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
     }
 
-    /// Sort key: component, then view.
     pub fn key(&self) -> (u32, u32) {
         (self.component, self.view)
     }
@@ -60,7 +58,6 @@ impl Patch {
     }
 }
 
-/// Gains and their standard errors.
 #[derive(Clone, Debug)]
 pub(super) struct FittedExposure {
     /// Per view and channel; the product over the views is 1.
@@ -68,7 +65,6 @@ pub(super) struct FittedExposure {
     /// Relative standard error of a view's gains, maximum over the channels; infinite if the view shares no
     /// component.
     pub errors: Vec<f64>,
-    /// Relative reduction of the squared log-colour differences between views.
     pub relative_reduction: f64,
 }
 
@@ -125,7 +121,6 @@ impl GainEquations {
         equations
     }
 
-    /// Adds a component's patches, each as (view, weight, logarithm).
     fn add(&mut self, logs: &[(usize, f64, f64)]) {
         let total: f64 = logs.iter().map(|log| log.1).sum();
         let mean = logs.iter().map(|log| log.1 * log.2).sum::<f64>() / total;
@@ -164,7 +159,6 @@ impl GainEquations {
         (logs, own.iter().map(error).collect())
     }
 
-    /// Reduction of the squared differences by the solution.
     fn explained(&self, logs: &[f64]) -> f64 {
         logs.iter().zip(&self.right).map(|(x, r)| x * r).sum()
     }
@@ -175,7 +169,6 @@ const GROWTH: f64 = 2.0;
 const BATCH: usize = 8;
 /// Maximum number of frames; time grows with its cube.
 pub(super) const MAX_FRAMES: usize = 1000;
-/// Maximum relative standard error of gains that are written.
 const MAX_ERROR: f64 = 0.02;
 /// Minimum relative reduction of the colour differences between views.
 const MIN_FALL: f64 = 0.1;
@@ -231,7 +224,6 @@ fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> 
     owned.chunk_by(|a, b| a.0 == b.0).map(patch).collect()
 }
 
-/// Decides which gains are written; returns them with a summary value.
 fn select_gains(
     exposure: &FittedExposure,
     names: Vec<String>,

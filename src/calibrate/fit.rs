@@ -11,7 +11,6 @@ const LOSS_ROUNDS: usize = 2;
 const MAX_STEPS: usize = 12;
 /// Relative decrease of the cost at which a fit has converged.
 const MIN_STEP: f64 = 1e-6;
-/// Initial and minimum damping.
 const MIN_DAMPING: f64 = 1e-3;
 /// Damping at which a fit stops. The cost is rough where points leave images, and shorter steps would end
 /// in spurious local minima.
@@ -159,7 +158,6 @@ impl Linearised {
         self.apply_change(at, &change, 1.0 / (1.0 + damping))
     }
 
-    /// Prediction for a given change of some unknowns, with the `free` ones and the poses following.
     fn predict_change(
         &self,
         at: &Estimate,

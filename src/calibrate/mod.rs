@@ -295,19 +295,16 @@ fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, 
 struct CalibrationInput {
     /// Even-numbered frames first, then odd-numbered: two halves that see the same places.
     pub frames: Vec<Frame>,
-    /// True if depth is measured along the optical axis, false along the ray.
     pub along_z: bool,
     /// Surface preparation, without the calibration.
     pub surface: SurfaceSettings,
     pub calibration: Calibration,
-    /// Structural scale, world units.
     pub h: f64,
     /// Pixel stride in columns and rows.
     pub step: usize,
 }
 
 impl CalibrationInput {
-    /// Surface preparation with another depth calibration and colour camera.
     pub fn settings(
         &self,
         [depth_offset, depth_scale]: [f64; 2],

@@ -33,23 +33,19 @@ const SAME: f64 = 1.0;
 /// Shift of another value, in standard errors, up to which a value may revert alone.
 const LEANING: f64 = 1.0;
 
-/// Half of the frames with its own optimum.
 struct Half<'a> {
     evidence: Evidence<'a>,
     best: Estimate,
 }
 
-/// Cross-validation of both halves.
 pub(super) struct CrossValidation<'a> {
     prior: &'a SensorPrior,
     start: Unknowns,
     halves: [Half<'a>; 2],
 }
 
-/// Decision on another colour camera.
 pub(super) struct CameraVerdict {
     pub is_accepted: bool,
-    /// Shift and decrease as text.
     pub found: String,
 }
 
@@ -90,7 +86,6 @@ impl<'a> CrossValidation<'a> {
         }
     }
 
-    /// Tests each half's camera on the other half.
     pub fn test_camera(&mut self, best: &Unknowns) -> CameraVerdict {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
@@ -197,7 +192,6 @@ impl<'a> CrossValidation<'a> {
         values
     }
 
-    /// Reason to reject the depth estimate, if any.
     fn depth_rejection(
         &mut self,
         best: &Unknowns,
@@ -213,7 +207,6 @@ impl<'a> CrossValidation<'a> {
         insignificance(rises, "thickness")
     }
 
-    /// Reason why a value is not determined by itself, if any.
     fn value_rejection(&mut self, i: usize, certainty: f64, free: &[usize]) -> Option<String> {
         if certainty < SIGNIFICANT {
             return Some(format!("the best is only {certainty:.1} standard errors away"));
@@ -225,7 +218,6 @@ impl<'a> CrossValidation<'a> {
         insignificance(rises, "colour variance")
     }
 
-    /// Result of an unknown in its natural parameterisation.
     pub fn value(&self, i: usize, best: &Unknowns, error: f64) -> CalibratedValue {
         let error = error * best.natural_slope(i);
         CalibratedValue::determined(
@@ -236,7 +228,6 @@ impl<'a> CrossValidation<'a> {
         )
     }
 
-    /// Results for a colour camera that is not changed.
     pub fn unchanged_camera_values(
         &self,
         evidence: &Evidence,
@@ -265,7 +256,6 @@ fn excluding(free: &[usize], held: &[usize]) -> Vec<usize> {
     free.iter().copied().filter(|i| !held.contains(i)).collect()
 }
 
-/// Reason to reject a value that hardly improves the other half.
 fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
     (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
         format!(
@@ -280,7 +270,6 @@ fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
 pub(super) const LEVELS: usize = 4;
 /// Levels after the coarsest. The last repeats level 0, because aligned surfaces must be matched again.
 const ORDER: [usize; 4] = [2, 1, 0, 0];
-/// Progress steps of one search.
 pub(super) const STEPS: usize = 1 + ORDER.len();
 /// Maximum number of fits per level, with gains and weights updated in between.
 const MAX_ROUNDS: usize = 12;

@@ -72,28 +72,10 @@ pub(super) fn decibels(mse: f64) -> f64 {
 
 /// Coverage from which a pixel's depth counts.
 const COVERED: f32 = 0.5;
-/// Maximum ratio of the `delta_125` measure.
-const DELTA: f64 = 1.25;
 
-/// Depth error over pixels with ground truth and coverage ≥ ½. The four errors are NaN if there are none
-/// (`completeness` 0).
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct DepthError {
-    /// Mean absolute error, world units.
-    pub mae: f64,
-    /// Root mean squared error, world units.
-    pub rmse: f64,
-    /// Mean of absolute error over true depth.
-    pub abs_rel: f64,
-    /// Share of pixels with `max(p/t, t/p) < 1.25`.
-    pub delta_125: f64,
-    /// Share of pixels with ground truth whose coverage is at least ½.
-    pub completeness: f64,
-}
-
-/// Compares depth maps of the same kind in world units: both view depth `z` (as from
-/// [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or both ray distance. Ground truth that is not finite
-/// or not positive counts as missing.
+/// Mean absolute error, over pixels with ground truth and coverage ≥ ½, of depth maps of the same kind in world
+/// units: both view depth `z` (as from [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or both ray distance.
+/// NaN without such pixels. Ground truth that is not finite or not positive counts as missing.
 ///
 /// # Errors
 /// The images differ in size, or there is no ground truth.
@@ -101,11 +83,10 @@ pub fn depth_error(
     prediction: &Image<f32>,
     coverage: &Image<f32>,
     truth: &Image<f32>,
-) -> Result<DepthError, MetricError> {
+) -> Result<f64, MetricError> {
     same_size(prediction, coverage, "coverage")?;
     same_size(prediction, truth, "ground truth depth")?;
-    let (mut n_truth, mut n_used, mut n_close) = (0usize, 0usize, 0usize);
-    let (mut absolute, mut squared, mut relative) = (0.0, 0.0, 0.0);
+    let (mut n_truth, mut n_used, mut sum) = (0usize, 0usize, 0.0);
     for ((p, a), t) in prediction.data.iter().zip(&coverage.data).zip(&truth.data) {
         let (p, t) = (f64::from(*p), f64::from(*t));
         // Written so that NaN counts as missing.
@@ -114,25 +95,14 @@ pub fn depth_error(
         }
         n_truth += 1;
         if *a >= COVERED {
-            let error = (p - t).abs();
             n_used += 1;
-            absolute += error;
-            squared += error * error;
-            relative += error / t;
-            n_close += usize::from(p < DELTA * t && t < DELTA * p);
+            sum += (p - t).abs();
         }
     }
     if n_truth == 0 {
         return Err(MetricError::NoPixels);
     }
-    let n = n_used as f64;
-    Ok(DepthError {
-        mae: absolute / n,
-        rmse: (squared / n).sqrt(),
-        abs_rel: relative / n,
-        delta_125: n_close as f64 / n,
-        completeness: n / n_truth as f64,
-    })
+    Ok(sum / n_used as f64)
 }
 
 /// Mean and population standard deviation (ddof 0); NaN without values.
@@ -142,6 +112,12 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / n;
     let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n;
     (mean, variance.sqrt())
+}
+
+/// `None` without values.
+pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.into_iter().collect();
+    (!values.is_empty()).then(|| mean_std(&values).0)
 }
 
 /// Side of the SSIM window in pixels (Wang et al. 2004).
@@ -173,7 +149,7 @@ pub enum MetricError {
     NoPixels,
     /// The image is smaller than the SSIM window.
     #[error(
-        "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
+        "SSIM: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images"
     )]
     TooSmall {
         /// Width found, pixels.

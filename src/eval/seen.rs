@@ -3,7 +3,7 @@
 
 use super::choices::Views;
 use super::comparison::COVERED;
-use super::metrics::{MetricError, mean_std, psnr_masked};
+use super::metrics::{MetricError, mean, psnr_masked};
 use super::surfaces::Surfaces;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::math::image::{Image, RgbImage};
@@ -18,18 +18,14 @@ pub struct SeenQuality {
     pub psnr: f64,
     /// Share of seen pixels with coverage ≥ 0.5.
     pub coverage: f64,
-    /// Share of seen interior pixels ([`Surfaces::interior`]) with coverage ≥ 0.5; `None` if there are
-    /// none.
+    /// Share of seen pixels away from depth jumps and holes with coverage ≥ 0.5; `None` if there are none.
     pub coverage_interior: Option<f64>,
 }
 
 impl SeenQuality {
     /// Compares a render with its photograph; `surfaces` are those of the view in the same image. `None` if
     /// no pixel has depth.
-    ///
-    /// # Errors
-    /// The images differ in size.
-    pub fn compare(
+    pub(super) fn compare(
         render: &RgbImage,
         coverage: &Image<f32>,
         truth: &RgbImage,
@@ -45,13 +41,11 @@ impl SeenQuality {
         }))
     }
 
-    /// Mean over views; `None` without views.
-    pub fn mean(views: &[Self]) -> Option<Self> {
-        let mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_std(&values).0);
+    pub(super) fn mean(views: &[Self]) -> Option<Self> {
         Some(Self {
-            psnr: mean(views.iter().map(|v| v.psnr).collect())?,
-            coverage: mean(views.iter().map(|v| v.coverage).collect())?,
-            coverage_interior: mean(views.iter().filter_map(|v| v.coverage_interior).collect()),
+            psnr: mean(views.iter().map(|v| v.psnr))?,
+            coverage: mean(views.iter().map(|v| v.coverage))?,
+            coverage_interior: mean(views.iter().filter_map(|v| v.coverage_interior)),
         })
     }
 }

@@ -197,8 +197,8 @@ fn score(
     let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
         Some(depth) if covered.is_some() => {
-            let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
-            error.mae.is_finite().then_some(error.mae)
+            Some(metrics::depth_error(&rendered.depth, coverage, &depth)?)
+                .filter(|mae| mae.is_finite())
         }
         _ => None,
     };
@@ -274,10 +274,8 @@ fn depth_kind(method: RenderMethod) -> DepthKind {
 
 fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> EvalReport {
     // Over the views that have a value.
-    let mean = |value: fn(&ViewReport) -> Option<f64>| {
-        let values: Vec<f64> = scores.iter().filter_map(value).collect();
-        (!values.is_empty()).then(|| metrics::mean_std(&values).0)
-    };
+    let mean =
+        |value: fn(&ViewReport) -> Option<f64>| metrics::mean(scores.iter().filter_map(value));
     let of_all = |value: fn(&ViewReport) -> f64| {
         metrics::mean_std(&scores.iter().map(value).collect::<Vec<_>>())
     };
