@@ -194,6 +194,10 @@ named_values!(by name PixelSampling {
     "half" "Half" "Every other row";
     "quarter" "Quarter" "Every other pixel of every other row";
 });
+named_values!(by name SplatKind {
+    "native" "Native" "Flat tops, colour gradients and filled cracks: sharpest in this program";
+    "plain" "Plain" "As every viewer draws them: export is lossless";
+});
 
 impl SettingValue for BirthRule {
     fn choices() -> Vec<Choice> {
@@ -211,23 +215,6 @@ impl SettingValue for BirthRule {
         text.to_string_lossy().parse().map_err(|_| {
             let text = text.display();
             ValueError::Text(format!("expected seeds, lattice or body-centred, found `{text}`"))
-        })
-    }
-}
-
-impl SettingValue for SplatKind {
-    fn choices() -> Vec<Choice> {
-        let native = "Flat tops, colour gradients and filled cracks: sharpest in this program";
-        let plain = "As every viewer draws them: export is lossless";
-        vec![
-            Choice { name: "native", label: "Native", help: native },
-            Choice { name: "plain", label: "Plain", help: plain },
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        text.to_string_lossy().parse().map_err(|_| {
-            ValueError::Text(format!("expected native or plain, found `{}`", text.display()))
         })
     }
 }

@@ -280,7 +280,7 @@ mod tests {
             let mut layer = PaperOverrides::default();
             let (field, default) = (setting.about.field, setting.about.default);
             (setting.parse)(&mut layer, default.as_ref()).expect(field);
-            assert_eq!((setting.differs)(&layer, &run), None, "{field}");
+            assert_eq!(setting.conflict(&layer, &run), None, "{field}");
             (setting.apply)(&layer, &mut run);
         }
         assert_eq!(run, PaperConfig::paper());
