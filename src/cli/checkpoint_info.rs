@@ -17,31 +17,23 @@ struct CheckpointInfo {
     path: String,
     kind: &'static str,
     version: String,
-    /// Name and version of the program that wrote it.
     program: String,
-    /// Number of frames trained on.
     frames: u64,
-    /// Number of unusable frames.
     skipped: u64,
-    /// Total number of frames of the run.
     planned_frames: usize,
     points: u64,
     components: usize,
-    /// Number of components with points.
     used: usize,
-    /// Number of components that are drawn.
     drawn: usize,
     bytes: u64,
     bytes_per_component: f64,
     dataset: Option<PathBuf>,
-    /// Tracked poses, if poses were tracked.
     #[serde(skip_serializing_if = "Option::is_none")]
     tracking: Option<TrackingInfo>,
     config: RunConfig,
     defects: Vec<String>,
 }
 
-/// Poses of a tracked run.
 #[derive(Serialize)]
 struct TrackingInfo {
     trajectory: Trajectory,
@@ -51,7 +43,6 @@ struct TrackingInfo {
     summary: String,
 }
 
-/// Describes a checkpoint and checks that its dataset still matches.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
     // Restored completely: the number of drawn splats is not stored but computed.

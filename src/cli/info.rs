@@ -24,16 +24,13 @@ struct DatasetInfo {
     recognised_by: String,
     splits: Vec<SplitInfo>,
     evaluation: String,
-    /// Number of listed frames that cannot be used.
     skipped_frames: usize,
-    /// Frames per second, if the recording has timestamps.
     frame_rate: Option<f64>,
     poses: PosesInfo,
     notes: Vec<String>,
     defects: Vec<String>,
 }
 
-/// Convention of the poses and its check against depth.
 #[derive(Serialize)]
 struct PosesInfo {
     convention: &'static str,
@@ -42,10 +39,8 @@ struct PosesInfo {
     /// Median distance from neighbouring frames' depth, world units.
     median_error: Option<f64>,
     pairs: usize,
-    /// Result of the check.
     #[serde(skip)]
     summary: Option<String>,
-    /// Warning if another convention agrees far better.
     warning: Option<String>,
 }
 
@@ -58,7 +53,6 @@ struct SplitInfo {
     height: u32,
     focal_px: [f64; 2],
     principal_point_px: [f64; 2],
-    /// Width and height of the photographs.
     photo_size: [u32; 2],
     photo_focal_px: [f64; 2],
     /// Storage format and meaning of depth values.
@@ -75,7 +69,6 @@ struct ModelInfo {
     path: String,
     kind: &'static str,
     splats: usize,
-    /// Highest degree of the harmonics read.
     sh_degree: u8,
     skipped: usize,
     /// In world coordinates, including the local origin.
@@ -87,7 +80,6 @@ struct ModelInfo {
     notes: Vec<String>,
 }
 
-/// Describes a dataset (folder or archive) or a model (other file).
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     if args.path.is_file() && !dataset::is_archive(&args.path) {
         if is_checkpoint(&args.path) {
@@ -143,7 +135,6 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
     }
 }
 
-/// Mean number of frames per second.
 fn frame_rate(frames: &[FrameEntry]) -> Option<f64> {
     let (first, last) = (frames.first()?.time?, frames.last()?.time?);
     let rate = (frames.len() as f64 - 1.0) / (last - first);
@@ -312,7 +303,6 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
 /// Maximum number of frames listed per kind; the others are counted.
 const NAMED: usize = 6;
 
-/// Formats the check of a split, one line per kind.
 pub fn lines(check: &CaptureCheck) -> Vec<String> {
     let CaptureCheck { looked_at, frames, blurred, brightness_jumps, usual_step_s, gaps } = check;
     let mut lines = vec![format!(

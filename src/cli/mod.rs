@@ -72,7 +72,6 @@ fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     window::run(path, calibration, adapter.as_deref(), started)
 }
 
-/// Trains the demo headless in builds without a window.
 #[cfg(not(feature = "gui"))]
 fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
     match arguments.path {

@@ -13,7 +13,6 @@ use vbgs_studio::pipeline::settings::{ForeignSetting, GivenSettings, preset_file
 use vbgs_studio::train::setting::Preset;
 use vbgs_studio::train::setting::table::SettingLayer;
 
-/// Returns the selection and order of frames.
 pub fn selection(args: &TrainArgs) -> Selection {
     let (everything, run) = (Selection::all_frames(), args.settings.run);
     Selection {
@@ -37,7 +36,7 @@ pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest,
         order: args.settings.run.order,
         stride: args.settings.run.stride,
         shard: args.shard,
-        load: args.load_options(),
+        load: args.reading.load_options(),
         max_frames: args.max_frames,
         passes: args.settings.run.passes,
         follow: args.follow,
@@ -45,7 +44,6 @@ pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest,
     })
 }
 
-/// Returns the model's settings.
 pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     let preset = args.preset.unwrap_or(Preset::Scene);
     let given = resume_request(args, preset)?.model;
@@ -57,7 +55,6 @@ pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     }
 }
 
-/// Returns the file that specifies the calibration, if any.
 pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
     let given = args.settings.given("calibration").map(Path::new);
     given.or(args.resume.as_deref()).or(args.config.as_deref())

@@ -114,7 +114,6 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::check_files(&files.into_iter().chain(kept).collect::<Vec<_>>())
 }
 
-/// Interval of autosaves.
 fn interval(args: &TrainArgs) -> AutosaveInterval {
     args.settings.run.autosave
 }
@@ -132,7 +131,6 @@ fn create_session(
     interrupt.run_interruptibly(move || open_session(&args, start))?
 }
 
-/// Creates a session for a complete dataset.
 fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
     if let Some(split) = &args.eval {
@@ -146,7 +144,6 @@ fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     })
 }
 
-/// Creates a session on the first frames of a recording in progress.
 fn follow_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -170,7 +167,6 @@ fn follow_session(
     Ok(session)
 }
 
-/// Prepares a new run, or the one of a checkpoint if its settings agree.
 fn start(args: &TrainArgs) -> Result<Start, Failure> {
     let Some(path) = &args.resume else { return Ok(Start::New(Box::new(method_request(args)?))) };
     let run = SavedRun::read(path)?;
@@ -180,10 +176,6 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }
 
-/// Prints notes before the first frame.
-///
-/// # Errors
-/// The run, including measurements, would not fit in memory.
 fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
@@ -218,7 +210,6 @@ fn trained_frames(session: &Session) -> usize {
     session.learner().frames() as usize
 }
 
-/// Starting point of training.
 enum Start {
     New(Box<MethodRequest>),
     Saved(Box<SavedRun>, Box<ResumeRequest>),
@@ -227,7 +218,7 @@ enum Start {
 impl Start {
     fn load_options(&self, args: &TrainArgs) -> LoadOptions {
         match self {
-            Self::New(_) => args.load_options(),
+            Self::New(_) => args.reading.load_options(),
             Self::Saved(run, _) => run.load_options(),
         }
     }
@@ -325,7 +316,6 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 
-/// Writes `report.json` and prints a summary.
 fn save_report(
     session: &Session,
     args: &TrainArgs,
@@ -384,24 +374,19 @@ fn warn_about_poses(dataset: &Dataset) {
     }
 }
 
-/// Prints a dataset's notes and warnings to stderr.
 pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }
 
-/// Kind of work for a device.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Task {
-    /// Passes over frames.
     Passes,
     /// Seeds and sums of a scene's points.
     Points,
-    /// Comparing photographs.
     Photographs,
 }
 
-/// Attaches the requested devices to the session.
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
     let tasks = [Task::Points, Task::Passes, Task::Photographs];
     // Drivers are not loaded if there is no work for them.
@@ -409,7 +394,8 @@ pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
     match args.device {
         DeviceName::Cpu => Ok(()),
         DeviceName::Gpu if needed.is_empty() => {
-            Err(Failure::Usage(format!("--device gpu: expected a run that {}", Task::NEEDS)))
+            let message = "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto";
+            Err(Failure::Usage(message.to_owned()))
         }
         DeviceName::Auto | DeviceName::Gpu => {
             needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
@@ -418,10 +404,6 @@ pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
 }
 
 impl Task {
-    /// Runs with work for a GPU.
-    const NEEDS: &str = "a GPU supports, found one that it does not; use it with --photometric light or full, with births=seeds and visibility=projected, or with --preset paper, precision=mixed, index=grid, statistics=fused and at most 4 candidates";
-
-    /// True if the run has this kind of work.
     fn is_needed(self, session: &Session) -> bool {
         match self {
             Self::Passes => session.learner().pass_use().is_some(),
@@ -477,7 +459,6 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     Ok(())
 }
 
-/// Reports missing GPU support in builds without the `gui` feature.
 #[cfg(not(feature = "gui"))]
 fn attach_gpu(_: &mut Session, _: Task, asked: DeviceName) -> Result<(), Failure> {
     if asked == DeviceName::Auto {
@@ -520,7 +501,6 @@ pub fn begin(
     Err(Failure::Interrupted)
 }
 
-/// The problem that currently delays frames.
 #[derive(Default)]
 pub struct ReportedProblem {
     /// The problem, its start, and true if it was reported.

@@ -15,11 +15,8 @@ use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::table::{About, SettingLayer, Spelling};
 use vbgs_studio::train::setting::value::ValueError;
 
-/// Settings given on the command line.
 pub struct SettingsArgs {
-    /// Settings of a preset: name in files and text.
     given: Vec<(&'static str, OsString)>,
-    /// Settings of the run.
     pub run: RunSettings,
 }
 
@@ -30,12 +27,10 @@ pub struct RunSettings {
     pub passes: Option<usize>,
     pub stride: Option<usize>,
     pub autosave: AutosaveInterval,
-    pub confidence: Option<u8>,
-    pub geometry_only: bool,
 }
 
 /// Names of [`RunSettings`] for `--set`, with their meaning.
-pub const RUN_SETTINGS: [(&str, &str); 6] = [
+pub const RUN_SETTINGS: [(&str, &str); 4] = [
     ("order", "order of the frames: sequential (default) or shuffled"),
     (
         "passes",
@@ -46,8 +41,6 @@ pub const RUN_SETTINGS: [(&str, &str); 6] = [
         "autosave",
         "save the checkpoint every N frames, or every Ns seconds such as 30s, keeping the previous one as checkpoint.vbgs.bak",
     ),
-    ("confidence", "minimum depth confidence from 0 to 2, for sensors that record it (default 1)"),
-    ("geometry_only", "true opens recordings whose video cannot be decoded, in grey"),
 ];
 
 impl RunSettings {
@@ -67,16 +60,6 @@ impl RunSettings {
                 Some(seconds) => self.autosave.time = Some(parse_seconds(seconds)?),
                 None => self.autosave.frames = Some(parse_count(text)?),
             },
-            "confidence" => {
-                let level =
-                    text.parse().map_err(|_| format!("expected 0, 1 or 2, found `{text}`"))?;
-                self.confidence = Some(level);
-            }
-            "geometry_only" => {
-                let is_on = text.parse();
-                self.geometry_only =
-                    is_on.map_err(|_| format!("expected true or false, found `{text}`"))?;
-            }
             _ => return Ok(false),
         }
         Ok(true)
@@ -84,10 +67,6 @@ impl RunSettings {
 }
 
 impl SettingsArgs {
-    /// Returns the given settings of one preset.
-    ///
-    /// # Errors
-    /// [`ValueError::File`] if a file named by an option cannot be used.
     pub fn layer<L: SettingLayer>(&self) -> Result<L, ValueError> {
         let mut layer = L::default();
         for setting in L::TABLE {
@@ -104,7 +83,6 @@ impl SettingsArgs {
         given.find(|(name, _)| *name == field).map(|(_, text)| text.as_os_str())
     }
 
-    /// Reads one `NAME=VALUE`.
     fn set(&mut self, assignment: &str) -> Result<(), String> {
         let (name, text) = assignment
             .split_once('=')
@@ -137,17 +115,15 @@ fn all_settings() -> impl Iterator<Item = &'static About> {
     of_scene.chain(PaperOverrides::TABLE.iter().map(|setting| &setting.about))
 }
 
-/// Settings with an option of their own, without repeats, and the placeholder of their value.
-fn options() -> Vec<(&'static About, &'static str, &'static str)> {
-    let mut found: Vec<(&About, &str, &str)> = Vec::new();
-    for about in all_settings() {
-        if let Spelling::Option(option, placeholder) = about.spelling
-            && found.iter().all(|(_, other, _)| *other != option)
-        {
-            found.push((about, option.trim_start_matches('-'), placeholder));
+/// Settings with an option of their own: its name, and the placeholder of its value.
+fn options() -> impl Iterator<Item = (&'static About, &'static str, &'static str)> {
+    // No option belongs to both presets.
+    all_settings().filter_map(|about| match about.spelling {
+        Spelling::Option(option, placeholder) => {
+            Some((about, option.trim_start_matches('-'), placeholder))
         }
-    }
-    found
+        Spelling::Name => None,
+    })
 }
 
 fn option((about, id, placeholder): (&'static About, &'static str, &'static str)) -> Arg {
@@ -172,7 +148,7 @@ fn option((about, id, placeholder): (&'static About, &'static str, &'static str)
 
 impl Args for SettingsArgs {
     fn augment_args(command: Command) -> Command {
-        let command = options().into_iter().map(option).fold(command, Command::arg);
+        let command = options().map(option).fold(command, Command::arg);
         let of_run = RUN_SETTINGS.map(|(name, meaning)| format!("  {name}: {meaning}\n"));
         let help = format!(
             "Set any other setting by its name, such as `--set seed=3` or `--set refine=false`; \
@@ -190,7 +166,7 @@ impl Args for SettingsArgs {
 
 impl FromArgMatches for SettingsArgs {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let given = options().into_iter().filter_map(|(about, id, _)| {
+        let given = options().filter_map(|(about, id, _)| {
             let text: &OsString = matches.get_one(id)?;
             Some((about.field, text.clone()))
         });

@@ -13,6 +13,7 @@ use super::plan::ViewPlan;
 use files::create_empty_folder;
 use live::LiveLayout;
 use std::path::Path;
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantNames};
 
 pub use blender::DepthBits;
 pub use files::WriteError;
@@ -71,7 +72,7 @@ fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(),
     Err(ParamsError {
         setting: "layout",
         expected: "record3d, record3d-archive, stray-scanner or arkit for the phone",
-        found: format!("{layout:?}"),
+        found: <&str>::from(layout).to_owned(),
     })
 }
 
@@ -100,7 +101,10 @@ pub fn write_live(
 
 /// Folder layout to write. In layouts without splits, the evaluation frames of the room's camera follow the
 /// training frames. Free frames and the phone's evaluation frames go to the folder [`FREE_FOLDER`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantNames,
+)]
+#[strum(serialize_all = "kebab-case")]
 pub enum SyntheticLayout {
     /// NeRF-synthetic, with depth along the ray.
     Blender(DepthBits),
