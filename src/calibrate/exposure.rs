@@ -44,10 +44,6 @@ impl Patch {
         self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
     }
 
-    pub fn key(&self) -> (u32, u32) {
-        (self.component, self.view)
-    }
-
     /// View, weight and logarithm of a channel's mean; `None` if too dark or clipped. The weight is the
     /// inverse variance of the logarithm.
     fn log(&self, channel: usize) -> Option<(usize, f64, f64)> {
@@ -205,7 +201,7 @@ pub(super) fn search(
         }
     }
     // Frames arrive in order; the equations need a component's views side by side.
-    patches.sort_by_key(Patch::key);
+    patches.sort_by_key(|patch| (patch.component, patch.view));
     let exposure = exposure(&patches, found);
     let names = plan.frames.iter().map(|&i| dataset.splits[plan.split].frames[i].name.clone());
     select_gains(&exposure, names.collect(), &before)

@@ -183,14 +183,14 @@ fn cameras(
     let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
     let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
     judge.scale_evidence(&mut evidence, &mut best, &free);
-    let verdict = judge.test_camera(&best.unknowns);
+    let (is_camera_accepted, found) = judge.test_camera(&best.unknowns);
     let of = |best: &Unknowns, color_camera| Calibration {
         color_camera,
         depth_offset: best.depth[0],
         depth_scale: best.depth[1],
         ..input.calibration.clone()
     };
-    if verdict.is_accepted {
+    if is_camera_accepted {
         let values = judge.accept_values(&mut evidence, &mut best, &free);
         // The second search is skipped.
         (0..STEPS).for_each(|_| tick());
@@ -212,7 +212,7 @@ fn cameras(
     } else {
         "the colour images are registered to depth"
     };
-    let note = Some(format!("{kept}: {}", verdict.found));
+    let note = Some(format!("{kept}: {found}"));
     Ok(FoundCameras { calibration: of(&best.unknowns, given), values, note })
 }
 

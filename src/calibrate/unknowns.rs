@@ -193,14 +193,6 @@ impl CalibratedValue {
         self.reason = Some(format!("{reason}; taken with the others, which depend on it"));
     }
 
-    pub(super) fn set_best(&mut self, best: f64) {
-        (self.after, self.best) = (best, best);
-    }
-
-    pub(super) fn change(&self) -> f64 {
-        (self.best - self.before).abs()
-    }
-
     /// Keeps the initial value because the data confirms it.
     pub(super) fn confirm_initial(&mut self, reason: String) {
         self.revert(reason);

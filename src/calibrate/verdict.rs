@@ -44,11 +44,6 @@ pub(super) struct CrossValidation<'a> {
     halves: [Half<'a>; 2],
 }
 
-pub(super) struct CameraVerdict {
-    pub is_accepted: bool,
-    pub found: String,
-}
-
 impl<'a> CrossValidation<'a> {
     /// Fits each half by itself, starting from the optimum of all frames.
     pub fn new(
@@ -86,7 +81,8 @@ impl<'a> CrossValidation<'a> {
         }
     }
 
-    pub fn test_camera(&mut self, best: &Unknowns) -> CameraVerdict {
+    /// Tests each half's camera on the other half; returns true if it is accepted, and what was found.
+    pub fn test_camera(&mut self, best: &Unknowns) -> (bool, String) {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
             let found = self.halves[own].best.unknowns;
@@ -102,7 +98,7 @@ impl<'a> CrossValidation<'a> {
             "the best other camera shifts colours by {shift:.1} pixels and lowers their variance by {:.1} % in frames that it was not fitted to, an effect that errors of poses and depth can also cause",
             100.0 * fall.max(0.0)
         );
-        CameraVerdict { is_accepted: fall >= MIN_FALL && shift >= MIN_SHIFT, found }
+        (fall >= MIN_FALL && shift >= MIN_SHIFT, found)
     }
 
     /// Relative increase of each half's loss if the other half's optimum is refitted with some of the
@@ -181,10 +177,12 @@ impl<'a> CrossValidation<'a> {
         }
         let shifts = rms_shift_per_unit(&evidence.matches, &best.unknowns);
         for &i in &free {
-            values[i].set_best(best.unknowns.natural_value(i));
+            // Those that revert shift the others.
+            values[i].best = best.unknowns.natural_value(i);
+            values[i].after = values[i].best;
         }
         for &i in back.iter().filter(|&&i| i >= CAMERA) {
-            let apart = values[i].change() / best.unknowns.natural_slope(i);
+            let apart = (values[i].best - values[i].before).abs() / best.unknowns.natural_slope(i);
             if shifts[i] * apart <= SAME {
                 values[i].confirm_initial("the best is the same to a pixel".to_owned());
             }

@@ -4,7 +4,6 @@ mod args;
 #[cfg(feature = "bench")]
 mod bench;
 mod calibrate;
-mod checkpoint_info;
 mod demo;
 mod eval;
 mod export;
@@ -15,7 +14,6 @@ mod model;
 mod output;
 mod quality;
 mod render;
-mod settings;
 mod synth;
 mod tracked;
 mod train;

@@ -4,12 +4,12 @@
 //! complete. The report is written before quality is measured, which may take longer than training and be
 //! interrupted, and again with the results.
 
+use super::args::settings::{calibration_file, method_request, resume_request, selection};
 use super::args::{DeviceName, TrainArgs};
 use super::export::warn_of_origin;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::quality::{RunQuality, is_measured, measure_run, photo_pixels, trajectory};
-use super::settings::{calibration_file, method_request, resume_request, selection};
 use super::{failure, output, tracked};
 use indicatif::ProgressBar;
 use std::sync::Arc;
@@ -54,7 +54,9 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
                 rayon::spawn(move || warn_about_poses(&dataset));
             }
             if is_measured(session, args) && SEEN_AFTER.contains(&trained_frames(session)) {
-                early.push((session.visited(), settled_splats(session)));
+                // As they would be exported if the run ended here.
+                session.settle();
+                early.push((session.visited(), session.stored_splats()));
             }
             // A failed autosave is reported but does not stop the run.
             if let Some(Err(error)) = autosave.poll(session) {
@@ -91,12 +93,6 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
-}
-
-/// Splats as they would be exported if the run ended here.
-fn settled_splats(session: &mut Session) -> SplatSet {
-    session.settle();
-    session.stored_splats()
 }
 
 fn print_warnings(session: &Session) {
@@ -388,9 +384,15 @@ enum Task {
 }
 
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    let tasks = [Task::Points, Task::Passes, Task::Photographs];
+    let learner = session.learner();
+    let tasks = [
+        (Task::Points, learner.point_use().is_some()),
+        (Task::Passes, learner.pass_use().is_some()),
+        (Task::Photographs, learner.comparer_use().is_some()),
+    ];
     // Drivers are not loaded if there is no work for them.
-    let needed: Vec<Task> = tasks.into_iter().filter(|task| task.is_needed(session)).collect();
+    let needed: Vec<Task> =
+        tasks.into_iter().filter(|(_, is_needed)| *is_needed).map(|(task, _)| task).collect();
     match args.device {
         DeviceName::Cpu => Ok(()),
         DeviceName::Gpu if needed.is_empty() => {
@@ -399,16 +401,6 @@ pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
         }
         DeviceName::Auto | DeviceName::Gpu => {
             needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
-        }
-    }
-}
-
-impl Task {
-    fn is_needed(self, session: &Session) -> bool {
-        match self {
-            Self::Passes => session.learner().pass_use().is_some(),
-            Self::Points => session.learner().point_use().is_some(),
-            Self::Photographs => session.learner().comparer_use().is_some(),
         }
     }
 }

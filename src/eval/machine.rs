@@ -15,7 +15,6 @@ pub fn describe(adapter: Option<String>) -> MachineReport {
     }
 }
 
-/// Name of the processor as reported by the system, else its architecture.
 fn cpu_name() -> String {
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));

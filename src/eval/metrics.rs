@@ -3,6 +3,7 @@
 //! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or the same
 //! in f64 for tests that need more digits than a renderer has.
 
+use super::comparison::COVERED;
 use super::report::quantile;
 use crate::math::image::Image;
 use crate::math::real::Real;
@@ -70,9 +71,6 @@ pub(super) fn decibels(mse: f64) -> f64 {
     -10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10()
 }
 
-/// Coverage from which a pixel's depth counts.
-const COVERED: f32 = 0.5;
-
 /// Mean absolute error, over pixels with ground truth and coverage ≥ ½, of depth maps of the same kind in world
 /// units: both view depth `z` (as from [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or both ray distance.
 /// NaN without such pixels. Ground truth that is not finite or not positive counts as missing.
@@ -128,19 +126,16 @@ pub(super) const SSIM_WINDOW: usize = 11;
 pub enum MetricError {
     /// The planes differ in size.
     #[error(
-        "{what}: expected {expected_width}x{expected_height} like the prediction, found {width}x{height}; render at the size of the ground truth"
+        "{what}: expected {}x{} like the prediction, found {}x{}; render at the size of the ground truth",
+        expected[0], expected[1], found[0], found[1]
     )]
     SizeMismatch {
         /// The plane of wrong size.
         what: &'static str,
-        /// Width of the prediction, pixels.
-        expected_width: usize,
-        /// Height of the prediction, pixels.
-        expected_height: usize,
-        /// Width found, pixels.
-        width: usize,
-        /// Height found, pixels.
-        height: usize,
+        /// Width and height of the prediction, pixels.
+        expected: [usize; 2],
+        /// Width and height found, pixels.
+        found: [usize; 2],
     },
     /// No pixel, or none under the mask.
     #[error(
@@ -165,16 +160,8 @@ pub(super) fn same_size<A, B>(
     other: &Image<B>,
     what: &'static str,
 ) -> Result<(), MetricError> {
-    if (prediction.width, prediction.height) == (other.width, other.height) {
-        return Ok(());
-    }
-    Err(MetricError::SizeMismatch {
-        what,
-        expected_width: prediction.width,
-        expected_height: prediction.height,
-        width: other.width,
-        height: other.height,
-    })
+    let (expected, found) = ([prediction.width, prediction.height], [other.width, other.height]);
+    (expected == found).then_some(()).ok_or(MetricError::SizeMismatch { what, expected, found })
 }
 
 /// Median and quartiles of repeated measurements.

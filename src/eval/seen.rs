@@ -50,7 +50,6 @@ impl SeenQuality {
     }
 }
 
-/// Share of masked pixels that are covered; `None` without masked pixels.
 fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     let (mut n_masked, mut n_covered) = (0usize, 0usize);
     for (&coverage, _) in coverage.data.iter().zip(&mask.data).filter(|(_, masked)| **masked) {
@@ -70,7 +69,6 @@ pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> u
     marks(views).iter().filter(|view| learnt.contains(*view)).count()
 }
 
-/// Identifies a photograph across splits.
 fn photograph_key(frame: &FrameEntry) -> (String, Option<&Path>) {
     (frame.name.clone(), frame.color_path())
 }

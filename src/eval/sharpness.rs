@@ -75,7 +75,6 @@ pub(super) fn bands(
     Some(found)
 }
 
-/// Mean of each band over views; `None` without views.
 pub(super) fn mean(views: &[[SharpnessBand; N_BANDS]]) -> Option<[SharpnessBand; N_BANDS]> {
     let mut means = *views.first()?;
     for (i, band) in means.iter_mut().enumerate() {

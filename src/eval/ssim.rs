@@ -64,7 +64,6 @@ fn gaussian_window() -> [f64; SSIM_WINDOW] {
     weights.map(|w| w / sum)
 }
 
-/// Sum of SSIM over all positions and channels of one row.
 struct SsimRow<'a, R> {
     /// Prediction and ground truth.
     images: [&'a Image<[R; 3]>; 2],
@@ -135,7 +134,6 @@ impl<R: Real> SsimRow<'_, R> {
     }
 }
 
-/// Adds a row's values to the moments of a block.
 #[inline(always)]
 fn add<R: Real>(sums: &mut [[f64; BLOCK]; N_MOMENTS], weight: f64, x: &[R; BLOCK], y: &[R; BLOCK]) {
     for i in 0..BLOCK {
@@ -148,7 +146,6 @@ fn add<R: Real>(sums: &mut [[f64; BLOCK]; N_MOMENTS], weight: f64, x: &[R; BLOCK
     }
 }
 
-/// Pads a list shorter than a block with zeros.
 #[inline(always)]
 fn padded<R: Real>(values: &[R]) -> [R; BLOCK] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(R::of(0.0)))

@@ -27,7 +27,6 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Image scales, with one render each.
 const SCALES: [f64; 4] = [0.25, 0.5, 1.0, 1.0];
 /// Maximum number of Gauss-Newton steps per render.
 const ROUNDS: usize = 10;
@@ -41,7 +40,6 @@ const SHIFT_DEVIATION: f64 = 0.02;
 const CORRELATED_PIXELS: f64 = 100.0;
 /// Residual, in multiples of the mean, at which a point has weight ½.
 const HALF_WEIGHT_MEANS: f64 = 2.0;
-/// Minimum number of pixels that determine a motion.
 const MIN_PIXELS: usize = 200;
 /// Pixels per partial sum; sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
@@ -79,7 +77,6 @@ pub(super) fn aligned(
     Ok(best)
 }
 
-/// World point with the colour rendered from the splats.
 struct RenderedPoint {
     place: DVec3,
     color: [f64; 3],
@@ -157,7 +154,6 @@ struct PhotographedPoints {
 }
 
 impl PhotographedPoints {
-    /// Replaces all points by the results of `look_up`.
     fn fill(
         &mut self,
         points: &[RenderedPoint],
@@ -204,7 +200,6 @@ fn align_pose(
     Some(pose)
 }
 
-/// Samples the photograph at a point `p` of the camera frame; `None` outside.
 fn sample_photograph(
     photograph: &RgbImage,
     k: &Intrinsics,

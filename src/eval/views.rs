@@ -50,12 +50,10 @@ impl EvalOptions {
         Self { ground_truth, color_camera, poses, align_poses, scale, render }
     }
 
-    /// Camera of the photograph, scaled to the compared image.
     fn photo_camera(&self, frame: &Frame) -> Camera {
         self.scale.camera(frame.photo_camera(self.color_camera.as_ref()))
     }
 
-    /// True if the compared image has the same pixels as the depth image.
     fn is_depth_image(&self, frame: &Frame) -> bool {
         self.scale.is_full() && frame.photographed_by(self.color_camera.as_ref()).is_none()
     }
@@ -220,7 +218,6 @@ fn score(
     })
 }
 
-/// Scores the view at the pose aligned to its photograph.
 fn aligned_view(
     frame: &Frame,
     rendered: Rendered,
@@ -234,7 +231,6 @@ fn aligned_view(
     AlignedView::compare(poses, &view.color, &view.coverage, &truth)
 }
 
-/// Reference image at the compared size.
 fn reference_image(frame: &Frame, options: &EvalOptions) -> RgbImage {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
     options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
@@ -250,7 +246,6 @@ fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -
     }
 }
 
-/// Measured depth in the photograph's image, in the renderer's convention.
 fn measured_depth(
     frame: &Frame,
     surfaces: Option<&Surfaces>,

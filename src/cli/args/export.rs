@@ -82,7 +82,6 @@ pub struct MappingArgs {
 }
 
 impl MappingArgs {
-    /// Returns the first of these options that was given.
     pub fn first_given_option(&self) -> Option<&'static str> {
         let mapping = self.export_mapping.map(|_| "--export-mapping");
         mapping.or(self.export_split.map(|_| "--export-split"))

@@ -6,7 +6,7 @@ mod depth;
 mod eval;
 mod export;
 mod render;
-mod settings;
+pub mod settings;
 mod synth;
 mod train;
 
@@ -58,7 +58,6 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Parses the command line; exits with a message if it is invalid.
     pub fn from_command_line() -> Self {
         let found = Self::complete_command().try_get_matches();
         let found = found.and_then(|found| Self::from_arg_matches(&found));
@@ -71,9 +70,7 @@ impl Arguments {
         }
         arguments
     }
-}
 
-impl Arguments {
     /// The command line with what derives cannot express: options that help names in one line.
     fn complete_command() -> clap::Command {
         let reading = ReadArgs::augment_args(clap::Command::new("reading"));
@@ -99,7 +96,6 @@ fn hidden(arg: clap::Arg) -> clap::Arg {
     arg.hide(true)
 }
 
-/// Prints the error, help or version and exits.
 fn end(error: &clap::Error) -> ! {
     let is_lost = match error.print() {
         // A closed pipe is not an error: the reader stopped early.
@@ -225,7 +221,6 @@ pub fn axis() -> impl TypedValueParser<Value = DVec3> {
     })
 }
 
-/// Parses a whole number, 1 or more.
 pub fn parse_count(text: &str) -> Result<usize, String> {
     // Options of this type allow negative numbers: otherwise clap would report `-5` as an unknown option
     // instead of the expected value.
@@ -233,32 +228,27 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
     count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
 }
 
-/// Parses the number of passes over the frames.
 pub fn parse_passes(text: &str) -> Result<usize, String> {
     let passes = text.parse().ok().filter(|n| (1..=MAX_PASSES).contains(n));
     passes.ok_or_else(|| format!("expected a whole number from 1 to {MAX_PASSES}"))
 }
 
-/// Parses a number above 0.
 pub fn parse_positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0);
     number.ok_or_else(|| "expected a number above 0".to_owned())
 }
 
-/// Parses a factor between units of length.
 pub fn parse_unit_scale(text: &str) -> Result<f64, String> {
     // Beyond this range, coordinates of usual scenes do not fit a file's single-precision floats.
     let factor = parse_positive(text).ok().filter(|factor| (1e-9..=1e9).contains(factor));
     factor.ok_or_else(|| "expected a factor from 1e-9 to 1e9".to_owned())
 }
 
-/// Parses a positive time in seconds.
 pub fn parse_seconds(text: &str) -> Result<Duration, String> {
     let time = parse_positive(text).ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
     time.ok_or_else(|| "expected a number of seconds above 0".to_owned())
 }
 
-/// Parses two opposite corners of a box.
 pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {

@@ -136,14 +136,11 @@ pub trait SettingLayer: Default + Sized + 'static {
         Self::TABLE.iter().find_map(|setting| setting.conflict(self, run))
     }
 
-    /// Returns the first set value that `Other` has no option for.
-    fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static About, String)> {
-        Self::TABLE.iter().find_map(|setting| {
-            let field = setting.about.field;
-            let is_shared = Other::TABLE.iter().any(|other| other.about.field == field);
-            let value = (setting.given)(self).filter(|_| !is_shared)?;
-            Some((&setting.about, value))
-        })
+    /// Returns the first set value that `Other` lacks, and its setting's name.
+    fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static str, String)> {
+        let is_shared = |field| Other::TABLE.iter().any(|other| other.about.field == field);
+        let mut own = Self::TABLE.iter().filter(|setting| !is_shared(setting.about.field));
+        own.find_map(|setting| Some((setting.about.name, (setting.given)(self)?)))
     }
 }
 

@@ -20,7 +20,6 @@ use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
-/// Number of depth pixels from which a quarter of them suffices.
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
@@ -109,7 +108,6 @@ fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     }
 }
 
-/// Refuses a shuffle buffer without photometric training.
 fn check_shuffle_buffer(
     overrides: &SceneOverrides,
     engine: &SceneConfig,

@@ -60,8 +60,7 @@ pub struct PaperConfig {
 
 settings! {
     /// User-settable options of the `paper` preset, from a RON file or the command line; `None` selects the
-    /// preset's value. The serialized name is that of version 0.1.0.
-    #[serde(rename = "Overrides")]
+    /// preset's value.
     pub struct PaperOverrides of PaperConfig, Preset::Paper,
         such as "(components: 50000, candidates: 4)";
 
