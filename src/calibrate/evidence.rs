@@ -131,19 +131,38 @@ impl<'a> Evidence<'a> {
         Photos { images: self.images, gains: &self.gains, level: self.level }
     }
 
-    /// Computes the residuals of a component's points into `buffers`; returns the index of its first point.
+    /// Adds the residuals of all components, in order, to one result per chunk.
+    fn collect_residuals<T: Send>(
+        &self,
+        at: &Estimate,
+        start: impl Fn() -> T + Sync,
+        add: impl Fn(&mut T, usize, &Buffers) + Sync,
+    ) -> Vec<T> {
+        let projector = Projector::new(&at.unknowns.camera);
+        let components = (0..self.matches.len()).into_par_iter().chunks(CHUNK);
+        let of_chunk = |components: Vec<usize>| {
+            let (mut found, mut buffers) = (start(), Buffers::default());
+            for component in components {
+                self.compute_residuals((&projector, at), component, &mut buffers);
+                add(&mut found, component, &buffers);
+            }
+            found
+        };
+        components.map(of_chunk).collect()
+    }
+
+    /// Computes the residuals of a component's points into `buffers`.
     fn compute_residuals(
         &self,
         at: (&Projector, &Estimate),
         component: usize,
         buffers: &mut Buffers,
-    ) -> usize {
+    ) {
         let first = self.matches.start_of(component);
         let run = self.matches.points_of(component);
         let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
         plane_residuals(&self.matches, run, at.1, weight(0), &mut buffers.planes);
         color_residuals(&self.matches, &self.photos(), run, at, &mut buffers.colors);
-        first
     }
 
     fn median_squares(&self, at: &Estimate) -> [f64; 2] {
@@ -164,28 +183,18 @@ impl<'a> Evidence<'a> {
     }
 
     pub(super) fn squared_residuals(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
-        let projector = Projector::new(&at.unknowns.camera);
-        let parts: Vec<[Vec<Option<f64>>; 2]> = (0..self.matches.len())
-            .into_par_iter()
-            .chunks(CHUNK)
-            .map(|components| {
-                let mut buffers = Buffers::default();
-                let mut found = [Vec::new(), Vec::new()];
-                for component in components {
-                    let end = found[0].len() + self.matches.points_of(component).len();
-                    let first = found[0].len();
-                    found.iter_mut().for_each(|squares| squares.resize(end, None));
-                    self.compute_residuals((&projector, at), component, &mut buffers);
-                    for (i, plane) in buffers.planes.iter().enumerate() {
-                        found[0][first + i] = Some(plane.off * plane.off * plane.precision);
-                    }
-                    for color in &buffers.colors {
-                        found[1][first + color.index] = Some(color.square());
-                    }
-                }
-                found
-            })
-            .collect();
+        let start = || [Vec::new(), Vec::new()];
+        let parts = self.collect_residuals(at, start, |found, component, buffers| {
+            let first = found[0].len();
+            let end = first + self.matches.points_of(component).len();
+            found.iter_mut().for_each(|squares| squares.resize(end, None));
+            for (i, plane) in buffers.planes.iter().enumerate() {
+                found[0][first + i] = Some(plane.off * plane.off * plane.precision);
+            }
+            for color in &buffers.colors {
+                found[1][first + color.index] = Some(color.square());
+            }
+        });
         let mut whole = [Vec::new(), Vec::new()];
         for part in parts {
             whole.iter_mut().zip(part).for_each(|(whole, part)| whole.extend(part));
@@ -195,27 +204,19 @@ impl<'a> Evidence<'a> {
 
     /// Normal equations of each view and kind; residuals are relative to the means over all views.
     pub fn equations_by_view(&self, at: &Estimate) -> Vec<Both> {
-        let projector = Projector::new(&at.unknowns.camera);
         let n = self.matches.poses.len();
-        let parts: Vec<Vec<Both>> = (0..self.matches.len())
-            .into_par_iter()
-            .chunks(CHUNK)
-            .map(|components| {
-                let (mut views, mut buffers) = (vec![NOTHING; n], Buffers::default());
-                for component in components {
-                    let first = self.compute_residuals((&projector, at), component, &mut buffers);
-                    for (i, plane) in buffers.planes.iter().enumerate() {
-                        let weight = f64::from(self.weights[0][first + i]);
-                        plane.add(weight, &mut views[plane.view][0]);
-                    }
-                    for color in &buffers.colors {
-                        let weight = f64::from(self.weights[1][first + color.index]);
-                        color.add(weight, &mut views[color.view][1]);
-                    }
-                }
-                views
-            })
-            .collect();
+        let start = || vec![NOTHING; n];
+        let parts = self.collect_residuals(at, start, |views, component, buffers| {
+            let first = self.matches.start_of(component);
+            for (i, plane) in buffers.planes.iter().enumerate() {
+                let weight = f64::from(self.weights[0][first + i]);
+                plane.add(weight, &mut views[plane.view][0]);
+            }
+            for color in &buffers.colors {
+                let weight = f64::from(self.weights[1][first + color.index]);
+                color.add(weight, &mut views[color.view][1]);
+            }
+        });
         let mut views = vec![NOTHING; n];
         for part in &parts {
             for (view, part) in views.iter_mut().zip(part) {

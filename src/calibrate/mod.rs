@@ -180,9 +180,13 @@ fn cameras(
     let known = known.or(given).unwrap_or(as_registered);
     let prior = SensorPrior::new(known, &start, metre);
     let free: Vec<usize> = (0..N).collect();
-    let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
-    let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
-    judge.scale_evidence(&mut evidence, &mut best, &free);
+    let mut fit = |free: &[usize]| -> Result<_, FrameError> {
+        let (mut best, mut evidence) = search(input, views, &prior, &start, free, &mut tick)?;
+        let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), free)?;
+        judge.scale_evidence(&mut evidence, &mut best, free);
+        Ok((best, evidence, judge))
+    };
+    let (mut best, mut evidence, mut judge) = fit(&free)?;
     let (is_camera_accepted, found) = judge.test_camera(&best.unknowns);
     let of = |best: &Unknowns, color_camera| Calibration {
         color_camera,
@@ -202,9 +206,7 @@ fn cameras(
     // Small errors of poses and depth can be compensated by a slightly different camera. Depth found with
     // that camera does not hold for the original one, so it is searched again.
     let free = DEPTH.to_vec();
-    let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
-    let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
-    judge.scale_evidence(&mut evidence, &mut best, &free);
+    let (mut best, mut evidence, mut judge) = fit(&free)?;
     let mut values = judge.accept_values(&mut evidence, &mut best, &free);
     values.extend(staying);
     let kept = if given.is_some() {

@@ -177,7 +177,7 @@ impl<'a> CrossValidation<'a> {
         }
         let shifts = rms_shift_per_unit(&evidence.matches, &best.unknowns);
         for &i in &free {
-            // Those that revert shift the others.
+            // Reverting some values shifts the others.
             values[i].best = best.unknowns.natural_value(i);
             values[i].after = values[i].best;
         }

@@ -56,7 +56,7 @@ impl Interrupt {
     fn new() -> Result<Self, Failure> {
         let asked = Arc::new(AtomicBool::new(false));
         listen(&asked, || ())?;
-        Ok(Self { asked })
+        Ok(Self { is_stop_requested: asked })
     }
 
     pub fn is_requested(&self) -> bool {
