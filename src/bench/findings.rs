@@ -66,7 +66,7 @@ pub enum BenchError {
     Ron(#[from] ron::Error),
     /// No combination of widths keeps the bound.
     #[error(
-        "bound: expected at least {best:.1e}, the error of f64 operations on f32 points, found {bound:e}; choose a larger bound"
+        "bound (`--bound`): expected at least {best:.1e}, the error of f64 operations on f32 points, found {bound:e}; choose a larger bound"
     )]
     Bound {
         bound: f64,

@@ -64,7 +64,6 @@ pub fn summary(trajectory: &Trajectory, error: Option<&TrajectoryError>) -> Stri
     )
 }
 
-/// Formats the result as one line.
 pub fn pose_summary(check: &PoseCheck) -> String {
     format!(
         "{:.0} % of depth agrees with {} neighbouring frames, median error {:.4} ({} poses)",

@@ -13,7 +13,7 @@ use crate::math::image::Image;
 use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec3, DVec4};
 use serde::{Deserialize, Serialize};
-use strum::IntoEnumIterator;
+use strum::{EnumIter, EnumMessage, EnumString, IntoEnumIterator, IntoStaticStr, VariantNames};
 
 const MAX_PAIRS: usize = 8;
 /// Frame distances tried for a pair, until the camera has moved enough.
@@ -218,7 +218,18 @@ impl PoseTrial {
 /// assert_ne!(PoseConvention::Opencv.pose(opengl), Ok(Pose::IDENTITY));
 /// ```
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, strum::EnumIter, strum::IntoStaticStr,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    EnumIter,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

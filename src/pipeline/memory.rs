@@ -58,7 +58,7 @@ fn check_against(
     }
     let (setting, found) = match limit {
         ComponentLimit::Fixed(n) => ("components", n),
-        ComponentLimit::Asked(n) => ("budget", n),
+        ComponentLimit::Asked(n) => ("budget (`--budget`)", n),
         ComponentLimit::Default(_) => return Ok(()),
     };
     if estimate.total() <= available {
@@ -101,16 +101,12 @@ mod tests {
         let scene = asked.memory(300_000, 3);
         let error = check_against(scene, ComponentLimit::Asked(20_000_000), scene.frames * 3);
         let (setting, would_fit, found) = most(error.unwrap_err());
-        assert_eq!((setting, found), ("budget", 20_000_000));
+        assert_eq!((setting, found), ("budget (`--budget`)", 20_000_000));
         let fits = SceneConfig { max_components: would_fit as usize, ..asked };
         assert!(fits.memory(300_000, 3).total() <= scene.frames * 3, "{would_fit}");
         let default = ComponentLimit::Default(20_000_000);
-        assert_eq!(
-            check_against(scene, default, scene.frames),
-            Ok(()),
-            "a default limit is not \
-                                                                         counted"
-        );
+        let found = check_against(scene, default, scene.frames);
+        assert_eq!(found, Ok(()), "a default limit is not counted");
         let error = check_against(scene, default, scene.frames - 1).unwrap_err();
         assert!(matches!(error, MemoryError::Frames { .. }), "{error}");
     }

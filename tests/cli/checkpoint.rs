@@ -47,8 +47,8 @@ fn options_that_contradict_the_checkpoint_are_wrong_usage() {
             &["components: expected 2000", "out/checkpoint.vbgs", "found 5"][..],
         ),
         ("--config other.ron", &["components: expected 2000", "found 7"]),
-        ("--set stride=2", &["stride: expected 1", "found 2", "leave the option out"]),
-        ("--depth-scale 0.5", &["--depth-scale: expected no value", "found 0.5"]),
+        ("--set stride=2", &["stride: expected 1", "found 2", "leave it out"]),
+        ("--depth-scale 0.5", &["depth scale (`--depth-scale`): expected no value", "found 0.5"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
         scratch.run(&run).fails(2, parts);

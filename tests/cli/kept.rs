@@ -277,10 +277,7 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
         ("train room --out o --scale 1e30px", &["--scale", "at most the depth", "px"]),
         ("train room --out o --preset paper --config custom.ron", &["precision", "custom alone"]),
         ("train room --out o --intrinsics 1e30 1e30 0 0", &["intrinsics", "expected", "degrees"]),
-        (
-            "train room --out o --set confidence=2",
-            &["confidence", "with confidence maps, found none"],
-        ),
+        ("train room --out o --confidence 2", &["confidence", "with confidence maps, found none"]),
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),
         (

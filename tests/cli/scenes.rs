@@ -45,15 +45,21 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
     fs::write(scratch.path("paper.ron"), "(components: 7)").unwrap();
     let before = scratch.bytes("out/checkpoint.vbgs");
     for (options, parts) in [
-        ("--scale 3px", &["--scale: expected 2.5px", "out/checkpoint.vbgs", "found 3px"][..]),
-        ("--config other.ron", &["--scale: expected 2.5px", "found 4px"]),
-        ("--budget 5MB", &["--budget: expected 2000000", "found 5MB"]),
+        (
+            "--scale 3px",
+            &["scale (`--scale`): expected 2.5px", "out/checkpoint.vbgs", "found 3px"][..],
+        ),
+        ("--config other.ron", &["scale (`--scale`): expected 2.5px", "found 4px"]),
+        ("--budget 5MB", &["budget (`--budget`): expected 2000000", "found 5MB"]),
         ("--set crack_filling=false", &["crack_filling: expected true"]),
         ("--set refine=false", &["refine: expected true", "found false"]),
-        ("--preset paper", &["--preset: expected scene", "found paper"]),
-        ("--preset paper --config paper.ron", &["--preset: expected scene", "found paper"]),
+        ("--preset paper", &["preset (`--preset`): expected scene", "found paper"]),
+        (
+            "--preset paper --config paper.ron",
+            &["preset (`--preset`): expected scene", "found paper"],
+        ),
         ("--set components=5", &["components: expected no value", "found 5", "leave"]),
-        ("--set stride=2", &["stride: expected 1", "found 2", "leave the option out"]),
+        ("--set stride=2", &["stride: expected 1", "found 2", "leave it out"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
         scratch.run(&run).fails(2, parts);
@@ -172,9 +178,9 @@ fn scene_settings_out_of_range_are_wrong_usage() {
     let scratch = Scratch::with_room();
     fs::write(scratch.path("none.ron"), "(budget: \"0\")").unwrap();
     for (option, parts) in [
-        ("--budget 0", &["--budget: expected 1 to 20000000 components", "found 0"][..]),
-        ("--budget 20000001", &["--budget: ", "found 20000001"]),
-        ("--config none.ron", &["--budget: ", "found 0"]),
+        ("--budget 0", &["budget (`--budget`): expected 1 to 20000000 components", "found 0"][..]),
+        ("--budget 20000001", &["budget (`--budget`): ", "found 20000001"]),
+        ("--config none.ron", &["budget (`--budget`): ", "found 0"]),
         ("--scale 0", &["--scale", "'0'"]),
     ] {
         scratch.run(&format!("{TRAIN} --out out {option}")).fails(2, parts);

@@ -287,6 +287,6 @@ fn a_bound_below_every_rounding_leaves_what_equals_the_oracle() {
         assert_eq!(number(&search.json["chosen"]["error"], field), 0.0, "{field}");
     }
     for bound in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "bound");
+        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "bound (`--bound`)");
     }
 }

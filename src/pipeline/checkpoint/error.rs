@@ -47,12 +47,12 @@ pub enum RunError {
     },
     /// A setting differs from the run's.
     #[error(
-        "{setting}: expected {stored}, as {} was trained, found {asked}; leave the option out, or \
-         train anew", path.display()
+        "{setting}: expected {stored}, as {} was trained, found {asked}; leave it out, or train anew",
+        path.display()
     )]
     Conflict {
-        /// Setting, in the spelling of the command line.
-        setting: String,
+        /// Name of the setting, with its option if it has one.
+        setting: &'static str,
         /// Path of the checkpoint.
         path: PathBuf,
         /// Value in the checkpoint.
@@ -63,7 +63,7 @@ pub enum RunError {
     /// The dataset is another one.
     #[error(
         "{}: expected the dataset it was trained on, found one that differs in {difference}; name \
-         the right dataset", path.display()
+         the right dataset, or train on this one by `--force`", path.display()
     )]
     OtherDataset {
         /// Path of the checkpoint.

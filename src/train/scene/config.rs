@@ -24,7 +24,7 @@ pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 ///
 /// assert!(SceneConfig::fine(0.02).check().is_ok());
 /// let error = SceneConfig::fine(f64::NAN).check().err();
-/// assert_eq!(error.map(|e| e.setting), Some("scale"));
+/// assert_eq!(error.map(|e| e.setting), Some("scale (`--scale`)"));
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
@@ -133,14 +133,14 @@ impl SceneConfig {
     pub fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.max_components) {
             return Err(ConfigError {
-                setting: "budget",
+                setting: "budget (`--budget`)",
                 expected: format!("1 to {MAX_COMPONENTS} components"),
                 found: self.max_components.to_string(),
             });
         }
         if !(self.h.is_finite() && self.h > 0.0) {
             return Err(ConfigError {
-                setting: "scale",
+                setting: "scale (`--scale`)",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
             });

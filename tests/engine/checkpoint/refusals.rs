@@ -43,11 +43,14 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
                 ..none()
             }),
         ),
-        ("--split", ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() }),
+        (
+            "split (`--split`)",
+            ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() },
+        ),
         ("order", ResumeRequest { order: Some(Order::Shuffled), ..ResumeRequest::default() }),
         ("stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
         (
-            "--depth-range",
+            "depth range (`--depth-range`)",
             ResumeRequest {
                 load: LoadOptions {
                     depth_range: Some([0.1, 2.0]),

@@ -57,7 +57,12 @@ fn what_photographs_taught_is_stored_and_goes_on() {
     assert_eq!(state.buffered.len(), 3);
     let other = SceneOverrides { photometric: Some(PhotometricMode::Off), ..Default::default() };
     let refused = saved(&whole).check(&ResumeRequest { model: other.into(), ..up_to(12) });
-    assert!(refused.unwrap_err().to_string().starts_with("--photometric: expected full"));
+    assert!(
+        refused
+            .unwrap_err()
+            .to_string()
+            .starts_with("photometric (`--photometric`): expected full")
+    );
 }
 
 #[test]
@@ -128,8 +133,14 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         |scene: SceneOverrides| ResumeRequest { model: scene.into(), ..ResumeRequest::default() };
     let none = SceneOverrides::default;
     let cases = [
-        ("--scale", with(SceneOverrides { scale: Some(StructuralScale::Pixels(3.0)), ..none() })),
-        ("--budget", with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() })),
+        (
+            "scale (`--scale`)",
+            with(SceneOverrides { scale: Some(StructuralScale::Pixels(3.0)), ..none() }),
+        ),
+        (
+            "budget (`--budget`)",
+            with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() }),
+        ),
         ("refine", with(SceneOverrides { refine: Some(false), ..none() })),
         ("gain", with(SceneOverrides { gain: Some(true), ..none() })),
         ("gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
@@ -138,9 +149,15 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         ("flying_pixels", with(SceneOverrides { flying_pixels: Some(true), ..none() })),
         ("cosine", with(SceneOverrides { cosine: Some(false), ..none() })),
         ("sensor", with(SceneOverrides { sensor: Some(Sensor::Kinect), ..none() })),
-        ("--calibration", with(SceneOverrides { calibration: Some(Calibration::NONE), ..none() })),
+        (
+            "calibration (`--calibration`)",
+            with(SceneOverrides { calibration: Some(Calibration::NONE), ..none() }),
+        ),
         ("seed", with(SceneOverrides { seed: Some(5), ..none() })),
-        ("--preset", ResumeRequest { preset: Some(Preset::Paper), ..ResumeRequest::default() }),
+        (
+            "preset (`--preset`)",
+            ResumeRequest { preset: Some(Preset::Paper), ..ResumeRequest::default() },
+        ),
         (
             "components",
             ResumeRequest {
@@ -199,7 +216,7 @@ fn settings_and_scenes_that_do_not_belong_together_are_refused() {
             content.config = edited;
         }
     };
-    refused(&config(r#""h":0."#, r#""h":-0."#), "scale: expected a positive length");
+    refused(&config(r#""h":0."#, r#""h":-0."#), "scale (`--scale`): expected a positive length");
     refused(&config(r#""refine":true"#, r#""refine":"rows""#), "section `CONF`");
     let moved = |content: &mut Checkpoint| {
         let StoredModel::Scene(state) = &mut content.model else { unreachable!() };

@@ -10,12 +10,16 @@ use crate::math::image::Image;
 use crate::math::pose::Pose;
 use serde_json::json;
 use std::path::Path;
+use strum::{EnumString, VariantNames};
 
 /// Depth encoding of the Blender layout.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, VariantNames)]
 pub enum DepthBits {
+    #[strum(serialize = "8")]
     /// `8·(1 − d/255)` m in RGBA, 31 mm per step, as in the original export.
     Eight,
+    #[default]
+    #[strum(serialize = "16")]
     /// 16-bit gray with `integer_depth_scale` = 0.25 mm per step.
     Sixteen,
 }

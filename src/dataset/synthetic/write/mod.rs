@@ -9,6 +9,7 @@ use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::plan::ViewPlan;
 use files::create_empty_folder;
 use std::path::Path;
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantNames};
 
 pub use blender::DepthBits;
 pub use files::WriteError;
@@ -60,7 +61,7 @@ fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(),
     Err(ParamsError {
         setting: "layout",
         expected: "record3d for the phone",
-        found: format!("{layout:?}"),
+        found: <&str>::from(layout).to_owned(),
     })
 }
 
@@ -89,7 +90,10 @@ pub fn write_live(
 
 /// Folder layout to write. In layouts without splits, the evaluation frames of the room's camera follow the
 /// training frames. Free frames and the phone's evaluation frames go to the folder [`FREE_FOLDER`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantNames,
+)]
+#[strum(serialize_all = "kebab-case")]
 pub enum SyntheticLayout {
     /// NeRF-synthetic, with depth along the ray.
     Blender(DepthBits),

@@ -19,7 +19,6 @@ use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
-/// Number of depth pixels from which a quarter of them suffices.
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
@@ -98,7 +97,6 @@ fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     }
 }
 
-/// Refuses a shuffle buffer without photometric training.
 fn check_shuffle_buffer(
     overrides: &SceneOverrides,
     engine: &SceneConfig,
@@ -107,7 +105,7 @@ fn check_shuffle_buffer(
         None => Ok(()),
         Some(n) => Err(ConfigError {
             setting: "shuffle_buffer",
-            expected: "0 without photometric training (--photometric off)".to_owned(),
+            expected: "0 without photometric training (`--photometric off`)".to_owned(),
             found: n.to_string(),
         }),
     }
@@ -134,7 +132,7 @@ fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, Sce
     if asked > most {
         let unit = if matches!(scale, StructuralScale::Pixels(_)) { "px" } else { " world units" };
         return Err(SceneError::Config(ConfigError {
-            setting: "scale",
+            setting: "scale (`--scale`)",
             expected: format!("at most the depth of the scene, {most:.3}{unit}"),
             found: String::from(scale),
         }));
@@ -163,7 +161,7 @@ pub enum SceneError {
     Photographs(#[from] AspectRatioMismatch),
     /// The structural scale is below the depth noise.
     #[error(
-        "structural scale: expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
+        "scale (`--scale`): expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range (`--depth-scale`, `--depth-range`)"
     )]
     BelowNoise {
         /// Minimum scale, in world units.

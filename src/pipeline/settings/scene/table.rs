@@ -167,45 +167,17 @@ named_values!(by name PixelSampling {
     "half" "Half" "Every other row";
     "quarter" "Quarter" "Every other pixel of every other row";
 });
+named_values!(by name SplatKind {
+    "native" "Native" "Flat tops, colour gradients and filled cracks: sharpest in this program";
+    "plain" "Plain" "As every viewer draws them: export is lossless";
+});
 
-impl SettingValue for SplatKind {
-    fn choices() -> Vec<Choice> {
-        let native = "Flat tops, colour gradients and filled cracks: sharpest in this program";
-        let plain = "As every viewer draws them: export is lossless";
-        vec![
-            Choice { name: "native", label: "Native", help: native },
-            Choice { name: "plain", label: "Plain", help: plain },
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        text.to_string_lossy().parse().map_err(|_| {
-            ValueError::Text(format!("expected native or plain, found `{}`", text.display()))
-        })
-    }
-}
-
-impl SettingValue for Sensor {
-    fn choices() -> Vec<Choice> {
-        let choice = |name, help| Choice { name, label: name, help };
-        vec![
-            choice("inverse8-ray", "8-bit depth along the ray, as in NeRF-synthetic scenes"),
-            choice("kinect", "Structured light"),
-            choice("lidar", "Time-of-flight sensor of phones and tablets"),
-            choice("exact", "Computed depth without noise"),
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        match text.to_str() {
-            Some("inverse8-ray") => Ok(Self::Inverse8Ray),
-            Some("kinect") => Ok(Self::Kinect),
-            Some("lidar") => Ok(Self::Lidar),
-            Some("exact") => Ok(Self::Exact { noise: 0.0 }),
-            _ => Err(ValueError::Text("expected inverse8-ray, kinect, lidar or exact".to_owned())),
-        }
-    }
-}
+named_values!(by name Sensor {
+    "inverse8-ray" "inverse8-ray" "8-bit depth along the ray, as in NeRF-synthetic scenes";
+    "kinect" "kinect" "Structured light";
+    "lidar" "lidar" "Time-of-flight sensor of phones and tablets";
+    "exact" "exact" "Computed depth without noise";
+});
 
 impl SettingValue for Calibration {
     const IS_FILE: bool = true;

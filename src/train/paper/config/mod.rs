@@ -60,8 +60,7 @@ pub struct PaperConfig {
 
 settings! {
     /// User-settable options of the `paper` preset, from a RON file or the command line; `None` selects the
-    /// preset's value. The serialized name is that of version 0.1.0.
-    #[serde(rename = "Overrides")]
+    /// preset's value.
     pub struct PaperOverrides of PaperConfig, Preset::Paper,
         such as "(components: 50000, candidates: 4)";
 
@@ -168,7 +167,7 @@ impl PaperOverrides {
         match (self.precision, self.operations) {
             (Some(Precision::Custom), None) => refuse(
                 "precision",
-                "f64, mixed or f32, or `operations` in a settings file".into(),
+                "f64, mixed or f32, or `operations` in a settings file (`--config`)".into(),
                 "custom alone".into(),
             ),
             (Some(precision), Some(operations))
@@ -280,7 +279,7 @@ mod tests {
             let mut layer = PaperOverrides::default();
             let (field, default) = (setting.about.field, setting.about.default);
             (setting.parse)(&mut layer, default.as_ref()).expect(field);
-            assert_eq!((setting.differs)(&layer, &run), None, "{field}");
+            assert_eq!(setting.conflict(&layer, &run), None, "{field}");
             (setting.apply)(&layer, &mut run);
         }
         assert_eq!(run, PaperConfig::paper());
