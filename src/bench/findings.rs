@@ -4,8 +4,7 @@
 //! outputs of one run cannot disagree. Table and JSON state the machine, because a time is
 //! meaningless without it.
 
-use crate::bench::peers::PeerError;
-use crate::bench::plot::draw::PlotError;
+use crate::bench::plot::PlotError;
 use crate::dataset::synthetic::ParamsError;
 use crate::eval::report;
 use crate::eval::report::MachineReport;
@@ -55,8 +54,6 @@ pub enum BenchError {
     Csv(#[from] csv::Error),
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),
-    #[error("{0}")]
-    Peer(#[from] PeerError),
     #[error("starting {threads} threads failed: {reason}; close other programs and retry")]
     Threads { threads: usize, reason: String },
     #[cfg(feature = "gui")]

@@ -6,9 +6,7 @@
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::folder;
 use super::paper::sample::spaced;
-use super::plot::draw;
-use super::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::Axis;
+use super::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::Spread;
@@ -91,7 +89,7 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
         options: plan.options,
         notes,
         table: text(&rows),
-        plot: draw::draw("The paper's protocol", &panels(&rows, &names))?,
+        plot: plot::draw("The paper's protocol", &panels(&rows, &names))?,
         summary: json!({ "scenes": names }),
         rows,
     }
@@ -203,8 +201,7 @@ fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
             let mine = rows.iter().filter(|row| row.preset == preset && row.renderer == renderer);
             let mark = |row: &ProtocolRow| {
                 let at = scenes.iter().position(|scene| *scene == row.scene)?;
-                let (x, y) = (Spread::exact(of(row)), Spread::exact(at as f64));
-                Some(Mark { x, y, label: None })
+                Some(Mark::new(of(row), at as f64))
             };
             let marks = mine.filter_map(mark).collect();
             Series { name: format!("{preset}, {renderer}"), marks, connected: false }

@@ -10,8 +10,7 @@ use super::runs;
 use super::runs::{Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::{Axis, draw};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::metrics::Spread;
 use crate::eval::report;
@@ -139,7 +138,7 @@ pub fn run(
         options: plan.options,
         notes: notes(plan, &sample, &thinned),
         table: text(&found),
-        plot: draw::draw(&title, &panels(&found))?,
+        plot: plot::draw(&title, &panels(&found))?,
         rows: found,
         summary: (),
     }

@@ -11,8 +11,7 @@ use super::runs;
 use super::runs::{Runs, TimedConfiguration, with_threads};
 use super::sample::{TrainingSample, thin};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::{Axis, draw};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::metrics::Spread;
 use crate::eval::report;
@@ -240,7 +239,7 @@ pub fn run(
         options: plan.options,
         notes: notes(plan, &sample, &rows[0]),
         table: text(&rows),
-        plot: draw::draw(&title, &panels(&rows))?,
+        plot: plot::draw(&title, &panels(&rows))?,
         rows,
         summary: (),
     }

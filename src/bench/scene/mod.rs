@@ -15,7 +15,7 @@ mod variants;
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::paper::sample::spaced;
-use super::plot::draw;
+use super::plot;
 use crate::dataset::Dataset;
 use crate::eval::choices::{GroundTruth, SEEN_AFTER};
 use crate::eval::cracks::CrackReport;
@@ -202,7 +202,7 @@ impl AccuracyRuns {
             options: plan.options,
             notes: report::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
             table: report::text(&rows),
-            plot: draw::draw(&title, &report::panels(&rows, is_registered))?,
+            plot: plot::draw(&title, &report::panels(&rows, is_registered))?,
             rows,
             summary,
         }

@@ -1,8 +1,7 @@
 //! Tables, notes and plot of the accuracy bench.
 
 use super::variants::Table;
-use crate::bench::plot::Axis;
-use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::bench::scene::{AccuracyRow, AccuracySummary};
 use crate::eval::metrics::Spread;
 use crate::eval::report;

@@ -6,11 +6,10 @@
 
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::paper::sample::spaced;
-use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::{Axis, draw};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
-use crate::eval::metrics::{Spread, mean_std};
+use crate::eval::metrics::mean_std;
 use crate::eval::report;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
@@ -210,7 +209,7 @@ impl Retention {
             options,
             notes: vec![note],
             table: text(&summary),
-            plot: draw::draw(&title, &panels(&rows, &summary))?,
+            plot: plot::draw(&title, &panels(&rows, &summary))?,
             rows,
             summary,
         }
@@ -266,8 +265,7 @@ fn text(summary: &[RetentionSummary]) -> String {
 
 /// Loss of own views and PSNR of held-out views, against frames trained on.
 fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
-    let mark =
-        |x: usize, y: f64| Mark { x: Spread::exact(x as f64), y: Spread::exact(y), label: None };
+    let mark = |x: usize, y: f64| Mark::new(x as f64, y);
     let lost = |kept: &RetentionSummary| {
         let rows = rows.iter().filter(|row| row.configuration == kept.configuration);
         let marks = rows.map(|row| mark(row.after_frames, row.after - row.at_end)).collect();

@@ -13,9 +13,7 @@ mod train;
 #[cfg(feature = "bench")]
 pub use bench::PrecisionSearchArgs;
 #[cfg(feature = "bench")]
-pub use bench::{
-    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PeersBenchArgs, RenderBenchArgs,
-};
+pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};

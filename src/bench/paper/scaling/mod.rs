@@ -5,7 +5,7 @@ mod report;
 use super::runs::{median, with_threads};
 use super::sample::thin;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::draw;
+use crate::bench::plot;
 use crate::dataset::error::FrameError;
 use crate::dataset::synthetic::SyntheticParams;
 use crate::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
@@ -43,7 +43,7 @@ pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> 
         options: plan.options,
         notes: notes(plan, &summary),
         table: text(&rows),
-        plot: draw::draw("Cost per frame: synthetic room, C = 4", &panels(&rows, &summary.fits))?,
+        plot: plot::draw("Cost per frame: synthetic room, C = 4", &panels(&rows, &summary.fits))?,
         rows,
         summary,
     }

@@ -6,8 +6,7 @@
 use crate::bench::paper::scaling::{
     EnginePath, LINES, MeanPlacement, ScalingPlan, ScalingRow, Sweep,
 };
-use crate::bench::plot::Axis;
-use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::eval::metrics::Spread;
 use crate::eval::report;
 use serde::Serialize;

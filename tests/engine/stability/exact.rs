@@ -6,14 +6,14 @@
 //! exact value, but its argument is an exact difference. Candidates are preselected in f64, with a
 //! surplus, and then ordered exactly. Exact distances to 10⁵ components would take too long.
 
-use crate::math::sym3::Sym3;
-use crate::model::conjugate::posterior::ComponentPosterior;
-use crate::model::conjugate::prior;
-use crate::model::conjugate::prior::Hyper;
 use glam::DVec3;
 use num_rational::BigRational;
 use num_traits::{ToPrimitive, Zero};
 use std::collections::BTreeMap;
+use vbgs_studio::math::sym3::Sym3;
+use vbgs_studio::model::conjugate::posterior::ComponentPosterior;
+use vbgs_studio::model::conjugate::prior;
+use vbgs_studio::model::conjugate::prior::Hyper;
 
 /// `[x, y, z, r, g, b]`, exact.
 type RationalPoint = [BigRational; 6];

@@ -1,4 +1,4 @@
-"""Open3D's TSDF integration of frames, for `vbgs-studio bench peers`."""
+"""Open3D's TSDF integration of frames, for the example `peers`."""
 
 import json
 import os

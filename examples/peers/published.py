@@ -1,4 +1,4 @@
-"""One step of the published implementation per frame, for `vbgs-studio bench peers`."""
+"""One step of the published implementation per frame, for the example `peers`."""
 
 import copy
 import json
