@@ -16,11 +16,8 @@ const LIST: Vec2 = Vec2::new(440.0, 300.0);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Command(UiCommand),
-    /// Show a tab of the side panel.
     Tab(SideTab),
-    /// Switch the comparison mode of the viewport.
     Mode(ViewMode),
-    /// Switch the colour mode of the viewport.
     Color(ColorMode),
 }
 
@@ -207,11 +204,6 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), n);
     }
-}
-
-#[cfg(test)]
-mod fuzzy_tests {
-    use super::*;
 
     #[test]
     fn letters_in_order_are_found_and_beginnings_of_words_come_first() {

@@ -81,10 +81,6 @@ impl WindowLayout {
         (Self::default(), Some(notice))
     }
 
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::to_string(self)
-    }
-
     /// Activates the tab of a panel.
     pub fn activate(&mut self, tab: SideTab) {
         let is_it =
@@ -229,7 +225,7 @@ mod tests {
         let mut layout = WindowLayout { shows_frames: false, ..WindowLayout::default() };
         layout.activate(SideTab::Inspector);
         layout.resize(Vec2::new(1000.0, 600.0), 0.0);
-        let (read, notice) = WindowLayout::from_text(&layout.to_text().unwrap());
+        let (read, notice) = WindowLayout::from_text(&ron::to_string(&layout).unwrap());
         assert_eq!((read, notice), (layout, None));
     }
 
@@ -256,7 +252,7 @@ mod tests {
             root.children.push(own);
         }
         let mut texts: Vec<String> =
-            [older, lacking, twice, buried, circle].map(|l| l.to_text().unwrap()).into();
+            [older, lacking, twice, buried, circle].map(|l| ron::to_string(&l).unwrap()).into();
         texts.extend(["", "(version: 1)", "no RON at all"].map(str::to_owned));
         for text in texts {
             let (read, notice) = WindowLayout::from_text(&text);

@@ -39,14 +39,8 @@ impl Default for TrainSettings {
 }
 
 impl TrainSettings {
-    /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         settings_file::from_text("training", text)
-    }
-
-    /// Serializes the settings for the next session.
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::to_string(self)
     }
 
     /// Returns the training method for a session.
@@ -87,7 +81,7 @@ mod tests {
             ..PaperOverrides::default()
         };
         let chosen = TrainSettings { preset: Preset::Paper, scene, paper, autosave_s: None };
-        assert_eq!(TrainSettings::from_text(&chosen.to_text().unwrap()), (chosen, None));
+        assert_eq!(TrainSettings::from_text(&ron::to_string(&chosen).unwrap()), (chosen, None));
         for text in ["", "(preset: tomorrow)", "(scene: (scale: Some(\"-1\")))"] {
             let (read, notice) = TrainSettings::from_text(text);
             assert_eq!(read, TrainSettings::default(), "{text}");

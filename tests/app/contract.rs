@@ -52,7 +52,6 @@ const PROMISES: &[(&str, &[&str])] = &[
             "settings.rs: settings_lie_in_the_config_folder_and_a_newer_file_is_set_aside",
             "src/app/settings_file.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
             "src/app/settings_file.rs: a_newer_file_is_set_aside_as_it_is_and_said",
-            "src/app/settings_file.rs: older_settings_are_taken_over_once_and_stay_where_they_were",
             "src/app/settings_file.rs: a_part_that_cannot_be_read_leaves_a_copy_of_the_file",
             "src/app/training.rs: settings_survive_a_restart",
             "src/app/viewer/settings.rs: settings_survive_a_restart_but_not_the_colour_mode",

@@ -1,9 +1,10 @@
 //! Card over the lower left of the viewport. It grows with its contents as far as there is room. The
 //! contents scroll; the footer with the buttons is always visible.
 
+use crate::app::command::UiCommand;
 use eframe::egui::{
-    Align2, Area, Color32, Frame, Id, Label, Pos2, Response, RichText, Role, ScrollArea, Sense, Ui,
-    Vec2, WidgetInfo,
+    Align2, Area, Button, Color32, Frame, Id, Label, Pos2, Response, RichText, Role, ScrollArea,
+    Sense, Ui, Vec2, WidgetInfo,
 };
 
 /// Distance from the edges of the viewport and from notices above, points.
@@ -73,6 +74,13 @@ pub fn ui(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
 }
 
 pub const SLIDER: f32 = 200.0;
+
+/// Draws the button of a command, disabled with the reason `why_not` if there is one; true if it is clicked.
+pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui: &mut Ui) -> bool {
+    let button = ui.add_enabled(why_not.is_none(), Button::new(command.label()).selected(is_on));
+    let button = button.on_hover_text(command.hint(ui.ctx()));
+    button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
+}
 
 /// Sets the accessible name of a control whose visible label is elsewhere.
 pub fn named(control: Response, name: &str) -> Response {

@@ -1,71 +1,17 @@
 //! Menu bar: every command with its shortcut, and the reason if it is unavailable.
 
 use crate::app::action_finder::Action;
-use crate::app::command::UiCommand;
+use crate::app::command::{Menu, UiCommand};
 use eframe::egui::{Button, Ui};
 use std::path::PathBuf;
 
-/// Menus of the bar. The training menu is named "Run", since "Train" is the label of a button.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Menu {
-    File,
-    Selection,
-    View,
-    Run,
-    Help,
-}
-
-impl Menu {
-    const ALL: [Self; 5] = [Self::File, Self::Selection, Self::View, Self::Run, Self::Help];
-
-    fn label(self) -> &'static str {
-        match self {
-            Self::File => "File",
-            Self::Selection => "Selection",
-            Self::View => "View",
-            Self::Run => "Run",
-            Self::Help => "Help",
-        }
-    }
-}
-
-/// Menu of a command and its group there; separators divide the groups.
-fn menu_and_group(command: UiCommand) -> (Menu, u8) {
-    match command {
-        UiCommand::Open | UiCommand::OpenDemo => (Menu::File, 0),
-        UiCommand::Save | UiCommand::Export | UiCommand::SavePicture => (Menu::File, 1),
-        UiCommand::Quit => (Menu::File, 2),
-        UiCommand::Undo | UiCommand::Redo => (Menu::Selection, 0),
-        UiCommand::BoxSelect | UiCommand::Deselect => (Menu::Selection, 1),
-        UiCommand::HideSelected
-        | UiCommand::ShowHidden
-        | UiCommand::DeleteSelected
-        | UiCommand::RestoreDeleted
-        | UiCommand::CropBox => (Menu::Selection, 2),
-        UiCommand::FrameScene
-        | UiCommand::Home
-        | UiCommand::PreviousCamera
-        | UiCommand::NextCamera
-        | UiCommand::AutoCamera => (Menu::View, 0),
-        UiCommand::ToggleRenderer
-        | UiCommand::ComparePhoto
-        | UiCommand::CompareModel
-        | UiCommand::RemoveModel => (Menu::View, 1),
-        UiCommand::Measure => (Menu::View, 2),
-        UiCommand::Cameras
-        | UiCommand::Points
-        | UiCommand::Grid
-        | UiCommand::FrameStrip
-        | UiCommand::ResetLayout => (Menu::View, 3),
-        UiCommand::Train
-        | UiCommand::Pause
-        | UiCommand::Step
-        | UiCommand::Follow
-        | UiCommand::Reset => (Menu::Run, 0),
-        UiCommand::CopyCommandLine => (Menu::Run, 1),
-        UiCommand::Find | UiCommand::FocusControls | UiCommand::Help => (Menu::Help, 0),
-    }
-}
+const MENUS: [(Menu, &str); 5] = [
+    (Menu::File, "File"),
+    (Menu::Selection, "Selection"),
+    (Menu::View, "View"),
+    (Menu::Run, "Run"),
+    (Menu::Help, "Help"),
+];
 
 pub struct MenuContext<'a> {
     /// Recently opened paths, newest first.
@@ -85,18 +31,17 @@ pub enum MenuAnswer {
 
 pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     let mut asked = None;
-    for menu in Menu::ALL {
-        ui.menu_button(menu.label(), |ui| {
-            let mut commands =
-                UiCommand::ALL.map(|command| (menu_and_group(command), command)).to_vec();
-            commands.retain(|((of, _), _)| *of == menu);
+    for (menu, label) in MENUS {
+        ui.menu_button(label, |ui| {
+            let mut commands = UiCommand::ALL.to_vec();
+            commands.retain(|command| command.menu().0 == menu);
             // A stable sort keeps the order of the shortcut list within a group.
-            commands.sort_by_key(|((_, group), _)| *group);
+            commands.sort_by_key(|command| command.menu().1);
             let mut before = 0;
-            for ((_, group), command) in commands {
-                if group != before {
+            for command in commands {
+                let group = command.menu().1;
+                if std::mem::replace(&mut before, group) != group {
                     ui.separator();
-                    before = group;
                 }
                 asked = item(context, Action::Command(command), ui).or(asked.take());
                 if command == UiCommand::OpenDemo {

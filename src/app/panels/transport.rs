@@ -1,6 +1,7 @@
 //! Top bar: menus, transport buttons, name, progress and level of detail. One row for all leaves more room
 //! for the viewport.
 
+use super::card::command_button;
 use super::menus;
 use super::menus::{MenuAnswer, MenuContext};
 use super::signal_color::SignalColor;
@@ -10,7 +11,7 @@ use crate::app::detail::{
 };
 use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
-use eframe::egui::{Button, Label, ProgressBar, RichText, Slider, Tooltip, Ui};
+use eframe::egui::{Label, ProgressBar, RichText, Slider, Tooltip, Ui};
 
 /// Groups of buttons, in order.
 const BUTTONS: [&[UiCommand]; 2] = [
@@ -44,7 +45,9 @@ pub fn ui(
                     (UiCommand::Train, RunState::Training) => UiCommand::Pause,
                     (other, _) => other,
                 };
-                if button(snapshot, ui, command) {
+                let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+                let is_on = command == UiCommand::Follow && snapshot.follows;
+                if command_button(command, is_on, why_not, ui) {
                     asked = Some(TransportAnswer::Command(command));
                 }
             }
@@ -66,15 +69,6 @@ pub fn ui(
         }
     });
     asked
-}
-
-fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
-    let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-    let is_on = command == UiCommand::Follow && snapshot.follows;
-    let button = Button::new(command.label()).selected(is_on);
-    let response = ui.add_enabled(why_not.is_none(), button);
-    let response = response.on_hover_text(command.hint(ui.ctx()));
-    response.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
 }
 
 const WIDTH: f32 = 90.0;

@@ -93,7 +93,7 @@ impl Studio {
             (Action::Command(command), _) => {
                 let removes = command == UiCommand::RemoveModel;
                 let vain = removes.then(|| self.view.remove_unavailable_reason()).flatten();
-                let useless = (!self.view.is_of_use(command)).then_some("Nothing to apply it to");
+                let useless = self.view.editor().unavailable_reason(command);
                 command.unavailable_reason(snapshot.state, snapshot.source).or(vain).or(useless)
             }
             (Action::Tab(_), _) => None,

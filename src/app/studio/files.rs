@@ -4,6 +4,7 @@ use super::Studio;
 use super::commands::order_to_open;
 use crate::app::abandoned::AbandonedRun;
 use crate::app::command::UiCommand;
+use crate::app::edit::editor::EditCounts;
 use crate::app::film::FilmRequest;
 use crate::app::opening::{AfterWrite, Continuation, Pending};
 use crate::app::panels::status::Answer;
@@ -95,17 +96,15 @@ impl Studio {
     fn ask_export(&mut self, ui: &Ui, snapshot: &Snapshot) {
         self.preview_export(snapshot);
         let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
-        let left_out = match self.export_dialog.is_open() {
-            true => self.view.n_left_out(),
-            false => None,
-        };
+        let (editor, palette) = self.view.editor_and_palette();
+        let counts = self.export_dialog.is_open().then(|| editor.counts(palette));
         let report = self.view.export_preview_report();
         let (mapping, previews) = (&mut self.mapping, &mut self.view.settings.previews_export);
         let choices = |ui: &mut Ui| {
             if is_native {
                 export_options::ui(mapping, ui);
             }
-            if let Some((n, all)) = left_out {
+            if let Some(EditCounts { all, left_out: n @ 1.., .. }) = counts {
                 ui.label(format!("{n} of {all} splats are excluded by edits (Edit tab)."));
             }
             export_options::preview(previews, ui);

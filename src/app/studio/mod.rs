@@ -370,7 +370,7 @@ impl eframe::App for Studio {
             ExitReason::Adapter(chosen) => Some(chosen),
             ExitReason::Closed | ExitReason::DeviceLost => None,
         };
-        persistence::write(
+        StoredSettings::write(
             storage,
             &self.view.settings,
             &self.training,

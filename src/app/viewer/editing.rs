@@ -4,9 +4,8 @@ use super::SceneView;
 use super::photo::PictureRequest;
 use super::steering::ViewPosition;
 use super::world_painter::WorldPainter;
-use crate::app::command::UiCommand;
 use crate::app::edit::editor::Editor;
-use crate::app::edit::history::{Edits, SelectMode};
+use crate::app::edit::marks::SelectMode;
 use crate::app::edit::visible::slots_within;
 use crate::app::palette::Palette;
 use crate::app::splat_updates::SplatChange;
@@ -21,7 +20,6 @@ use glam::{DVec2, DVec3};
 const FRAME: Color32 = Color32::from_rgb(255, 90, 220);
 
 impl SceneView {
-    /// Editor that hides, deletes and crops splats.
     pub fn editor(&self) -> &Editor {
         &self.editor
     }
@@ -31,28 +29,8 @@ impl SceneView {
         self.palette.attributes()
     }
 
-    /// Returns the editor and the splats that it edits, for the edit panel.
     pub fn editor_and_palette(&mut self) -> (&mut Editor, &Palette) {
         (&mut self.editor, &self.palette)
-    }
-
-    /// Number of splats that an export leaves out, and of all splats; `None` if none are left out.
-    pub fn n_left_out(&mut self) -> Option<(usize, usize)> {
-        let counts = self.editor.counts(&self.palette);
-        (counts.left_out > 0).then_some((counts.left_out, counts.all))
-    }
-
-    /// True if an edit command would change anything; always true for other commands.
-    pub fn is_of_use(&self, command: UiCommand) -> bool {
-        let edits = self.editor.edits();
-        match command {
-            UiCommand::Undo => self.editor.can_undo(),
-            UiCommand::Redo => self.editor.can_redo(),
-            UiCommand::HideSelected | UiCommand::DeleteSelected => !edits.selected.is_empty(),
-            UiCommand::ShowHidden => !edits.hidden.is_empty(),
-            UiCommand::RestoreDeleted => !edits.deleted.is_empty(),
-            _ => true,
-        }
     }
 
     /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
@@ -129,15 +107,15 @@ impl SceneView {
             None => return,
             Some(EditDrag::Select) => self.drag_box(ui, response, request),
             Some(EditDrag::Face(face)) => {
-                if let (Some(crop), Some(world)) = (self.editor.edits().crop, &world) {
+                if let (Some(crop), Some(world)) = (self.editor.edits().crop(), &world) {
                     let crop = drag_face(world, crop, face, response.drag_delta());
-                    let next = Edits { crop: Some(crop), ..self.editor.edits().clone() };
-                    self.editor.history().drag(next);
+                    let next = self.editor.edits().with_crop(Some(crop));
+                    self.editor.log.drag(next);
                 }
             }
         }
         if !response.dragged_by(PointerButton::Primary) {
-            self.editor.history().end_drag();
+            self.editor.log.end_drag();
             self.edit_drag = None;
         }
     }
@@ -155,7 +133,7 @@ impl SceneView {
             return;
         }
         let Some(frame) = self.latest_box.take() else { return };
-        let pixel = |at: eframe::egui::Pos2| {
+        let pixel = |at: Pos2| {
             let at = (at - response.rect.min) * ui.ctx().pixels_per_point();
             DVec2::new(at.x.into(), at.y.into())
         };
@@ -167,13 +145,12 @@ impl SceneView {
             modifiers if modifiers.shift => SelectMode::Add,
             _ => SelectMode::Replace,
         };
-        let slots = slots.collect();
         self.editor.select(slots, &self.palette, how);
     }
 
     /// Crop box, while its panel is open.
-    fn crop_shown(&self) -> Option<[glam::DVec3; 2]> {
-        self.editor.edits().crop.filter(|_| self.editor.needs_attributes)
+    fn crop_shown(&self) -> Option<[DVec3; 2]> {
+        self.editor.edits().crop().filter(|_| self.editor.needs_attributes)
     }
 
     /// `None` for a fisheye, which bends straight lines.
@@ -202,15 +179,16 @@ const EDGE: Color32 = Color32::from_rgb(120, 220, 255);
 /// Radius of a handle and of its grab area, points.
 const HANDLE: f32 = 6.0;
 const GRIP: f32 = 12.0;
-const N_FACES: usize = 6;
 
-fn middle([low, high]: [DVec3; 2], face: usize) -> DVec3 {
-    let (axis, mut at) = (face / 2, 0.5 * (low + high));
-    at[axis] = if face.is_multiple_of(2) { low[axis] } else { high[axis] };
-    at
+fn face_centres(crop: [DVec3; 2]) -> [DVec3; 6] {
+    std::array::from_fn(|face| {
+        let mut at = 0.5 * (crop[0] + crop[1]);
+        at[face / 2] = crop[face % 2][face / 2];
+        at
+    })
 }
 
-pub fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
+fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
     let corner =
         |bits: usize| DVec3::from_array(std::array::from_fn(|axis| crop[bits >> axis & 1][axis]));
     for bits in 0..8 {
@@ -219,22 +197,24 @@ pub fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
             world.line(ends, Stroke::new(1.5, EDGE));
         }
     }
-    for at in (0..N_FACES).filter_map(|face| world.position(middle(crop, face))) {
+    for at in face_centres(crop).into_iter().filter_map(|centre| world.position(centre)) {
         world.painter().circle(at, HANDLE, EDGE, Stroke::new(1.5, Color32::BLACK));
     }
 }
 
 /// Returns the face whose handle is at a window position.
-pub fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
-    let distance = |face| Some((world.position(middle(crop, face))?.distance(at), face));
-    let nearest = (0..N_FACES).filter_map(distance).min_by(|a, b| a.0.total_cmp(&b.0));
+fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
+    let distance =
+        |(face, centre): (usize, DVec3)| Some((world.position(centre)?.distance(at), face));
+    let all = face_centres(crop).into_iter().enumerate().filter_map(distance);
+    let nearest = all.min_by(|a, b| a.0.total_cmp(&b.0));
     nearest.filter(|(distance, _)| *distance <= GRIP).map(|(_, face)| face)
 }
 
 /// Returns the box with one face moved along its axis by a drag of `by` points, at most to the opposite
 /// face.
-pub fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
-    let (axis, at) = (face / 2, middle(crop, face));
+fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
+    let (axis, at) = (face / 2, face_centres(crop)[face]);
     // A small step along the axis gives its direction and scale on screen.
     let step = 1e-3 * (crop[1] - crop[0]).max_element().max(f64::MIN_POSITIVE);
     let ends = [at, at + step * DVec3::AXES[axis]].map(|end| world.position(end));

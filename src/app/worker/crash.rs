@@ -48,7 +48,6 @@ impl WorkerThread {
 
 #[cfg(test)]
 mod tests {
-    use crate::app::edit::history::Edits;
     use crate::app::edit::marks::LeftOut;
     use crate::app::rescue::{CrashedThread, Rescue};
     use crate::app::state::{NoticeKind, RunState, Subject};
@@ -173,7 +172,7 @@ mod tests {
         wait("a frame", || started.snapshot().frames_done == 1);
         worker.set(Arc::downgrade(&started)).unwrap();
         let export = |number| {
-            let left_out = LeftOut::new(&Edits::default());
+            let left_out = LeftOut::default();
             WorkerOrder::Export(number, file.clone(), Mapping::default(), left_out)
         };
         started.send(export(1));

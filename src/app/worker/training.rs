@@ -3,7 +3,6 @@
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::state::{GivenCalibration, NoticeKind, NoticeTopic, RunState, Subject};
-use crate::app::wording;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::Summary;
@@ -114,7 +113,7 @@ impl WorkerThread {
             let (median, all) = (summary.train_ms_median, self.snapshot.trained_s);
             tracing::info!("finished: train_ms_median {median:.3} trained_s {all:.3}");
             for warning in session.learner().warnings() {
-                let text = wording::warning(&warning);
+                let text = warning.to_string();
                 self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
             }
         }
