@@ -43,8 +43,6 @@ mod view_thread;
 pub mod viewer;
 mod viewport;
 mod window;
-mod window_damage;
-mod window_meshes;
 mod window_painter;
 mod wording;
 pub mod worker;
