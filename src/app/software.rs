@@ -3,71 +3,53 @@
 
 use super::drawing::{DrawSample, DrawStage};
 use super::splat_updates::SplatChange;
-use super::thread_times;
 use super::view_thread::{Announce, ViewThread};
-use super::viewer::photo::{Partner, PictureRequest};
+use super::viewer::photo::{ComparedPicture, Partner, PictureRequest};
 use super::worker::Waker;
-use crate::math::camera::Camera;
 use crate::math::image::{RgbImage, unit_to_byte};
 use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
-use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
+use eframe::egui::{Color32, ColorImage, Pos2, Rect, TextureHandle, TextureOptions, Ui};
 use std::time::{Duration, Instant};
 
+/// Minimum time between two pictures that follow training.
+pub const FOLLOW_INTERVAL: Duration = Duration::from_millis(500);
+
+/// Minimum time between two passes of the window while the camera moves during training: 200 ms of
+/// one core, shared by all cores.
+///
+/// This is the whole rule that protects training, together with [`Effort::BesideTraining`]. A pass
+/// takes about 20 ms of a core and a picture twice that, so drawing takes a fifth of the cores.
+pub fn pass_interval() -> Duration {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
+    Duration::from_millis(200) / cores
+}
+
 /// CPU effort of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
-    /// During training: one thread, whether or not the camera moves.
-    Shared {
-        /// Size relative to the viewport, per side.
-        scale: f64,
-        /// Minimum time between two pictures that follow training.
-        apart: Duration,
-    },
-    /// While the camera moves: half resolution.
+    /// One thread at half resolution. Each picture is followed by a rest of twice its time, and pictures
+    /// that only follow training are at least [`FOLLOW_INTERVAL`] apart.
+    BesideTraining,
+    /// While the camera moves: all threads at half resolution.
     Moving,
-    /// Otherwise: full resolution.
+    /// All threads at full resolution.
     Full,
 }
 
 impl Effort {
     /// Size of the picture relative to the viewport, per side.
     fn scale(self) -> f64 {
-        match self {
-            Self::Shared { scale, .. } => scale,
-            Self::Moving => 0.5,
-            Self::Full => 1.0,
-        }
+        if self == Self::Full { 1.0 } else { 0.5 }
     }
-
-    fn is_shared(self) -> bool {
-        matches!(self, Self::Shared { .. })
-    }
-
-    /// True if pictures of both efforts have the same resolution.
-    fn has_same_scale(self, other: Self) -> bool {
-        self.scale() == other.scale()
-    }
-}
-
-#[derive(Clone, Copy, Debug)]
-pub struct SoftwareSample {
-    pub sample: DrawSample,
-    /// CPU milliseconds and scale of a picture made during training.
-    pub beside_training: Option<(f64, f64)>,
 }
 
 struct Picture {
     image: ColorImage,
     /// Number of splats at that time, without empty slots.
     n_drawn: usize,
-    /// Time to render it, milliseconds.
-    ms: f64,
-    /// CPU time of the thread that rendered it, milliseconds: all of the work if that thread works
-    /// alone. Less than `ms` if training uses the cores.
-    worked_ms: f64,
-    effort: Effort,
+    took: Duration,
 }
 
 /// Painter of the viewport on machines without a real GPU.
@@ -76,6 +58,8 @@ pub struct SoftwarePainter {
     texture: Option<TextureHandle>,
     asked: Option<(PictureRequest, Effort)>,
     asked_at: Instant,
+    /// Time that the latest picture took.
+    took: Duration,
     is_stale: bool,
     n_drawn: usize,
 }
@@ -84,40 +68,23 @@ impl SoftwarePainter {
     pub fn new(waker: Waker) -> std::io::Result<Self> {
         let mut renderer = CpuRenderer::new();
         // In rayon's global pool a picture would use every core, including those of training.
-        let alone = rayon::ThreadPoolBuilder::new()
-            .num_threads(1)
-            // Its CPU time is counted by this name (`thread_times.rs`).
-            .thread_name(|_| "drawing".to_owned())
-            .build()
-            .map_err(std::io::Error::other)?;
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+        let alone = alone.map_err(std::io::Error::other)?;
         let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
             let started = Instant::now();
-            let mut render = || {
-                let before = thread_times::current_thread_time();
-                let picture = picture(&mut renderer, splats, &request, effort);
-                (
-                    picture,
-                    thread_times::current_thread_time()
-                        .zip(before)
-                        .map(|(now, before)| now - before),
-                )
-            };
-            let (picture, worked) =
-                if effort.is_shared() { alone.install(render) } else { render() };
-            let ms = started.elapsed().as_secs_f64() * 1e3;
-            Picture {
-                image: texels(&picture),
-                n_drawn: splats.iter().filter(|s| s.opacity > 0.0).count(),
-                ms,
-                worked_ms: worked.map_or(ms, |worked| worked.as_secs_f64() * 1e3),
-                effort,
-            }
+            let mut render = || picture(&mut renderer, splats, &request, effort.scale());
+            let picture =
+                if effort == Effort::BesideTraining { alone.install(render) } else { render() };
+            let took = started.elapsed();
+            let n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
+            Picture { image: texels(&picture), n_drawn, took }
         };
         Ok(Self {
             thread: ViewThread::start("drawing", waker, draw)?,
             texture: None,
             asked: None,
             asked_at: Instant::now(),
+            took: Duration::ZERO,
             is_stale: true,
             n_drawn: 0,
         })
@@ -133,43 +100,34 @@ impl SoftwarePainter {
     pub fn paint(
         &mut self,
         ui: &Ui,
-        rect: eframe::egui::Rect,
+        rect: Rect,
         request: &PictureRequest,
         effort: Effort,
-    ) -> Option<SoftwareSample> {
-        let mut drawn = None;
-        if let Some(picture) = self.thread.take() {
-            self.n_drawn = picture.n_drawn;
-            let mut sample = DrawSample::new(0);
-            sample.add(DrawStage::Picture, Some(picture.ms));
-            // Counted by the performance test of orbiting (`tests/app/window.rs`).
-            let (worked, scale) = (picture.worked_ms, picture.effort.scale());
-            tracing::debug!(
-                "picture: {:.1} ms, {worked:.1} of a core, scale {scale:.2}",
-                picture.ms
-            );
-            let beside_training =
-                picture.effort.is_shared().then_some((picture.worked_ms, picture.effort.scale()));
-            drawn = Some(SoftwareSample { sample, beside_training });
+    ) -> Option<DrawSample> {
+        let drawn = self.thread.take().map(|Picture { image, n_drawn, took }| {
+            (self.n_drawn, self.took) = (n_drawn, took);
             // Linear, because pictures made during training or motion are smaller.
             match &mut self.texture {
-                Some(texture) => texture.set(picture.image, TextureOptions::LINEAR),
+                Some(texture) => texture.set(image, TextureOptions::LINEAR),
                 None => {
-                    self.texture = Some(ui.ctx().load_texture(
-                        "splats",
-                        picture.image,
-                        TextureOptions::LINEAR,
-                    ));
+                    let texture = ui.ctx().load_texture("splats", image, TextureOptions::LINEAR);
+                    self.texture = Some(texture);
                 }
             }
-        }
+            let ms = 1e3 * took.as_secs_f64();
+            // Counted by the performance test of orbiting (`tests/app/window.rs`).
+            tracing::debug!("picture: {ms:.1} ms");
+            let mut sample = DrawSample::new(0);
+            sample.add(DrawStage::Picture, Some(ms));
+            sample
+        });
         self.request_picture(ui, request, effort);
         // A picture without splats is not painted: it would only fill the cleared window again, which
         // is expensive on a software adapter. A comparison may still show a photograph.
         if let Some(texture) = &self.texture
             && (self.n_drawn > 0 || request.second.is_some())
         {
-            let uv = eframe::egui::Rect::from_min_max([0.0, 0.0].into(), [1.0, 1.0].into());
+            let uv = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
             ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
         }
         drawn
@@ -181,28 +139,26 @@ impl SoftwarePainter {
 
     fn request_picture(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
         let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
-        let refine = self.asked.as_ref().is_none_or(|(_, asked)| !asked.has_same_scale(effort));
+        let refine = self.asked.as_ref().is_none_or(|(_, asked)| asked.scale() != effort.scale());
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which tries again
         }
-        // Only pictures that follow training are delayed, not those of a moved camera or the first one.
-        let has_picture = self.n_drawn > 0;
-        if let Effort::Shared { apart, .. } = effort
-            && !moved
-            && has_picture
-        {
+        let mut announce = Announce::Wake;
+        if effort == Effort::BesideTraining {
+            let mut apart = 3 * self.took;
+            // A moved camera and the first picture do not wait for training.
+            if !moved && self.n_drawn > 0 {
+                apart = apart.max(FOLLOW_INTERVAL);
+                // The next snapshot shows the picture: painting the window with a software adapter costs
+                // more than the picture, so it happens once per snapshot.
+                announce = Announce::Quietly;
+            }
             let pause = apart.saturating_sub(self.asked_at.elapsed());
             if !pause.is_zero() {
                 ui.ctx().request_repaint_after(pause);
                 return;
             }
         }
-        // During training the next snapshot shows the picture: painting the window with a software
-        // adapter costs more than the picture, so it happens once per snapshot.
-        let announce = match effort {
-            Effort::Shared { .. } if !moved && has_picture => Announce::Quietly,
-            _ => Announce::Wake,
-        };
         self.thread.send_request((request.clone(), effort), announce);
         self.asked = Some((request.clone(), effort));
         self.asked_at = Instant::now();
@@ -215,28 +171,21 @@ fn picture(
     renderer: &mut CpuRenderer,
     splats: &SplatSet,
     request: &PictureRequest,
-    effort: Effort,
+    scale: f64,
 ) -> RgbImage {
-    let camera = match effort {
-        Effort::Full => request.camera,
-        smaller => {
-            let intrinsics = request.camera.intrinsics.scaled(smaller.scale());
-            Camera { intrinsics, ..request.camera }
-        }
-    };
+    let mut camera = request.camera;
+    if scale != 1.0 {
+        camera.intrinsics = camera.intrinsics.scaled(scale);
+    }
     let mut first = renderer.render(splats, &camera, &request.options).color;
-    if let Some(second) = &request.second {
-        match &second.partner {
-            Partner::Splats(options) => {
-                let other = renderer.render(splats, &camera, options).color;
-                combine(&mut first, &other, second.area, second.how);
-            }
-            Partner::Model(model, options) => {
-                let other = renderer.render(&model.splats, &camera, options).color;
-                combine(&mut first, &other, second.area, second.how);
-            }
-            Partner::Photo(photo) => combine(&mut first, photo, second.area, second.how),
-        }
+    if let Some(ComparedPicture { partner, area, how }) = &request.second {
+        let mut render = |splats, options| renderer.render(splats, &camera, options).color;
+        let other = match partner {
+            Partner::Splats(options) => &render(splats, options),
+            Partner::Model(model, options) => &render(&model.splats, options),
+            Partner::Photo(photo) => &**photo,
+        };
+        combine(&mut first, other, *area, *how);
     }
     first
 }

@@ -6,7 +6,7 @@ use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
 use super::viewer::comparison::ComparedModel;
 use super::viewer::photo::{ComparedPicture, Partner, PictureRequest};
-use super::window_meshes::{KeptWindow, WindowPass};
+use super::window_painter::{KeptWindow, WindowPass};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;

@@ -2,18 +2,24 @@
 //! Window on a software adapter).
 //!
 //! egui passes its shapes and textures after every pass, and receives one callback that draws them all.
-//! Textures stay with egui's painter, so that everything this painter does not support can be left to
-//! egui.
+//! The window is stored as an image. Each pass is compared with the last one, and only the regions that
+//! differ are drawn again. Textures stay with egui's painter, so that everything this painter does not
+//! support can be left to egui.
 
 use super::viewport;
-use super::window_damage::TextureChange;
-use super::window_meshes::{KeptWindow, WindowPass};
-use crate::render::gpu::meshes::{MeshPainter, MeshSampling};
+use crate::render::gpu::meshes::{
+    MeshBatch, MeshKind, MeshList, MeshPainter, MeshSampling, MeshVertex, PixelRect,
+};
 use eframe::egui::epaint::textures::{TextureFilter, TextureOptions, TextureWrapMode};
-use eframe::egui::epaint::{ClippedPrimitive, ClippedShape, ImageDelta, Primitive};
-use eframe::egui::{Context, FullOutput, Plugin, Pos2, Rect, Shape, TextureId, ViewportId};
+use eframe::egui::epaint::{
+    ClippedPrimitive, ClippedShape, ImageDelta, Mesh, Primitive, Vertex, WHITE_UV,
+};
+use eframe::egui::{
+    Color32, Context, FullOutput, Plugin, Pos2, Rect, Shape, TextureId, Vec2, ViewportId,
+};
 use eframe::egui_wgpu::RenderState;
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Plugin of egui that draws the window.
@@ -28,8 +34,8 @@ impl WindowPainter {
     pub fn install(context: &Context, state: &RenderState) {
         if !state.target_format.is_srgb() {
             let painter = MeshPainter::new(&state.device, state.target_format);
-            let window = Arc::new(Mutex::new(KeptWindow::new(painter)));
-            context.add_plugin(Self { state: state.clone(), window });
+            let window = KeptWindow { painter, shown: None, changes: Vec::new() };
+            context.add_plugin(Self { state: state.clone(), window: Arc::new(Mutex::new(window)) });
         }
     }
 
@@ -47,20 +53,18 @@ impl WindowPainter {
         let [width, height] = delta.image.size();
         let place = |x: usize, y: usize| Pos2::new(x as f32 / size[0], y as f32 / size[1]);
         let area = Rect::from_min_max(place(x, y), place(x + width, y + height));
-        window.change(TextureChange { id, area });
+        window.changes.push(TextureChange { id, area });
     }
 
     /// Binds the textures of a pass; false if this painter cannot draw it.
     fn bind_textures(&self, window: &mut KeptWindow, primitives: &[ClippedPrimitive]) -> bool {
         let mut ids = BTreeSet::new();
         for ClippedPrimitive { primitive, .. } in primitives {
-            match primitive {
-                Primitive::Mesh(mesh) => match mesh.texture_id {
-                    TextureId::Managed(key) => drop(ids.insert(key)),
-                    TextureId::User(_) => return false,
-                },
-                Primitive::Callback(_) => return false,
-            }
+            let Primitive::Mesh(Mesh { texture_id: TextureId::Managed(key), .. }) = primitive
+            else {
+                return false;
+            };
+            ids.insert(*key);
         }
         window.painter.retain_textures(|key| ids.contains(&key));
         let renderer = self.state.renderer.read();
@@ -93,7 +97,9 @@ impl Plugin for WindowPainter {
         let pixels_per_point = output.pixels_per_point;
         let primitives = context.tessellate(shapes, pixels_per_point);
         if !self.bind_textures(&mut window, &primitives) {
-            window.invalidate();
+            // The image becomes outdated, so the next pass of this painter draws all of it.
+            window.shown = None;
+            window.changes.clear();
             output.shapes = primitives.into_iter().map(shape).collect();
             return;
         }
@@ -121,4 +127,433 @@ fn sampling(options: TextureOptions) -> Option<MeshSampling> {
         is_magnified_smoothly: is_smooth(options.magnification),
         is_minified_smoothly: is_smooth(options.minification),
     })
+}
+
+/// Output of egui after a pass.
+#[derive(Debug)]
+pub struct WindowPass {
+    /// Meshes, back to front, without callbacks and with textures that egui manages only.
+    primitives: Vec<ClippedPrimitive>,
+    pixels_per_point: f32,
+    /// Colour behind all meshes.
+    background: Color32,
+}
+
+/// Image of the window, as drawn last.
+#[derive(Debug)]
+pub struct KeptWindow {
+    pub painter: MeshPainter,
+    /// Pass that the image shows.
+    shown: Option<Arc<WindowPass>>,
+    /// Textures that have changed since then.
+    changes: Vec<TextureChange>,
+}
+
+impl KeptWindow {
+    /// Returns what to draw so that a window of `size` (columns, rows) shows `pass`.
+    pub fn update_to_pass(&mut self, pass: &Arc<WindowPass>, size: [u32; 2]) -> MeshList {
+        let before = self.shown.replace(pass.clone());
+        let changes = std::mem::take(&mut self.changes);
+        let comparable = before.filter(|before| {
+            self.painter.size() == Some(size)
+                && before.pixels_per_point == pass.pixels_per_point
+                && before.background == pass.background
+        });
+        let places = match comparable {
+            None => vec![PixelRect { min: [0; 2], max: size }],
+            Some(before) => WindowDamage::between(&before.primitives, &pass.primitives, &changes)
+                .0
+                .into_iter()
+                .map(|place| touched_pixels(place, pass.pixels_per_point, size))
+                .collect(),
+        };
+        mesh_list(pass, size, &places)
+    }
+}
+
+fn touched_pixels(place: Rect, pixels_per_point: f32, size: [u32; 2]) -> PixelRect {
+    // Casts saturate: positions left of the window or above it become 0.
+    let (min, max) = (place.min * pixels_per_point, place.max * pixels_per_point);
+    PixelRect {
+        min: [(min.x.floor() as u32).min(size[0]), (min.y.floor() as u32).min(size[1])],
+        max: [(max.x.ceil() as u32).min(size[0]), (max.y.ceil() as u32).min(size[1])],
+    }
+}
+
+/// Scissor of egui's clip within a region, rounded like egui's own painter.
+fn scissor(clip: Rect, pixels_per_point: f32, place: PixelRect) -> Option<PixelRect> {
+    let (min, max) = (clip.min * pixels_per_point, clip.max * pixels_per_point);
+    let inside = PixelRect {
+        min: [place.min[0].max(min.x.round() as u32), place.min[1].max(min.y.round() as u32)],
+        max: [place.max[0].min(max.x.round() as u32), place.max[1].min(max.y.round() as u32)],
+    };
+    (inside.min[0] < inside.max[0] && inside.min[1] < inside.max[1]).then_some(inside)
+}
+
+/// Batches all triangles of a pass that reach into the regions, over its background.
+fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshList {
+    let mut list = MeshList::default();
+    for &place in places {
+        let mut batches = Batches { list: &mut list, pass, size, place, open: Vec::new() };
+        let points = batches.points(place);
+        let mut background = Mesh::default();
+        background.add_colored_rect(points, pass.background);
+        batches.add(&background, points);
+        for ClippedPrimitive { clip_rect, primitive } in &pass.primitives {
+            if let Primitive::Mesh(mesh) = primitive {
+                batches.add(mesh, *clip_rect);
+            }
+        }
+        batches.close();
+    }
+    list
+}
+
+/// Maximum number of latest batches that a triangle may join.
+const MAX_OPEN: usize = 8;
+
+/// Batches of triangles in one region. A triangle joins an earlier batch of its kind if it overlaps
+/// nothing drawn since: labels and buttons alternate, and every change of the pipeline is expensive.
+struct Batches<'a> {
+    list: &'a mut MeshList,
+    pass: &'a WindowPass,
+    size: [u32; 2],
+    place: PixelRect,
+    open: Vec<OpenBatch>,
+}
+
+struct OpenBatch {
+    kind: MeshKind,
+    scissor: PixelRect,
+    /// Bounds of its triangles, points.
+    bounds: Rect,
+    indices: Vec<u32>,
+}
+
+impl Batches<'_> {
+    /// Adds the triangles of a mesh that reach into the region.
+    fn add(&mut self, mesh: &Mesh, clip: Rect) {
+        let scale = self.pass.pixels_per_point;
+        let Some(scissor) = scissor(clip, scale, self.place) else { return };
+        let inside = self.points(scissor);
+        // Indices of the mesh's vertices in the list, once they are added.
+        let mut places = Vec::new();
+        for i in 0..n_triangles(mesh) {
+            let (corners, vertices) = (corners(mesh, i), triangle(mesh, i));
+            let bounds = bounds(vertices);
+            if !inside.intersects(bounds) {
+                continue;
+            }
+            places.resize(mesh.vertices.len(), u32::MAX);
+            let indices = [0, 1, 2].map(|k| {
+                let place = &mut places[corners[k]];
+                if *place == u32::MAX {
+                    *place = self.list.vertices.len() as u32;
+                    self.list.vertices.push(clip_space(vertices[k], scale, self.size));
+                }
+                *place
+            });
+            // Most triangles end inside their clip: they need no scissor and share a batch with others.
+            let is_whole = inside.contains_rect(bounds);
+            let scissor = if is_whole { self.place } else { scissor };
+            self.join(kind(mesh.texture_id, &vertices), scissor, bounds.intersect(inside), indices);
+        }
+    }
+
+    fn join(&mut self, kind: MeshKind, scissor: PixelRect, bounds: Rect, indices: [u32; 3]) {
+        for batch in self.open.iter_mut().rev().take(MAX_OPEN) {
+            if batch.kind == kind && batch.scissor == scissor {
+                batch.bounds = batch.bounds.union(bounds);
+                batch.indices.extend(indices);
+                return;
+            }
+            if batch.bounds.intersects(bounds) {
+                break;
+            }
+        }
+        self.open.push(OpenBatch { kind, scissor, bounds, indices: indices.to_vec() });
+    }
+
+    fn close(self) {
+        for OpenBatch { kind, scissor, indices, .. } in self.open {
+            let first = self.list.indices.len() as u32;
+            self.list.indices.extend(indices);
+            let indices = first..self.list.indices.len() as u32;
+            self.list.batches.push(MeshBatch { kind, scissor, indices });
+        }
+    }
+
+    fn points(&self, PixelRect { min, max }: PixelRect) -> Rect {
+        let points = |[x, y]: [u32; 2]| {
+            Pos2::ZERO + Vec2::new(x as f32, y as f32) / self.pass.pixels_per_point
+        };
+        Rect::from_min_max(points(min), points(max))
+    }
+}
+
+/// Cheapest kind that draws a triangle.
+fn kind(texture: TextureId, corners: &[Vertex; 3]) -> MeshKind {
+    match texture {
+        // Shapes without a texture use a white texel.
+        TextureId::Managed(0) if corners.iter().all(|corner| corner.uv == WHITE_UV) => {
+            let is_opaque = corners.iter().all(|corner| corner.color.is_opaque());
+            if is_opaque { MeshKind::Opaque } else { MeshKind::Blended }
+        }
+        TextureId::Managed(key) | TextureId::User(key) => MeshKind::Textured(key),
+    }
+}
+
+fn clip_space(vertex: Vertex, pixels_per_point: f32, size: [u32; 2]) -> MeshVertex {
+    let Pos2 { x, y } = vertex.pos * pixels_per_point;
+    MeshVertex {
+        position: [2.0 * x / size[0] as f32 - 1.0, 1.0 - 2.0 * y / size[1] as f32],
+        uv: vertex.uv.into(),
+        color: vertex.color.to_array(),
+    }
+}
+
+/// Maximum number of separate regions; further ones are merged.
+const MAX_PLACES: usize = 12;
+/// Two regions are merged if that adds at most this area, points².
+const SLACK: f32 = 4000.0;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct TextureChange {
+    id: TextureId,
+    /// Changed area, texture coordinates.
+    area: Rect,
+}
+
+/// Regions in which a pass of the window differs from the previous one, points; they may overlap.
+#[derive(Debug, Default)]
+struct WindowDamage(Vec<Rect>);
+
+impl WindowDamage {
+    fn between(
+        before: &[ClippedPrimitive],
+        now: &[ClippedPrimitive],
+        textures: &[TextureChange],
+    ) -> Self {
+        let mut damage = Self::default();
+        let [gone, new] = changed([before.len(), now.len()], |i, k| is_same(&before[i], &now[k]));
+        let (gone, new) = (&before[gone], &now[new]);
+        if gone.len() == new.len() {
+            gone.iter().zip(new).for_each(|(gone, new)| damage.add_difference(gone, new));
+        } else {
+            gone.iter().chain(new).for_each(|primitive| damage.add_primitive(primitive));
+        }
+        for primitive in now {
+            textures.iter().for_each(|change| damage.add_texture(primitive, change));
+        }
+        damage
+    }
+
+    fn add(&mut self, place: Rect) {
+        if !place.is_positive() {
+            return;
+        }
+        let grows = |other: &Rect| other.union(place).area() - other.area() - place.area();
+        let nearest =
+            (0..self.0.len()).min_by(|&a, &b| grows(&self.0[a]).total_cmp(&grows(&self.0[b])));
+        match nearest {
+            Some(i) if self.0[i].contains_rect(place) => {}
+            Some(i) if self.0.len() == MAX_PLACES || grows(&self.0[i]) <= SLACK => {
+                // The merged region may reach others.
+                let joined = self.0.swap_remove(i).union(place);
+                self.add(joined);
+            }
+            _ => self.0.push(place),
+        }
+    }
+
+    fn add_primitive(&mut self, primitive: &ClippedPrimitive) {
+        if let Primitive::Mesh(mesh) = &primitive.primitive {
+            self.add(mesh.calc_bounds().intersect(primitive.clip_rect));
+        }
+    }
+
+    fn add_difference(&mut self, before: &ClippedPrimitive, now: &ClippedPrimitive) {
+        let clip = now.clip_rect;
+        match (&before.primitive, &now.primitive) {
+            (Primitive::Mesh(a), Primitive::Mesh(b))
+                if before.clip_rect == clip && a.texture_id == b.texture_id =>
+            {
+                let [gone, new] = changed_triangles(a, b);
+                if gone.len() == new.len() {
+                    // One by one: if two numbers of a panel change, the area between them is not drawn
+                    // again.
+                    for (gone, new) in gone.zip(new) {
+                        let (gone, new) = (triangle(a, gone), triangle(b, new));
+                        if gone != new {
+                            self.add(bounds(gone).intersect(clip));
+                            self.add(bounds(new).intersect(clip));
+                        }
+                    }
+                } else {
+                    let gone = gone.map(|i| bounds(triangle(a, i)));
+                    let new = new.map(|i| bounds(triangle(b, i)));
+                    self.add(gone.chain(new).fold(Rect::NOTHING, Rect::union).intersect(clip));
+                }
+            }
+            _ => [before, now].into_iter().for_each(|primitive| self.add_primitive(primitive)),
+        }
+    }
+
+    fn add_texture(&mut self, primitive: &ClippedPrimitive, change: &TextureChange) {
+        let Primitive::Mesh(mesh) = &primitive.primitive else { return };
+        if mesh.texture_id != change.id {
+            return;
+        }
+        for corners in (0..n_triangles(mesh)).map(|i| triangle(mesh, i)) {
+            if Rect::from_points(&corners.map(|corner| corner.uv)).intersects(change.area) {
+                self.add(bounds(corners).intersect(primitive.clip_rect));
+            }
+        }
+    }
+}
+
+/// Ranges of two lists without what is the same at the beginning and at the end of both. `is_same`
+/// compares an index of the first list with one of the second.
+fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Range<usize>; 2] {
+    let [a, b] = lengths;
+    let shorter = a.min(b);
+    let head = (0..shorter).take_while(|&i| is_same(i, i)).count();
+    let tail = (1..=shorter - head).take_while(|i| is_same(a - i, b - i)).count();
+    lengths.map(|length| head..length - tail)
+}
+
+/// Triangles of two meshes without those that are the same at the beginning and at the end of both.
+fn changed_triangles(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
+    let (a, b) = (&before.vertices, &now.vertices);
+    let [gone, new] = changed([a.len(), b.len()], |i, k| a[i] == b[k]);
+    let n = [n_triangles(before), n_triangles(now)];
+    changed(n, |i, k| {
+        let (first, second) = (corners(before, i), corners(now, k));
+        let is_head = first == second && first.iter().all(|&corner| corner < gone.start);
+        let from_end = |mesh: &Mesh, i| corners(mesh, i).map(|corner| mesh.vertices.len() - corner);
+        let is_tail = || {
+            let (first, second) = (from_end(before, i), from_end(now, k));
+            first == second && first.iter().all(|&corner| corner <= b.len() - new.end)
+        };
+        is_head || is_tail()
+    })
+}
+
+fn is_same(a: &ClippedPrimitive, b: &ClippedPrimitive) -> bool {
+    match (&a.primitive, &b.primitive) {
+        (Primitive::Mesh(mesh), Primitive::Mesh(other)) => {
+            a.clip_rect == b.clip_rect
+                && mesh.texture_id == other.texture_id
+                && mesh.indices == other.indices
+                // As bytes, which is many times faster than comparing numbers.
+                && bytemuck::cast_slice::<_, u8>(&mesh.vertices)
+                    == bytemuck::cast_slice::<_, u8>(&other.vertices)
+        }
+        _ => false,
+    }
+}
+
+fn n_triangles(mesh: &Mesh) -> usize {
+    mesh.indices.len() / 3
+}
+
+fn corners(mesh: &Mesh, i: usize) -> [usize; 3] {
+    [0, 1, 2].map(|k| mesh.indices[3 * i + k] as usize)
+}
+
+fn triangle(mesh: &Mesh, i: usize) -> [Vertex; 3] {
+    corners(mesh, i).map(|corner| mesh.vertices[corner])
+}
+
+fn bounds(corners: [Vertex; 3]) -> Rect {
+    Rect::from_points(&corners.map(|corner| corner.pos))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eframe::egui::pos2;
+
+    const CLIP: Rect = Rect::from_min_max(Pos2::ZERO, Pos2::new(1000.0, 1000.0));
+
+    fn rect(x: f32, y: f32) -> Rect {
+        Rect::from_min_size(pos2(x, y), Vec2::splat(10.0))
+    }
+
+    /// Creates a mesh of squares with these positions and brightnesses.
+    fn squares(squares: &[(f32, f32, u8)]) -> ClippedPrimitive {
+        let mut mesh = Mesh::default();
+        for &(x, y, gray) in squares {
+            mesh.add_colored_rect(rect(x, y), Color32::from_gray(gray));
+        }
+        ClippedPrimitive { clip_rect: CLIP, primitive: Primitive::Mesh(mesh) }
+    }
+
+    fn places(before: &[ClippedPrimitive], now: &[ClippedPrimitive]) -> Vec<Rect> {
+        WindowDamage::between(before, now, &[]).0
+    }
+
+    #[test]
+    fn what_stays_is_not_drawn_again() {
+        let there = [squares(&[(0.0, 0.0, 1), (500.0, 500.0, 2)]), squares(&[(900.0, 0.0, 3)])];
+        assert_eq!(places(&there, &there), []);
+        let other = [squares(&[(0.0, 0.0, 1), (500.0, 500.0, 9)]), squares(&[(900.0, 0.0, 3)])];
+        assert_eq!(places(&there, &other), [rect(500.0, 500.0)]);
+    }
+
+    #[test]
+    fn far_changes_of_one_mesh_are_places_of_their_own_and_near_ones_are_not() {
+        let before = [squares(&[(0.0, 0.0, 1), (500.0, 500.0, 2), (900.0, 900.0, 3)])];
+        let now = [squares(&[(0.0, 0.0, 7), (500.0, 500.0, 2), (900.0, 900.0, 8)])];
+        assert_eq!(places(&before, &now), [rect(0.0, 0.0), rect(900.0, 900.0)]);
+        let now = [squares(&[(0.0, 0.0, 1), (500.0, 500.0, 5), (900.0, 900.0, 3)])];
+        assert_eq!(places(&before, &now), [rect(500.0, 500.0)]);
+        let before = [squares(&[(0.0, 0.0, 1), (20.0, 0.0, 2)])];
+        let now = [squares(&[(0.0, 0.0, 3), (20.0, 0.0, 4)])];
+        assert_eq!(places(&before, &now), [rect(0.0, 0.0).union(rect(20.0, 0.0))]);
+    }
+
+    #[test]
+    fn what_comes_and_goes_is_drawn_where_it_is_and_where_it_was() {
+        let before = [squares(&[(0.0, 0.0, 1), (300.0, 0.0, 2)])];
+        let more = [squares(&[(0.0, 0.0, 1), (600.0, 300.0, 7), (300.0, 0.0, 2)])];
+        assert_eq!(places(&before, &more), [rect(600.0, 300.0)]);
+        assert_eq!(places(&more, &before), [rect(600.0, 300.0)]);
+        let another = [before[0].clone(), squares(&[(700.0, 700.0, 1)])];
+        assert_eq!(places(&before, &another), [rect(700.0, 700.0)]);
+        assert_eq!(places(&another, &before), [rect(700.0, 700.0)]);
+        let moved = [squares(&[(0.0, 0.0, 1), (800.0, 0.0, 2)])];
+        assert_eq!(places(&before, &moved), [rect(300.0, 0.0), rect(800.0, 0.0)]);
+    }
+
+    #[test]
+    fn another_clip_or_texture_is_another_look() {
+        let before = [squares(&[(0.0, 0.0, 1)])];
+        let mut clipped = before.clone();
+        clipped[0].clip_rect.max.y = 5.0;
+        assert_eq!(places(&before, &clipped), [rect(0.0, 0.0)]);
+        let other = TextureId::Managed(7);
+        let mut textured = before.clone();
+        let Primitive::Mesh(mesh) = &mut textured[0].primitive else { return };
+        mesh.texture_id = other;
+        mesh.vertices.iter_mut().for_each(|vertex| vertex.uv = pos2(0.5, 0.5));
+        assert_eq!(places(&before, &textured), [rect(0.0, 0.0)]);
+        let change = |id, to| TextureChange { id, area: Rect::from_min_max(Pos2::ZERO, to) };
+        let places = |change| WindowDamage::between(&textured, &textured, &[change]).0;
+        assert_eq!(places(change(other, pos2(1.0, 1.0))), [rect(0.0, 0.0)]);
+        assert_eq!(places(change(other, pos2(0.4, 0.4))), []);
+        assert_eq!(places(change(TextureId::Managed(0), pos2(1.0, 1.0))), []);
+    }
+
+    #[test]
+    fn many_places_become_few_that_cover_them_all() {
+        let spots: Vec<(f32, f32, u8)> =
+            (0..100_u8).map(|i| (f32::from(i % 10) * 95.0, f32::from(i / 10) * 95.0, 1)).collect();
+        let changed: Vec<_> = spots.iter().map(|&(x, y, gray)| (x, y, gray + 1)).collect();
+        let found = places(&[squares(&spots)], &[squares(&changed)]);
+        assert!((1..=MAX_PLACES).contains(&found.len()), "{found:?}");
+        for (x, y, _) in spots {
+            assert!(found.iter().any(|place| place.contains_rect(rect(x, y))), "{x} {y}");
+        }
+    }
 }

@@ -3,7 +3,6 @@
 use super::card::named;
 use super::{card, training};
 use crate::app::command::UiCommand;
-use crate::app::draw_budget::{DrawBudget, SHARES};
 use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
@@ -17,8 +16,6 @@ pub struct SettingsContext<'a> {
     pub adapter: &'a str,
     /// Vertical field of view of the scene's own camera, degrees.
     pub own_fov_deg: f32,
-    /// CPU use of drawing, if the CPU draws.
-    pub drawing: Option<&'a str>,
 }
 
 /// Requests that are not changes of settings.
@@ -46,10 +43,6 @@ pub fn ui(
             asked = Some(SettingsAnswer::Command(copy));
         }
         viewport(settings, surroundings.own_fov_deg, ui);
-        marked_section(ui, settings, "Drawing while training", |s| {
-            s.draw_share = ViewSettings::default().draw_share;
-        });
-        draw_share(&mut settings.draw_share, surroundings.drawing, ui);
         section(ui, "Window");
         theme(ui);
         section(ui, "Graphics");
@@ -299,26 +292,4 @@ pub fn adapter(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
         }
     }
     asked
-}
-
-/// Draws the slider and the current use; `taken` is `None` if a GPU draws.
-pub fn draw_share(share: &mut f32, taken: Option<&str>, ui: &mut Ui) {
-    let mut percent = 100.0 * *share;
-    let range = 100.0 * SHARES.start()..=100.0 * SHARES.end();
-    let slider = Slider::new(&mut percent, range).max_decimals(0).suffix(" %");
-    let slider = slider.text("of all cores");
-    let hint = "Limits the CPU time for drawing the window and the scene during training. A lower share gives fewer and smaller pictures";
-    if ui.add_enabled(taken.is_some(), slider).on_hover_text(hint).changed() {
-        *share = 0.01 * percent;
-    }
-    let text = taken.unwrap_or("A GPU draws, so training uses all cores.");
-    ui.add(Label::new(RichText::new(text).weak()).wrap());
-}
-
-pub fn describe_use(budget: &DrawBudget) -> String {
-    let (taken, scale) = (100.0 * budget.used_share(), 100.0 * budget.scale(true));
-    let apart = budget.interval().as_millis();
-    format!(
-        "Drawing recently used {taken:.0} % of the cores. During training, the view is drawn every {apart} ms while the camera moves, at {scale:.0} % of its size."
-    )
 }

@@ -117,12 +117,8 @@ impl Studio {
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let own_fov_deg = self.view.own_fov_deg();
-        let drawing = self.view.budget().map(settings::describe_use);
-        let around = settings::SettingsContext {
-            adapter: &self.renderer_description(),
-            own_fov_deg,
-            drawing: drawing.as_deref(),
-        };
+        let around =
+            settings::SettingsContext { adapter: &self.renderer_description(), own_fov_deg };
         let adapters = self.device.as_ref().map(|device| settings::Adapters {
             there: &device.there,
             current: &device.adapter,

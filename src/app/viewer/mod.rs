@@ -20,7 +20,6 @@ pub mod toolbar;
 mod world_painter;
 
 use super::camera::ViewCamera;
-use super::draw_budget::DrawBudget;
 use super::drawing::DrawHistory;
 use super::edit::editor::Editor;
 use super::opening::FileProposal;
@@ -104,7 +103,8 @@ pub struct SceneView {
     selection: SplatSelection,
     moved_at: Instant,
     drawn: DrawHistory,
-    budget: DrawBudget,
+    /// Start of the last pass of the window.
+    passed_at: Instant,
     gpu_failed: bool,
 }
 
@@ -141,7 +141,7 @@ impl SceneView {
             latest_box: None,
             selection: SplatSelection::default(),
             moved_at: Instant::now(),
-            budget: DrawBudget::default(),
+            passed_at: Instant::now(),
             gpu_failed: false,
         }
     }
@@ -354,11 +354,9 @@ impl SceneView {
         state: RunState,
     ) -> Option<String> {
         let moving = self.moved_at.elapsed() < SETTLE;
-        // Training takes precedence over pictures, even while the camera moves: they share a budget.
+        // Training takes precedence over pictures, even while the camera moves.
         let effort = match (state, moving) {
-            (RunState::Training, _) => {
-                Effort::Shared { scale: self.budget.scale(moving), apart: self.snapshot_interval() }
-            }
+            (RunState::Training, _) => Effort::BesideTraining,
             (_, true) => Effort::Moving,
             (_, false) => Effort::Full,
         };
@@ -367,11 +365,9 @@ impl SceneView {
             ui.ctx().request_repaint_after(SETTLE);
         }
         let splats = self.editor.displayed_splats(&self.palette);
-        match self.painter.paint(ui, rect, request, effort, &mut self.budget, splats) {
+        match self.painter.paint(ui, rect, request, effort, splats) {
             Ok(sample) => {
-                if let Some(sample) = sample {
-                    self.drawn.push(sample);
-                }
+                sample.into_iter().for_each(|sample| self.drawn.push(sample));
                 None
             }
             Err(error) => self.fall_back_to_cpu(&error.to_string()),

@@ -1,7 +1,6 @@
 //! Painter of the viewport: a GPU, or the CPU if there is no real one.
 
 use super::photo::PictureRequest;
-use crate::app::draw_budget::DrawBudget;
 use crate::app::drawing::{DrawSample, Painting, ViewRenderer};
 use crate::app::software::{Effort, SoftwarePainter};
 use crate::app::splat_updates::SplatChange;
@@ -77,26 +76,19 @@ impl ViewPainter {
         }
     }
 
-    /// Paints over `rect`; `effort` applies to the CPU only. Returns the timing of a new picture, which
-    /// also updates the budget. After an error this painter is unusable.
+    /// Paints over `rect`; `effort` applies to the CPU only. Returns the timing of a new picture. After
+    /// an error this painter is unusable.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
         request: &PictureRequest,
         effort: Effort,
-        budget: &mut DrawBudget,
         splats: &SplatSet,
     ) -> Result<Option<DrawSample>, ViewPaintError> {
         match self {
             Self::Gpu(painter) => painter.paint(ui, rect, request, splats).map(Some),
-            Self::Software(painter) => {
-                let drawn = painter.paint(ui, rect, request, effort);
-                if let Some((ms, scale)) = drawn.and_then(|drawn| drawn.beside_training) {
-                    budget.note_picture(ms, scale);
-                }
-                Ok(drawn.map(|drawn| drawn.sample))
-            }
+            Self::Software(painter) => Ok(painter.paint(ui, rect, request, effort)),
         }
     }
 }

@@ -1,7 +1,6 @@
 //! Settings of the viewport, stored between sessions.
 
 use crate::app::color_mode::ColorMode;
-use crate::app::draw_budget::{DEFAULT_SHARE, SHARES};
 use crate::app::panels::quality::DEFAULT_INTERVAL;
 use crate::app::settings_file;
 use crate::render::{
@@ -97,8 +96,6 @@ pub struct ViewSettings {
     pub quality_every: Option<usize>,
     /// Latency budget of a training frame, milliseconds: a line in the latency plot.
     pub frame_budget_ms: f64,
-    /// Share of all cores that drawing may use during training, if no GPU draws.
-    pub draw_share: f32,
     /// Memory for earlier states of a scene in training, MB.
     pub past_mb: u32,
     /// Colour mode. Not stored, because the next scene may not support it.
@@ -125,7 +122,6 @@ impl Default for ViewSettings {
             previews_export: true,
             quality_every: Some(DEFAULT_INTERVAL),
             frame_budget_ms: FRAME_BUDGET_MS,
-            draw_share: DEFAULT_SHARE,
             past_mb: 128,
             color_mode: ColorMode::Color,
         }
@@ -158,7 +154,6 @@ impl ViewSettings {
                 ms if ms.is_finite() && ms > 0.0 => ms,
                 _ => FRAME_BUDGET_MS,
             },
-            draw_share: within(self.draw_share, SHARES, start.draw_share),
             past_mb: self.past_mb.min(MAX_PAST_MB),
             difference_gain: within(self.difference_gain, GAINS, start.difference_gain),
             ..self
