@@ -4,7 +4,6 @@
 //! [`splat_updates`]. [`command`] holds the table of commands available in each state.
 #![allow(missing_docs, reason = "no other crate uses this room")]
 
-pub mod abandoned;
 mod action_finder;
 mod background_job;
 pub mod camera;
@@ -22,7 +21,6 @@ mod layout;
 pub mod opening;
 mod palette;
 mod panels;
-pub mod panic_report;
 mod path_dialog;
 mod path_editor;
 mod persistence;
@@ -38,7 +36,6 @@ pub mod state;
 mod studio;
 mod thread_times;
 pub mod training;
-pub mod unattended;
 mod user_folders;
 mod view_thread;
 pub mod viewer;
