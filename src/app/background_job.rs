@@ -3,8 +3,8 @@
 //! A panic counts as a result and wakes the window too. If the thread merely closed its channel, an idle
 //! window would not repaint until the pointer moved, and the cause would be lost.
 
-use super::panic_report::PanicReport;
 use super::worker::Waker;
+use crate::pipeline::panic_report::PanicReport;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, sync_channel};
 

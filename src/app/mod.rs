@@ -4,7 +4,6 @@
 //! [`splat_updates`]. [`command`] holds the table of commands available in each state.
 #![allow(missing_docs, reason = "no other crate uses this room")]
 
-pub mod abandoned;
 mod action_finder;
 mod background_job;
 pub mod camera;
@@ -21,7 +20,6 @@ mod layout;
 pub mod opening;
 mod palette;
 mod panels;
-pub mod panic_report;
 mod pass_times;
 mod path_dialog;
 mod path_editor;
@@ -37,7 +35,6 @@ pub mod splat_updates;
 pub mod state;
 mod studio;
 pub mod training;
-pub mod unattended;
 mod user_folders;
 mod view_thread;
 pub mod viewer;

@@ -7,9 +7,9 @@
 use super::background_job::BackgroundJob;
 use super::opening::FileProposal;
 use super::panels::card::named;
-use super::panic_report::PanicReport;
 use super::worker::Waker;
 use crate::export::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
+use crate::pipeline::panic_report::PanicReport;
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
 use std::time::{Duration, Instant};

@@ -5,7 +5,6 @@
 //! to training. At rest every view is measured once, then the views from the side. The metrics are
 //! those of `vbgs-studio eval`.
 
-use super::panic_report::PanicReport;
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
@@ -20,6 +19,7 @@ use crate::eval::report::ViewReport;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::panic_report::PanicReport;
 use crate::pipeline::settings::method::Method;
 use crate::render::{RenderMethod, RenderOptions};
 use eframe::egui::Context;

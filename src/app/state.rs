@@ -1,8 +1,8 @@
 //! State of a run, and the snapshot of it that panels draw.
 
-use super::abandoned::AbandonedRun;
 use super::color_mode::ColorMode;
 use super::opening::FileProposal;
+use super::rescue::AbandonedRun;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::pose_check::PoseCheck;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Name of the program's folder in each of them.
-const APP: &str = "vbgs-studio";
+pub const APP: &str = "vbgs-studio";
 
 /// Settings folder: `$XDG_CONFIG_HOME` or `~/.config`, else the platform's folder for application data.
 pub fn config() -> Option<PathBuf> {

@@ -3,14 +3,13 @@
 
 use super::drawing::{Painting, WindowWaker};
 use super::exit::{Exit, ExitReason};
-use super::panic_report::PanicReport;
-use super::rescue::{Crash, CrashedThread};
+use super::rescue::{Crash, CrashedThread, Rescue};
 use super::settings_file::SettingsFile;
-use super::state::{NoticeKind, RunState, Subject};
+use super::state::{NoticeKind, Subject};
 use super::studio::Studio;
-use super::unattended::Unattended;
 use super::worker::{Worker, WorkerOrder};
 use super::{persistence, viewport};
+use crate::pipeline::panic_report::PanicReport;
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Vec2, ViewportBuilder};
 use eframe::{App, CreationContext, NativeOptions};
@@ -119,10 +118,8 @@ pub fn run(
             None => Ok(()),
             Some(crash) => Err(WindowError::Crashed(Box::new(crash))),
         },
-        Err((error @ WindowError::Crashed(_), _)) => Err(error),
-        // The error owns the worker, because dropping it would end training.
-        Err((error, ever_open)) if ever_open && host.has_run() => {
-            Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
+        Err((error, ever_open)) if ever_open && !matches!(error, WindowError::Crashed(_)) => {
+            Err(WindowError::Gone(Box::new(error), host.worker.store()))
         }
         Err((error, _)) => Err(error),
     }
@@ -144,13 +141,6 @@ impl Host {
         let waker = Arc::new(WindowWaker::default());
         let worker = Arc::new(Worker::start(waker.waker().clone())?);
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
-    }
-
-    fn has_run(&self) -> bool {
-        !matches!(
-            self.worker.snapshot().state,
-            RunState::Empty | RunState::Loading | RunState::Waiting
-        )
     }
 
     /// Runs one window to its end; `first` are the orders with which the run starts.
@@ -268,7 +258,7 @@ pub fn run_window(
 /// window is reopened, since it could panic on the same picture forever.
 ///
 /// # Errors
-/// [`WindowError::Crashed`] with the path of the rescued scene, or the error of `window`.
+/// [`WindowError::Crashed`] with the path of the stored run, or the error of `window`.
 pub fn run_guarded(
     worker: &Worker,
     exit: &Exit,
@@ -283,7 +273,7 @@ pub fn run_guarded(
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,
             panic: PanicReport::of(&*payload),
-            rescue: worker.rescue(),
+            rescue: worker.store(),
         }))),
     }
 }
@@ -309,7 +299,7 @@ pub fn watch(
             if is_asked(POLL_INTERVAL) {
                 if let Some(worker) = worker.upgrade() {
                     // A notice, which is logged, states the outcome.
-                    let _ = worker.store_for_next_window();
+                    let _ = worker.store();
                 }
                 return;
             }
@@ -333,9 +323,9 @@ pub enum WindowError {
     /// Several windows in a row have lost their device.
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
-    /// The window was lost and cannot be reopened, but its run continues.
-    #[error("the window is gone for good: {0}")]
-    Gone(Box<WindowError>, Unattended),
+    /// The window was lost and cannot be reopened; its run was stored.
+    #[error("the window was lost and cannot be reopened: {0}; {1}")]
+    Gone(Box<WindowError>, Rescue),
     /// A panic of the window's thread or of the training thread.
     #[error(transparent)]
     Crashed(Box<Crash>),
@@ -357,8 +347,6 @@ impl From<eframe::Error> for WindowError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::panic_report::PanicReport;
-    use crate::app::rescue::{Crash, CrashedThread, Rescue};
 
     /// Runs windows that end as listed; returns the adapters that were opened, the result and the
     /// number of notices.

@@ -7,7 +7,7 @@ use vbgs_studio::dataset::calibrated_size::AspectRatioMismatch;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
-use vbgs_studio::pipeline::looks::{NO_MESSAGE, panic_text};
+use vbgs_studio::pipeline::panic_report::PanicReport;
 use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::train::setting::ConfigError;
 
@@ -103,7 +103,7 @@ pub fn save_on_panic<T>(
     train: impl FnOnce(&mut Session) -> T,
 ) -> Result<T, Failure> {
     catch_unwind(AssertUnwindSafe(|| train(session))).map_err(|panic| {
-        let said = panic_text(&*panic).unwrap_or(NO_MESSAGE);
+        let said = PanicReport::of(&*panic);
         let (frames, path) = (session.learner().frames(), out.join(RESCUED));
         let save = || match session.save_after_panic(&path) {
             Ok(()) => format!(

@@ -5,7 +5,7 @@
 //! neither frames nor memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
-use super::looks::{NO_MESSAGE, panic_text};
+use super::panic_report::PanicReport;
 use super::session::Session;
 use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
@@ -45,12 +45,12 @@ pub enum AutosaveError {
         source: std::io::Error,
     },
     /// The save thread panicked.
-    #[error("{}: this save failed by a defect of this program, please report it: {said}; training continues, and the next save is attempted when it is due", path.display())]
+    #[error("{}: this save failed by a defect of this program, please report it: {panic}; training continues, and the next save is attempted when it is due", path.display())]
     Panicked {
         /// Path of the file.
         path: PathBuf,
-        /// Message of the panic.
-        said: String,
+        /// The panic.
+        panic: PanicReport,
     },
 }
 
@@ -157,8 +157,10 @@ impl Autosave {
     pub fn wait(&mut self) -> Option<SaveOutcome> {
         let outcome = self.in_flight.take()?.join();
         Some(outcome.unwrap_or_else(|panic| {
-            let said = panic_text(&*panic).unwrap_or(NO_MESSAGE).to_owned();
-            Err(AutosaveError::Panicked { path: self.path.clone(), said })
+            Err(AutosaveError::Panicked {
+                path: self.path.clone(),
+                panic: PanicReport::of(&*panic),
+            })
         }))
     }
 

@@ -177,19 +177,10 @@ impl<T: Send + 'static> DriveWork<T> {
     }
 }
 
-/// Placeholder for a panic without a message.
-pub const NO_MESSAGE: &str = "a panic without a message";
-
-/// Returns the message of a panic's payload, if any.
-pub fn panic_text(payload: &(dyn Any + Send)) -> Option<&str> {
-    // `panic!` carries a `&str` for a literal message, else a `String`.
-    let text = payload.downcast_ref::<&str>().copied();
-    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
-}
-
 #[cfg(test)]
 mod drive_work_tests {
     use super::*;
+    use crate::pipeline::panic_report::PanicReport;
     use std::sync::mpsc::channel;
 
     const PATIENCE: Duration = Duration::from_secs(60);
@@ -203,6 +194,7 @@ mod drive_work_tests {
         assert_eq!(work.wait(PATIENCE).unwrap().unwrap(), 7);
         let work = DriveWork::start("test", || panic!("injected into work: {}", 3)).unwrap();
         let ended: thread::Result<()> = work.wait(PATIENCE).unwrap();
-        assert_eq!(panic_text(&*ended.unwrap_err()), Some("injected into work: 3"));
+        let report = PanicReport::of(&*ended.unwrap_err());
+        assert_eq!(report.message, "injected into work: 3");
     }
 }

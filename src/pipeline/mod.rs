@@ -10,6 +10,7 @@ pub mod follow;
 pub mod frame_loop;
 pub mod looks;
 pub mod memory;
+pub mod panic_report;
 pub mod plan;
 pub mod prefetch;
 mod presets;

@@ -4,7 +4,7 @@
 //!
 //! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 
-use super::looks::{NO_MESSAGE, panic_text};
+use super::panic_report::PanicReport;
 use super::plan::Plan;
 use super::start::Prepare;
 use crate::dataset::error::FrameError;
@@ -300,7 +300,7 @@ impl<P: Prepare> Worker<P> {
             *self = Self::default();
             Err(format!(
                 "{name}: skipped because of a defect of this program, please report it: {}",
-                panic_text(&*panic).unwrap_or(NO_MESSAGE)
+                PanicReport::of(&*panic)
             ))
         });
         Prepared { position: *position, is_repeat: *is_repeat, name, marks, result }

@@ -221,7 +221,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "opening.rs: what_cannot_be_opened_is_said_and_what_was_open_stays",
             "opening.rs: a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt",
             "compared.rs: a_broken_second_model_is_a_notice_and_nothing_else_changes",
-            "crash.rs: a_panic_of_training_saves_the_scene_and_leaves_the_window",
+            "crash.rs: a_panic_of_training_stores_the_run_and_leaves_the_window",
             "inspect.rs: a_lost_device_ends_the_window_and_not_the_training",
             "scene.rs: depth_in_a_wrong_unit_is_said",
         ],

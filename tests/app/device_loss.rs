@@ -52,8 +52,8 @@ impl Run {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         dataset(folder.path(), FRAMES);
-        let rescued = vec![folder.path().join("rescued")];
-        let worker = Arc::new(Worker::start_with(Arc::new(|| {}), rescued).unwrap());
+        let folders = vec![folder.path().join("rescued")];
+        let worker = Arc::new(Worker::start_with(Arc::new(|| {}), folders).unwrap());
         worker.send(WorkerOrder::Open(Subject::Path(folder.path().join("room"))));
         Self { folder, worker, exit: Exit::default() }
     }

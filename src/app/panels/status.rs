@@ -1,7 +1,7 @@
 //! Status bar: state, speed, components, memory, adapter.
 
 use super::signal_color::SignalColor;
-use crate::app::abandoned::AbandonedRun;
+use crate::app::rescue::AbandonedRun;
 use crate::app::state::{Followed, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::eval::report;

@@ -2,13 +2,13 @@
 
 use super::Studio;
 use super::commands::order_to_open;
-use crate::app::abandoned::AbandonedRun;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::EditCounts;
 use crate::app::film::FilmRequest;
 use crate::app::opening::{AfterWrite, Continuation, Pending};
 use crate::app::panels::status::Answer;
 use crate::app::path_dialog::PathAnswer;
+use crate::app::rescue::AbandonedRun;
 use crate::app::state::{NoticeKind, RunState, Snapshot};
 use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::WorkerOrder;

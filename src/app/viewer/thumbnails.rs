@@ -5,10 +5,10 @@
 //! time and does not wake the window, which takes finished thumbnails when it repaints anyway.
 
 use super::frame_refs::FrameRef;
-use crate::app::panic_report::PanicReport;
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
 use crate::eval::report::quantile;
+use crate::pipeline::panic_report::PanicReport;
 use crate::render::finish::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
 use std::collections::HashMap;

@@ -21,10 +21,9 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &self.content else { return };
         match session.save(path) {
             Ok(bytes) => {
-                // Not after an export: training cannot be resumed from one, so a crash still rescues
-                // these frames.
-                self.frames_since_checkpoint = 0;
-                self.discard_autosave();
+                // Not after an export: training cannot be resumed from one, so these frames
+                // are still stored after a crash.
+                self.files.record_save();
                 let text = format!(
                     "Saved {} frames ({:.1} MB) to {}",
                     self.snapshot.frames_done,

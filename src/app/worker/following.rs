@@ -3,7 +3,6 @@
 use super::awaited::AwaitedRecording;
 use super::thread::{Dirty, FrameSampling, WorkerThread};
 use crate::app::opening::Content;
-use crate::app::panic_report::PanicReport;
 use crate::app::session_info::session_info;
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
@@ -14,6 +13,7 @@ use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::{Dataset, LoadOptions, pose_check};
 use crate::export::checkpoint::is_checkpoint;
 use crate::pipeline::follow::Follow;
+use crate::pipeline::panic_report::PanicReport;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::Session;
 use std::any::Any;
@@ -86,7 +86,7 @@ impl WorkerThread {
         self.awaited = Some(AwaitedRecording::new(follow));
         (self.subject, self.calibration) = (Some(subject), calibration);
         (self.content, self.dirty) = (None, Dirty::default());
-        self.discard_autosave();
+        self.files.discard();
         self.first_look = None;
         self.shared.updates.push(SplatChange::All(Arc::default()).into());
         self.snapshot = Snapshot {

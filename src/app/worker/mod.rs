@@ -3,7 +3,6 @@
 
 mod autosave;
 mod awaited;
-mod crash;
 mod files;
 mod following;
 mod publishing;
@@ -13,10 +12,10 @@ mod subject;
 mod thread;
 mod training;
 
-use super::panic_report::PanicReport;
-use super::rescue::{Crash, Rescue, fallback_folders};
+use super::rescue::{Crash, Rescue, default_folders};
 use super::splat_updates::SplatUpdates;
 use super::state::{RunState, Snapshot};
+use crate::pipeline::panic_report::PanicReport;
 use shared::Shared;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -51,19 +50,19 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the thread with the default rescue folders.
+    /// Starts the thread with the default folders for autosaves.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
-        Self::start_with(waker, fallback_folders())
+        Self::start_with(waker, default_folders())
     }
 
-    /// Starts the thread. After a panic, a scene that cannot be saved beside its dataset goes to the
-    /// first usable rescue folder.
-    pub fn start_with(waker: Waker, rescue_folders: Vec<PathBuf>) -> std::io::Result<Self> {
+    /// Starts the thread; autosaves go to the first folder, and to the next ones if the program ends
+    /// unexpectedly and the first cannot be written.
+    pub fn start_with(waker: Waker, folders: Vec<PathBuf>) -> std::io::Result<Self> {
         PanicReport::install_hook();
         let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
         shared.set_interval(INTERVAL);
-        let state = WorkerThread::new(inbox, shared.clone(), waker, rescue_folders);
+        let state = WorkerThread::new(inbox, shared.clone(), waker, folders);
         let thread =
             std::thread::Builder::new().name("trainer".into()).spawn(move || state.run())?;
         Ok(Self { orders: Some(orders), shared, thread: Some(thread) })
@@ -123,27 +122,18 @@ impl Worker {
         self.shared.opening.cancel();
     }
 
-    /// Latest panic of the thread, and the outcome of its rescue.
+    /// Latest panic of the thread, and what became of its run.
     pub fn crash(&self) -> Option<Crash> {
         self.shared.crash()
     }
 
-    /// Rescues training that no checkpoint holds, after the orders before; blocks until done.
-    pub fn rescue(&self) -> Rescue {
-        self.rescue_by_order(WorkerOrder::Rescue)
-    }
-
-    /// Stops training and stores what no checkpoint holds for the next window to resume, after the
-    /// orders before; blocks until done. The snapshot then makes windows close.
-    pub fn store_for_next_window(&self) -> Rescue {
-        self.rescue_by_order(WorkerOrder::StoreForNextWindow)
-    }
-
-    fn rescue_by_order(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
+    /// Stops training and stores what no checkpoint holds for the next start, after the orders before;
+    /// blocks until done. The snapshot then makes windows close.
+    pub fn store(&self) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
         self.shared.opening.end();
         let (sender, receiver) = sync_channel(1);
-        self.send(order(sender));
+        self.send(WorkerOrder::Store(sender));
         // Without a time limit unless a drive does not respond, because the program ends afterwards and
         // loses what is unsaved. If the thread has ended, the sender is gone too, and the crash states
         // what was saved.

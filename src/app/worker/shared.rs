@@ -1,11 +1,11 @@
 //! State shared by the training thread and the window.
 
 use super::step_clock::StepClock;
-use crate::app::panic_report::PanicReport;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
 use crate::app::state::Snapshot;
 use crate::pipeline::looks::DriveWork;
+use crate::pipeline::panic_report::PanicReport;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;

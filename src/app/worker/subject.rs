@@ -150,9 +150,8 @@ impl WorkerThread {
             calibration: self.calibration.clone(),
             ..Snapshot::default()
         };
-        (self.frames_since_checkpoint, self.rescued) = (0, None);
         (self.awaited, self.waiting_since) = (None, None);
-        self.discard_autosave();
+        self.files.discard();
         // The index would refer to another component.
         self.inspecting = None;
         // Also drops pending updates of the previous scene.

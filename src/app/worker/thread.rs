@@ -2,12 +2,11 @@
 //!
 //! The loop survives panics: the open subject stays open and can be saved.
 
+use super::autosave::Files;
 use super::awaited::AwaitedRecording;
 use super::shared::{Shared, Waker};
-use crate::app::abandoned::AutosaveSlot;
 use crate::app::edit::marks::LeftOut;
 use crate::app::opening::Content;
-use crate::app::panic_report::PanicReport;
 use crate::app::rescue::Rescue;
 use crate::app::state::{
     GivenCalibration, Notice, NoticeKind, NoticeTopic, RunState, Snapshot, Subject,
@@ -16,7 +15,7 @@ use crate::app::training::TrainSettings;
 use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
 use crate::export::mapping::Mapping;
-use crate::pipeline::autosave::Autosave;
+use crate::pipeline::panic_report::PanicReport;
 use crate::render::attributes::Attribute;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -55,15 +54,9 @@ pub struct WorkerThread {
     /// True if the snapshot differs from the published one.
     pub(super) changed: bool,
     pub(super) next_serial: u64,
-    /// Number of trained frames that no checkpoint holds.
-    pub(super) frames_since_checkpoint: usize,
-    /// Folders for a rescued scene that cannot be saved beside its dataset.
-    pub(super) rescue_folders: Vec<PathBuf>,
-    /// Outcome of the rescue of the newest state after a panic.
-    pub(super) rescued: Option<Rescue>,
+    pub(super) files: Files,
     /// Thread that samples the frames of the open dataset, until it is done.
     pub(super) first_look: Option<JoinHandle<FrameSampling>>,
-    pub(super) saver: RunAutosave,
     /// Recording on which no session has started.
     pub(super) awaited: Option<AwaitedRecording>,
     /// Time at which the frames of a recording ran out; `None` once training is at rest.
@@ -87,7 +80,7 @@ impl WorkerThread {
         inbox: Receiver<WorkerOrder>,
         shared: Arc<Shared>,
         waker: Waker,
-        rescue_folders: Vec<PathBuf>,
+        folders: Vec<PathBuf>,
     ) -> Self {
         Self {
             inbox,
@@ -105,11 +98,8 @@ impl WorkerThread {
             inspecting: None,
             changed: true,
             next_serial: 1,
-            frames_since_checkpoint: 0,
-            rescue_folders,
-            rescued: None,
+            files: Files::new(folders),
             first_look: None,
-            saver: RunAutosave::Off,
             awaited: None,
             waiting_since: None,
             has_pending_step: false,
@@ -131,7 +121,8 @@ impl WorkerThread {
                 return;
             }
         }
-        self.end_autosave();
+        // The user was prompted about unsaved training before.
+        self.files.discard();
     }
 
     /// Returns the next order; blocks for it unless there is a frame to train.
@@ -215,15 +206,12 @@ impl WorkerThread {
                 self.export(number, &path, mapping, &left_out);
             }
             WorkerOrder::WriteText(path, text) => self.write_text(&path, &text),
-            WorkerOrder::Rescue(answer) => {
-                // Fails if the window no longer waits for it.
-                let _ = answer.send(self.rescue());
-            }
-            WorkerOrder::StoreForNextWindow(answer) => {
-                let kept = self.store_for_next_window();
+            WorkerOrder::Store(answer) => {
+                let rescue = self.end_run();
                 // Before the answer, because its receiver relies on the snapshot.
                 self.publish(true);
-                let _ = answer.send(kept);
+                // Fails if the receiver no longer waits.
+                let _ = answer.send(rescue);
             }
             WorkerOrder::ResumeAbandoned => self.resume_abandoned_run(),
             WorkerOrder::DiscardAbandoned => self.discard_abandoned_run(),
@@ -348,15 +336,6 @@ impl Dirty {
     }
 }
 
-pub enum RunAutosave {
-    /// Nothing was saved yet; since this moment there is something to save, if there is.
-    Waiting(Option<Instant>),
-    /// Saves to a claimed slot.
-    On(Autosave, AutosaveSlot),
-    /// Off: it failed, of which the user was warned, or does not apply.
-    Off,
-}
-
 /// Order to the training thread.
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
@@ -387,11 +366,9 @@ pub enum WorkerOrder {
     Export(u64, PathBuf, Mapping, LeftOut),
     /// Write a text to a file, under an unused name if it exists.
     WriteText(PathBuf, String),
-    /// Rescue training that no checkpoint holds and send the outcome, because the window has crashed.
-    Rescue(SyncSender<Rescue>),
-    /// Stop, and store training that no checkpoint holds for the next window, because the program is
-    /// terminated.
-    StoreForNextWindow(SyncSender<Rescue>),
+    /// Stop, and store training that no checkpoint holds for the next start, because the program ends
+    /// unexpectedly.
+    Store(SyncSender<Rescue>),
     /// Resume the run that the snapshot offers.
     ResumeAbandoned,
     /// Discard the offered run.

@@ -87,9 +87,7 @@ impl WorkerThread {
             self.start_frame_sampling();
         }
         self.snapshot.unsaved_frames += 1;
-        self.frames_since_checkpoint += 1;
-        // The rescue after an earlier crash lacks this frame.
-        self.rescued = None;
+        self.files.record_frame();
         if self.ends.len() == RATE_FRAMES {
             self.ends.pop_front();
         }

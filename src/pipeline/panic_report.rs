@@ -4,7 +4,6 @@
 //! hook therefore records both, and the catcher finds the location by the message. The thread is no
 //! key, because rayon passes panics from its threads to the caller.
 
-use crate::pipeline::looks::panic_text;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::fmt;
@@ -39,7 +38,7 @@ impl PanicReport {
     /// Installs a hook that records panics and then calls the previous hook.
     pub fn install_hook() {
         static ONCE: Once = Once::new();
-        // Every worker calls this, and each further hook would record every panic again.
+        // Every window's worker calls this, and each further hook would record every panic again.
         ONCE.call_once(|| {
             let before = std::panic::take_hook();
             std::panic::set_hook(Box::new(move |panic| {
@@ -79,7 +78,10 @@ fn note(panic: &PanicHookInfo<'_>) {
 }
 
 fn message(payload: &(dyn Any + Send)) -> String {
-    panic_text(payload).unwrap_or("no message").to_owned()
+    // `panic!` carries a `&str` for a literal message, else a `String`.
+    let text = payload.downcast_ref::<&str>().copied();
+    let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+    text.unwrap_or("no message").to_owned()
 }
 
 #[cfg(test)]
