@@ -21,8 +21,6 @@ pub enum ViewRenderer {
 pub enum DrawStage {
     /// Whole picture on the CPU.
     Picture,
-    /// Depth sort on a CPU thread.
-    Order,
     /// Projection of the splats on the GPU.
     Preprocess,
     /// Depth sort on the GPU.
@@ -33,19 +31,13 @@ pub enum DrawStage {
 
 impl DrawStage {
     /// Every stage, in order.
-    pub const ALL: [DrawStage; 5] = [
-        DrawStage::Picture,
-        DrawStage::Order,
-        DrawStage::Preprocess,
-        DrawStage::Sort,
-        DrawStage::Draw,
-    ];
+    pub const ALL: [DrawStage; 4] =
+        [DrawStage::Picture, DrawStage::Preprocess, DrawStage::Sort, DrawStage::Draw];
 
     /// Label in the panel.
     pub fn label(self) -> &'static str {
         match self {
             DrawStage::Picture => "Picture (CPU)",
-            DrawStage::Order => "Order (CPU)",
             DrawStage::Preprocess => "Preprocess (GPU)",
             DrawStage::Sort => "Sort (GPU)",
             DrawStage::Draw => "Draw (GPU)",

@@ -100,7 +100,7 @@ fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failu
     #[cfg(feature = "gui")]
     if let (BenchDevice::Cpu, Some(adapter)) = (args.device, &args.adapter) {
         return Err(Failure::Usage(format!(
-            "--adapter: expected --device gpu, tiles or all, found --device cpu; leave `{adapter}` out"
+            "--adapter: expected --device gpu or all, found --device cpu; leave `{adapter}` out"
         )));
     }
     let scene = match &args.model {

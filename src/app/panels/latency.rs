@@ -316,13 +316,13 @@ pub mod timings_tests {
     fn pictures_leave_stages_empty_that_did_not_happen() {
         let mut drawn = DrawHistory::new(ViewRenderer::Gpu);
         let mut sample = DrawSample::new(640);
-        sample.add(DrawStage::Order, Some(0.5));
+        sample.add(DrawStage::Sort, Some(0.5));
         sample.add(DrawStage::Draw, Some(1.25));
         drawn.push(sample);
         let text = drawing_csv(&drawn);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[1].split(',').count(), lines[2].split(',').count());
-        assert_eq!(lines[2], "0,,0.5000,,,1.2500,640");
+        assert_eq!(lines[2], "0,,,0.5000,1.2500,640");
     }
 }
 

@@ -155,7 +155,7 @@ impl Studio {
     pub(super) fn retry_gpu(&mut self) {
         let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
         faults.take_new(); // earlier errors are already reported
-        match GpuViewPainter::new(state, faults.clone(), self.window_waker.waker().clone()) {
+        match GpuViewPainter::new(state, faults.clone()) {
             Ok(painter) => {
                 self.view.set_painter(ViewPainter::Gpu(Box::new(painter)));
                 self.adapter = viewport::capabilities(state).to_string();

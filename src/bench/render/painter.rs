@@ -15,14 +15,9 @@ use std::time::Instant;
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum FramePath {
-    /// Tiles on the CPU.
     Cpu,
-    /// Instanced quads on a GPU.
     #[cfg(feature = "gui")]
-    Quads,
-    /// Tiles in compute shaders of a GPU.
-    #[cfg(feature = "gui")]
-    Tiles,
+    Gpu,
 }
 
 /// Times of one frame, milliseconds. `None` for a stage that is not timed separately.

@@ -68,7 +68,10 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
         plan.frames
     )];
     if rows.iter().any(|row| row.path != FramePath::Cpu) {
-        notes.push("On a GPU a frame ends when its image is complete. The total excludes sorting quads on the CPU; drawing is timed by the GPU.".to_owned());
+        notes.push(
+            "On a GPU a frame ends when its image is complete. Its stages are timed by the GPU."
+                .to_owned(),
+        );
     }
     let mut reasons: Vec<String> = rows
         .iter()

@@ -107,16 +107,6 @@ pub enum GpuError {
         /// The unsupported option.
         found: &'static str,
     },
-    /// A draw order contains an invalid splat index: it belongs to another scene.
-    #[error(
-        "draw order contains splat {index}, but the scene has {n_splats}: sort the current splats again"
-    )]
-    StaleOrder {
-        /// Invalid index.
-        index: u32,
-        /// Number of splats in the scene.
-        n_splats: usize,
-    },
     /// The viewport is larger than a texture may be.
     #[error(
         "viewport {width}x{height}: this adapter supports at most {limit} pixels per side; make the window smaller"

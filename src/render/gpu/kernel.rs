@@ -47,6 +47,19 @@ impl ComputeKernel {
         }))
     }
 
+    /// Binds whole buffers by binding number.
+    pub(super) fn bind_buffers(
+        &self,
+        device: &wgpu::Device,
+        buffers: &[(u32, &wgpu::Buffer)],
+    ) -> BoundKernel {
+        let resources: Vec<_> = buffers
+            .iter()
+            .map(|(binding, buffer)| (*binding, buffer.as_entire_binding()))
+            .collect();
+        self.bind(device, &resources)
+    }
+
     /// Binds whole buffers and textures by binding number.
     pub(super) fn bind(
         &self,
