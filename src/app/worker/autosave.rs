@@ -274,7 +274,6 @@ impl WorkerThread {
 
 #[cfg(test)]
 mod tests {
-    use crate::app::edit::history::Edits;
     use crate::app::edit::marks::LeftOut;
     use crate::app::rescue::{CrashedThread, Rescue};
     use crate::app::state::{RunState, Subject};

@@ -8,7 +8,7 @@ use crate::train::scene::config::RAY_SEARCH;
 use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
 use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
-use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
+use crate::train::setting::value::{SettingValue, ValueError, named_values};
 use crate::train::setting::{MAX_COMPONENTS, Preset};
 use std::ffi::OsStr;
 use std::path::Path;
