@@ -4,11 +4,11 @@
 //! the replacement of a file; for the field this module does. The path is checked on a separate thread,
 //! because a drive that does not respond must not block the window.
 
-use super::background_job::BackgroundJob;
 use super::opening::FileProposal;
 use super::panels::card::named;
 use super::worker::Waker;
 use crate::export::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
+use crate::pipeline::job::Job;
 use crate::pipeline::panic_report::PanicReport;
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
@@ -93,7 +93,7 @@ pub struct PathDialog {
     /// Serial of the subject of the proposed path.
     proposed_for: u64,
     /// Native dialog in progress, on its own thread so that the window keeps drawing.
-    native: Option<BackgroundJob<Option<PathBuf>>>,
+    native: Option<Job<Option<PathBuf>>>,
     no_native: bool,
     /// Path whose replacement a native dialog has confirmed.
     approved: Option<PathBuf>,
@@ -377,12 +377,12 @@ impl PathDialog {
         pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
     ) {
         if ui.add_enabled(self.native.is_none(), Button::new(label)).clicked() {
-            self.native = BackgroundJob::start("dialog", waker.clone(), pick).ok();
+            self.native = Job::start_waking("dialog", waker.clone(), pick).ok();
         }
     }
 
     fn take_picked(&mut self) {
-        let Some(answer) = self.native.as_ref().and_then(BackgroundJob::poll) else { return };
+        let Some(answer) = self.native.as_ref().and_then(Job::poll) else { return };
         self.native = None;
         // A cancelled dialog, a missing portal and a panic have the same result, so the hint covers all
         // of them.
@@ -410,7 +410,7 @@ pub enum Occupant {
 pub struct PathCheck {
     pub path: PathBuf,
     since: Instant,
-    job: BackgroundJob<Occupant>,
+    job: Job<Occupant>,
 }
 
 /// Time after which the dialog shows what it waits for.
@@ -434,7 +434,7 @@ impl PathCheck {
     /// If no thread can be started.
     pub fn start(path: PathBuf, waker: Waker) -> std::io::Result<Self> {
         let looked_at = path.clone();
-        let job = BackgroundJob::start("dialog", waker, move || Occupant::of(&looked_at))?;
+        let job = Job::start_waking("dialog", waker, move || Occupant::of(&looked_at))?;
         Ok(Self { path, since: Instant::now(), job })
     }
 

@@ -1,11 +1,11 @@
 //! Selected splat in the viewport: picking by click, and outline.
 
-use super::background_job::BackgroundJob;
 use super::state::{Inspected, Snapshot};
 use super::viewer::photo::{Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::Job;
 use crate::pipeline::panic_report::PanicReport;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;
@@ -126,7 +126,7 @@ fn draw(inspected: &Inspected, ui: &Ui, rect: Rect, request: &PictureRequest) {
 
 /// Pick in progress, if any.
 #[derive(Default)]
-pub struct Picker(Option<BackgroundJob<Option<u32>>>);
+pub struct Picker(Option<Job<Option<u32>>>);
 
 impl Picker {
     /// Starts to pick the splat at a position of the viewport, pixels; replaces a pick in progress.
@@ -141,7 +141,7 @@ impl Picker {
         // The job owns its reference to the splats and drops it before the result arrives, so that
         // their next change need not copy them.
         let find = move || pick(&splats, &camera, position, &options).map(|p| p.index as u32);
-        self.0 = Some(BackgroundJob::start("picking", waker, find)?);
+        self.0 = Some(Job::start_waking("picking", waker, find)?);
         Ok(())
     }
 

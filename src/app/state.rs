@@ -18,6 +18,7 @@ use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// State of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -254,6 +255,8 @@ pub struct Snapshot {
     pub follows: bool,
     /// Recording that is followed, if any.
     pub followed: Option<Followed>,
+    /// Since when training waits for a frame that has not been read, if it does.
+    pub unread_since: Option<Instant>,
 }
 
 impl Snapshot {

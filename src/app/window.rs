@@ -3,6 +3,7 @@
 
 use super::drawing::{Painting, WindowWaker};
 use super::exit::{Exit, ExitReason};
+use super::mailbox::Mailbox;
 use super::rescue::{Crash, CrashedThread, Rescue};
 use super::settings_file::SettingsFile;
 use super::state::{NoticeKind, Subject};
@@ -17,7 +18,7 @@ use std::cell::RefCell;
 use std::error::Error;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Number of consecutive losses after which another adapter is tried.
@@ -131,7 +132,7 @@ struct Host {
     /// Waker of the current window, because the training thread outlives windows.
     waker: Arc<WindowWaker>,
     /// Adapter caveat that was shown last.
-    shown: Arc<Mutex<Option<String>>>,
+    shown: Arc<Mailbox<Option<String>>>,
     exit: RefCell<Exit>,
     started: Instant,
 }
@@ -178,17 +179,16 @@ impl Host {
 fn report_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
-    shown: &Mutex<Option<String>>,
+    shown: &Mailbox<Option<String>>,
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     // An earlier session has shown it.
     let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
-    let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
     // After a lost device the same adapter is used, whose caveat was shown.
-    if let Some(text) = caveat.clone().filter(|_| *shown != caveat && known != caveat) {
+    if let Some(text) = caveat.clone().filter(|_| shown.get() != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
-    *shown = caveat;
+    shown.set(caveat);
 }
 
 const ICON: &[u8] = include_bytes!("../../assets/icon.png");

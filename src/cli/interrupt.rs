@@ -13,7 +13,7 @@ use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
-use vbgs_studio::pipeline::looks::DriveWork;
+use vbgs_studio::pipeline::job::Job;
 
 /// Handlers are installed once per process.
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();
@@ -58,7 +58,7 @@ impl Interrupt {
     fn new() -> Result<Self, Failure> {
         let asked = Arc::new(AtomicBool::new(false));
         listen(&asked, || ())?;
-        Ok(Self { asked })
+        Ok(Self { is_stop_requested: asked })
     }
 
     /// True if a stop was requested.
@@ -80,11 +80,11 @@ impl Interrupt {
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Failure> {
-        let work = DriveWork::start("opening", work)?;
+        let work = Job::start("opening", work)?;
         let mut asked: Option<Instant> = None;
         while asked.is_none_or(|since| since.elapsed() < GRACE) {
             if let Some(ended) = work.wait(LOOK) {
-                return Ok(ended.unwrap_or_else(|panic| resume_unwind(panic)));
+                return Ok(ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message))));
             }
             asked = asked.or_else(|| self.is_requested().then(Instant::now));
         }

@@ -1,9 +1,8 @@
 //! Training session: a dataset, its settings and a model trained frame by frame.
 
 use super::error::SessionError;
-use super::follow::Follow;
+use super::follow::{Follow, ScanFindings};
 use super::frame_loop::{FrameLoop, FrameStatus, StepResult, SteppedFrame};
-use super::looks::ScanFindings;
 use super::memory;
 use super::plan::{Plan, Selection};
 use super::prefetch::PlannedFrame;
