@@ -17,10 +17,8 @@ use crate::render::cpu::CpuRenderer;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Parameters of a film.
 pub struct FilmRequest {
     pub path: PacedPath,
-    /// Picture size, pixels.
     pub size: [u32; 2],
     /// Video file by its extension, otherwise a folder of pictures.
     pub output: PathBuf,
@@ -76,7 +74,6 @@ impl FilmThread {
         self.0.as_ref().map(|running| running.drawing.progress().share().unwrap_or(0.0))
     }
 
-    /// Output path; `None` if no film is being rendered.
     pub fn output(&self) -> Option<&Path> {
         self.0.as_ref().map(|running| &*running.output)
     }

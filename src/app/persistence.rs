@@ -6,7 +6,6 @@ use super::user_folders::RecentPaths;
 use super::viewer::settings::ViewSettings;
 use crate::render::gpu::adapters::AdapterChoice;
 
-/// Names of the parts.
 const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
 const RECENT: &str = "recent";
@@ -17,8 +16,6 @@ pub const CAVEAT: &str = "caveat";
 pub const ADAPTER: &str = "adapter";
 /// Part with the version of the file; a part may also have its own version.
 pub const VERSION: &str = "version";
-/// Version of files written by this program. Version 1 had no part of this name and was in another
-/// folder.
 pub const FILE_VERSION: u32 = 2;
 
 #[derive(Default)]
@@ -27,7 +24,6 @@ pub struct StoredSettings {
     pub training: TrainSettings,
     pub recent: RecentPaths,
     pub layout: WindowLayout,
-    /// Notices about parts that could not be read.
     pub problems: Vec<String>,
 }
 

@@ -18,19 +18,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const FILE: &str = "settings.ron";
-/// Files of version 1, in the data folder: settings, and the chosen adapter.
-const FORMER_FILE: &str = "app.ron";
-const FORMER_ADAPTER_FILE: &str = "adapter.ron";
 /// Maximum size of the file, which usually holds some kilobytes.
 const MAX_BYTES: u64 = 1 << 26;
 
 /// Content of a file: texts by the names of the parts.
 type Parts = BTreeMap<String, String>;
 
-/// Settings file, and the folder of older versions.
 pub struct SettingsFile {
     file: PathBuf,
-    former: Option<PathBuf>,
 }
 
 /// Settings that are known before there is a window.
@@ -56,7 +51,7 @@ enum Unusable {
 impl SettingsFile {
     /// The user's file, if the platform has a configuration folder.
     pub fn of_user() -> Option<Self> {
-        Some(Self { file: user_folders::config()?.join(FILE), former: user_folders::data() })
+        Some(Self { file: user_folders::config()?.join(FILE) })
     }
 
     pub fn path(&self) -> &Path {
@@ -67,7 +62,6 @@ impl SettingsFile {
     pub fn open(&self) -> FoundSettings {
         let (parts, problem) = match read(&self.file) {
             Ok(parts) => (Some(parts), None),
-            Err(Unusable::Missing) => self.import_former_settings(),
             Err(unusable) => self.replace(&unusable),
         };
         let Some(parts) = parts else {
@@ -142,40 +136,6 @@ impl SettingsFile {
         (parts, Some(text))
     }
 
-    /// Copies the settings of an older version, whose files remain.
-    fn import_former_settings(&self) -> (Option<Parts>, Option<String>) {
-        let Some(former) = &self.former else { return (None, None) };
-        let adapter = std::fs::read_to_string(former.join(FORMER_ADAPTER_FILE)).ok();
-        let adapter = adapter.and_then(|text| ron::from_str::<String>(&text).ok());
-        let file = former.join(FORMER_FILE);
-        let (mut parts, problem) = match read(&file) {
-            Ok(parts) => (parts, None),
-            Err(Unusable::Broken(found)) => {
-                let text = format!(
-                    "{}: expected the settings of an older version, found {found}; the defaults are used, the file is left unchanged",
-                    file.display()
-                );
-                (Parts::new(), Some(text))
-            }
-            Err(_) => (Parts::new(), None),
-        };
-        parts.extend(adapter.map(|name| (ADAPTER.to_owned(), name)));
-        if parts.is_empty() {
-            return (None, problem);
-        }
-        parts.insert(VERSION.to_owned(), FILE_VERSION.to_string());
-        match write(&self.file, &parts) {
-            Ok(()) => (Some(parts), problem),
-            Err(error) => {
-                let text = format!(
-                    "copying the settings from {} failed: {error}; the defaults are used until the next start",
-                    file.display()
-                );
-                (Some(parts), Some(text))
-            }
-        }
-    }
-
     /// Copies the whole file if a part cannot be read, because windows use the default of that part,
     /// report it and overwrite it.
     fn back_up_unreadable_parts(&self, parts: &Parts) -> Option<String> {
@@ -218,7 +178,7 @@ fn parse(text: &str) -> Result<Parts, Unusable> {
         return Err(Unusable::Broken("an empty file".to_owned()));
     }
     let parts: Parts = ron::from_str(text).map_err(|error| Unusable::Broken(error.to_string()))?;
-    let version = parts.get(VERSION).map_or(Ok(1), |version| version.parse::<u32>());
+    let version = parts.get(VERSION).map_or(Ok(FILE_VERSION), |version| version.parse::<u32>());
     match version {
         Ok(version) if version > FILE_VERSION => Err(Unusable::Newer(version)),
         Ok(_) => Ok(parts),
@@ -264,13 +224,11 @@ mod tests {
 
     const GOOD: &str = r#"{"version": "2", "adapter": "RTX \"9\""}"#;
 
-    /// A home without a settings folder, but with that of older versions.
+    /// A home without a settings folder.
     fn home() -> (TempDir, SettingsFile) {
         let home = tempfile::tempdir().unwrap();
-        let former = home.path().join("data");
-        std::fs::create_dir(&former).unwrap();
         let file = home.path().join("config").join(FILE);
-        (home, SettingsFile { file, former: Some(former) })
+        (home, SettingsFile { file })
     }
 
     fn put(settings: &SettingsFile, text: &str) {
@@ -343,37 +301,6 @@ mod tests {
             assert_eq!(problem(&settings, &words), good.and_then(|_| named()));
             assert_eq!(beside(&settings, "version-3").as_deref(), Some(newer));
         }
-    }
-
-    #[test]
-    fn older_settings_are_taken_over_once_and_stay_where_they_were() {
-        let (_home, settings) = home();
-        let former = settings.former.clone().unwrap();
-        std::fs::write(former.join(FORMER_FILE), r#"{"recent": "([\"/rooms/a\"])"}"#).unwrap();
-        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""software""#).unwrap();
-        let software = Some(AdapterChoice::Software);
-        assert_eq!(settings.open(), FoundSettings { adapter: software.clone(), problems: vec![] });
-        let parts = read(&settings.file).ok().unwrap();
-        assert_eq!(parts["recent"], "([\"/rooms/a\"])");
-        assert_eq!(parts[VERSION], "2");
-        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""auto""#).unwrap();
-        assert_eq!(settings.open().adapter, software, "taken over already");
-        assert!(former.join(FORMER_FILE).exists());
-    }
-
-    #[test]
-    fn broken_older_settings_are_said_and_an_adapter_beside_them_is_taken_over() {
-        let (_home, settings) = home();
-        let former = settings.former.clone().unwrap();
-        std::fs::write(former.join(FORMER_FILE), "{").unwrap();
-        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""software""#).unwrap();
-        let FoundSettings { adapter, problems } = settings.open();
-        assert_eq!(adapter, Some(AdapterChoice::Software));
-        assert!(
-            problems[0].contains("app.ron") && problems[0].contains("expected"),
-            "{problems:?}"
-        );
-        assert_eq!(settings.open().problems, Vec::<String>::new());
     }
 
     #[test]

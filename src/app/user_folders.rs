@@ -17,15 +17,10 @@ pub fn state() -> Option<PathBuf> {
     by_convention("XDG_STATE_HOME", ".local/state")
 }
 
-/// Data folder, which held the settings file of version 1.
-pub fn data() -> Option<PathBuf> {
-    eframe::storage_dir(APP)
-}
-
 /// Folder named by a variable, else one in the user's home, on platforms with the XDG convention.
 fn by_convention(variable: &str, in_home: &str) -> Option<PathBuf> {
     if !cfg!(all(unix, not(target_os = "macos"))) {
-        return data();
+        return eframe::storage_dir(APP);
     }
     let named = std::env::var_os(variable).map(PathBuf::from);
     let home = || std::env::home_dir().map(|home| home.join(in_home));

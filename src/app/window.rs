@@ -126,7 +126,6 @@ pub fn run(
     }
 }
 
-/// State that outlives a window.
 struct Host {
     worker: Arc<Worker>,
     /// Waker of the current window, because the training thread outlives windows.
@@ -175,7 +174,6 @@ impl Host {
     }
 }
 
-/// Reports a caveat of the adapter, once.
 fn report_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
@@ -220,7 +218,6 @@ fn has_display() -> bool {
 /// Attempts of running winit's event loop until a window is created.
 const MAX_RUNS: usize = 3;
 
-/// Result of creating a window's application.
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
 /// Opens a window with `options` and runs the application of `create`, [`run_guarded`], until it ends.
@@ -308,28 +305,22 @@ pub fn watch(
     Ok(())
 }
 
-/// Reason why there is no window.
 #[derive(Debug, thiserror::Error)]
 pub enum WindowError {
-    /// There is no display server.
     #[error("no display found")]
     NoDisplay,
     /// A display server is announced but does not respond.
     #[error("the display server does not respond")]
     DisplaySilent,
-    /// No adapter can draw the window.
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
-    /// Several windows in a row have lost their device.
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
     /// The window was lost and cannot be reopened; its run was stored.
     #[error("the window was lost and cannot be reopened: {0}; {1}")]
     Gone(Box<WindowError>, Rescue),
-    /// A panic of the window's thread or of the training thread.
     #[error(transparent)]
     Crashed(Box<Crash>),
-    /// The window failed for another reason.
     #[error("no window could be opened ({0})")]
     Window(String),
 }

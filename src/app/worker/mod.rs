@@ -67,7 +67,6 @@ impl Worker {
         self.shared.set_interval(interval);
     }
 
-    /// Queues an order; returns at once.
     pub fn send(&self, order: WorkerOrder) {
         let opens = matches!(order, WorkerOrder::Open(_) | WorkerOrder::OpenFirst(_));
         if opens && self.snapshot().state == RunState::Loading {
@@ -85,12 +84,10 @@ impl Worker {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
-    /// Newest snapshot.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.shared.snapshot.get()
     }
 
-    /// Mailbox of changed splats for the viewport.
     pub fn splat_updates(&self) -> &SplatUpdates {
         &self.shared.updates
     }

@@ -274,15 +274,12 @@ pub enum WorkerOrder {
     OpenFirst(Vec<PathBuf>),
     /// Restart with the open subject, its cameras corrected by a calibration file.
     Calibrate(PathBuf),
-    /// Train until paused or done.
     Train,
     /// Stop after the current frame.
     Pause,
-    /// Train one frame.
     Step,
     /// Follow recordings, the open one and those opened next; or stop following.
     Follow(bool),
-    /// Restart with the same subject.
     Reset,
     /// Restart with the same subject and other settings, and train at once.
     Retrain(Box<TrainSettings>),
@@ -298,7 +295,6 @@ pub enum WorkerOrder {
     Store(SyncSender<Rescue>),
     /// Resume the run that the snapshot offers.
     ResumeAbandoned,
-    /// Discard the offered run.
     DiscardAbandoned,
     /// Publish a notice of the window.
     Report(NoticeKind, String),
