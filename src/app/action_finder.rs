@@ -9,18 +9,14 @@ use eframe::egui::{
     Align, Button, Context, Id, Key, Modal, Modifiers, RichText, ScrollArea, TextEdit, Ui, Vec2,
 };
 
-/// Width and height, points.
 const LIST: Vec2 = Vec2::new(440.0, 300.0);
 
 /// Action available from the menus and the finder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Command(UiCommand),
-    /// Show a tab of the side panel.
     Tab(SideTab),
-    /// Switch the comparison mode of the viewport.
     Mode(ViewMode),
-    /// Switch the colour mode of the viewport.
     Color(ColorMode),
 }
 

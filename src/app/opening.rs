@@ -365,7 +365,7 @@ impl FileProposal {
 }
 
 /// Absolute path; unchanged if the current folder is unknown.
-fn absolute_or_same(path: &Path) -> PathBuf {
+pub fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 

@@ -349,7 +349,7 @@ mod tests {
         let mut ends = ends.into_iter();
         let open = |adapter: &AdapterChoice| {
             asked.push(adapter.to_string());
-            ends.next().unwrap_or_else(|| Err(WindowError::NoDisplay))
+            ends.next().unwrap_or(Err(WindowError::NoDisplay))
         };
         let choice = AdapterChoice::parse(first);
         let ended = keep_open(choice, open, |_, _| told += 1).map_err(|(_, ever)| ever);

@@ -103,7 +103,6 @@ impl Worker {
         self.shared.file.share()
     }
 
-    /// Cancels the file being exported; an older file of its name is retained.
     pub fn cancel_file(&self) {
         self.shared.file.cancel();
     }
