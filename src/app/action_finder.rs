@@ -9,7 +9,6 @@ use eframe::egui::{
     Align, Button, Context, Id, Key, Modal, Modifiers, RichText, ScrollArea, TextEdit, Ui, Vec2,
 };
 
-/// Width and height, points.
 const LIST: Vec2 = Vec2::new(440.0, 300.0);
 
 /// Action available from the menus and the finder.

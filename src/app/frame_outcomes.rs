@@ -10,7 +10,6 @@ use crate::train::outcome::{OutlierReason, PhotographOutcome};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// State of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameState {
     /// Not part of the run.
@@ -23,10 +22,8 @@ pub enum FrameState {
     Skipped(String),
 }
 
-/// Figures of a trained frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainedFrame {
-    /// Points trained on.
     pub points: usize,
     /// Mean ELBO of its points, nats.
     pub elbo_mean: f64,
@@ -69,7 +66,6 @@ pub struct FrameOutcomes {
 }
 
 impl FrameOutcomes {
-    /// Adds the news of a snapshot.
     pub fn update(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         if self.serial != opened.serial {

@@ -25,10 +25,8 @@ const MIN_POINTS: f32 = 60.0;
 /// Least width of the panels, points, which takes precedence over the largest share.
 const MIN_WIDTH: f32 = 240.0;
 
-/// Content of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum DockPane {
-    /// The viewport.
     Picture,
     Panel(SideTab),
 }
@@ -81,7 +79,6 @@ impl WindowLayout {
         (Self::default(), Some(notice))
     }
 
-    /// Activates the tab of a panel.
     pub fn activate(&mut self, tab: SideTab) {
         let is_it =
             |tile: &Tile<DockPane>| matches!(tile, Tile::Pane(DockPane::Panel(of)) if *of == tab);

@@ -5,7 +5,6 @@
 #![allow(missing_docs, reason = "no other crate uses this room")]
 
 mod action_finder;
-mod background_job;
 pub mod camera;
 pub mod color_mode;
 pub mod command;
@@ -17,6 +16,7 @@ mod export_options;
 mod film;
 pub mod frame_outcomes;
 mod layout;
+mod mailbox;
 pub mod opening;
 mod palette;
 mod panels;

@@ -5,7 +5,6 @@ use crate::math::camera_path::{CameraPath, Keyframe};
 use glam::DVec3;
 use std::path::Path;
 
-/// Time between new keyframes, seconds.
 const STEP_S: f64 = 2.0;
 
 #[derive(Clone, Debug)]
@@ -79,7 +78,6 @@ impl PathEditor {
         self.keyframes[from..].iter_mut().for_each(|keyframe| keyframe.time += by);
     }
 
-    /// Loads the keyframes and settings of another path.
     pub fn take(&mut self, paced: &PacedPath) {
         let path = &paced.path;
         let all = path.keyframes();

@@ -16,7 +16,6 @@ pub const CAVEAT: &str = "caveat";
 /// Part with the adapter chosen for further windows.
 pub const ADAPTER: &str = "adapter";
 pub const VERSION: &str = "version";
-/// Version of files written by this program; a part may also have its own version.
 pub const FILE_VERSION: u32 = 2;
 
 #[derive(Default)]
@@ -25,7 +24,6 @@ pub struct StoredSettings {
     pub training: TrainSettings,
     pub recent: RecentPaths,
     pub layout: WindowLayout,
-    /// Notices about parts that could not be read.
     pub problems: Vec<String>,
 }
 

@@ -5,13 +5,14 @@
 //! So a checkpoint without a locked file belongs to a window that ended before the user chose to save
 //! or discard, and the next start offers it. Such a slot is never reused for another run.
 
+use super::opening::absolute_or_same;
 use super::user_folders;
 use crate::pipeline::checkpoint::SavedRun;
 use crate::pipeline::panic_report::PanicReport;
 use std::fmt;
 use std::fs::{File, TryLockError};
 use std::io;
-use std::path::{Path, PathBuf, absolute};
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 /// Most slots of one dataset, occupied ones included.
@@ -152,6 +153,7 @@ pub struct AbandonedRun {
 
 /// Finds the newest abandoned run below `folders`, of `dataset` or of any dataset if `None`.
 pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<AbandonedRun> {
+    // Absolute, as checkpoints store their dataset.
     let dataset = dataset.map(absolute_or_same);
     let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder.join(FOLDER)));
     let mut slots: Vec<(SystemTime, PathBuf)> =
@@ -212,11 +214,6 @@ fn stem(dataset: &Path) -> String {
     let name = dataset.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
     let plain: String = name.chars().filter(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
     format!("{plain}-{:08x}", crc32fast::hash(dataset.as_os_str().as_encoded_bytes()))
-}
-
-/// Absolute path, as checkpoints store their dataset.
-fn absolute_or_same(path: &Path) -> PathBuf {
-    absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! Selected splat in the viewport: picking by click, and outline.
 
-use super::background_job::BackgroundJob;
 use super::state::{Inspected, Snapshot};
 use super::viewer::photo::{Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::Job;
 use crate::pipeline::panic_report::PanicReport;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;

@@ -10,7 +10,6 @@ use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::units::StructuralScale;
 use glam::DVec3;
 
-/// Lines for the scene panel: label and value.
 pub fn session_info(session: &Session) -> Vec<(String, String)> {
     let dataset: &Dataset = session.dataset();
     let path =

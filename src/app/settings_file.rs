@@ -31,9 +31,7 @@ pub struct SettingsFile {
 /// Settings that are known before there is a window.
 #[derive(Debug, Default, PartialEq)]
 pub struct FoundSettings {
-    /// Adapter chosen in an earlier window.
     pub adapter: Option<AdapterChoice>,
-    /// Notices about settings that could not be read.
     pub problems: Vec<String>,
 }
 

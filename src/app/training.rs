@@ -9,15 +9,11 @@ use crate::train::paper::config::PaperOverrides;
 use crate::train::setting::{ConfigError, Preset};
 use serde::{Deserialize, Serialize};
 
-/// Training settings of subjects opened next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrainSettings {
-    /// Preset: scene or paper.
     pub preset: Preset,
-    /// Settings of the scene preset.
     pub scene: SceneOverrides,
-    /// Settings of the paper preset.
     pub paper: PaperOverrides,
     /// Autosave interval, seconds; `None` disables autosave.
     pub autosave_s: Option<u32>,
@@ -54,7 +50,6 @@ impl TrainSettings {
     }
 }
 
-/// Setting that cannot be used for training.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}; change it in Settings, under Training")]
 pub struct RefusedSetting(ConfigError);

@@ -23,10 +23,8 @@ struct Requests<Q, A> {
     wake: Condvar,
 }
 
-/// Notification about a finished answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Announce {
-    /// Wake the window at once.
     Wake,
     /// Do not wake the window, which polls.
     Quietly,
@@ -113,7 +111,6 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         self.requests.wake.notify_one();
     }
 
-    /// True while a request waits or is in progress.
     pub fn is_busy(&self) -> bool {
         let inbox = self.requests.lock();
         inbox.is_working || inbox.request.is_some()

@@ -3,6 +3,7 @@
 
 use super::drawing::{Painting, WindowWaker};
 use super::exit::{Exit, ExitReason};
+use super::mailbox::Mailbox;
 use super::rescue::{Crash, CrashedThread, Rescue};
 use super::settings_file::SettingsFile;
 use super::state::{NoticeKind, Subject};
@@ -17,7 +18,7 @@ use std::cell::RefCell;
 use std::error::Error;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Number of consecutive losses after which another adapter is tried.
@@ -125,13 +126,12 @@ pub fn run(
     }
 }
 
-/// State that outlives a window.
 struct Host {
     worker: Arc<Worker>,
     /// Waker of the current window, because the training thread outlives windows.
     waker: Arc<WindowWaker>,
     /// Adapter caveat that was shown last.
-    shown: Arc<Mutex<Option<String>>>,
+    shown: Arc<Mailbox<Option<String>>>,
     exit: RefCell<Exit>,
     started: Instant,
 }
@@ -174,21 +174,19 @@ impl Host {
     }
 }
 
-/// Reports a caveat of the adapter, once.
 fn report_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
-    shown: &Mutex<Option<String>>,
+    shown: &Mailbox<Option<String>>,
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     // An earlier session has shown it.
     let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
-    let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
     // After a lost device the same adapter is used, whose caveat was shown.
-    if let Some(text) = caveat.clone().filter(|_| *shown != caveat && known != caveat) {
+    if let Some(text) = caveat.clone().filter(|_| shown.get() != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
-    *shown = caveat;
+    shown.set(caveat);
 }
 
 const ICON: &[u8] = include_bytes!("../../assets/icon.png");
@@ -220,7 +218,6 @@ fn has_display() -> bool {
 /// Attempts of running winit's event loop until a window is created.
 const MAX_RUNS: usize = 3;
 
-/// Result of creating a window's application.
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
 /// Opens a window with `options` and runs the application of `create`, [`run_guarded`], until it ends.
@@ -308,28 +305,22 @@ pub fn watch(
     Ok(())
 }
 
-/// Reason why there is no window.
 #[derive(Debug, thiserror::Error)]
 pub enum WindowError {
-    /// There is no display server.
     #[error("no display found")]
     NoDisplay,
     /// A display server is announced but does not respond.
     #[error("the display server does not respond")]
     DisplaySilent,
-    /// No adapter can draw the window.
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
-    /// Several windows in a row have lost their device.
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
     /// The window was lost and cannot be reopened; its run was stored.
     #[error("the window was lost and cannot be reopened: {0}; {1}")]
     Gone(Box<WindowError>, Rescue),
-    /// A panic of the window's thread or of the training thread.
     #[error(transparent)]
     Crashed(Box<Crash>),
-    /// The window failed for another reason.
     #[error("no window could be opened ({0})")]
     Window(String),
 }
@@ -358,7 +349,7 @@ mod tests {
         let mut ends = ends.into_iter();
         let open = |adapter: &AdapterChoice| {
             asked.push(adapter.to_string());
-            ends.next().unwrap_or_else(|| Err(WindowError::NoDisplay))
+            ends.next().unwrap_or(Err(WindowError::NoDisplay))
         };
         let choice = AdapterChoice::parse(first);
         let ended = keep_open(choice, open, |_, _| told += 1).map_err(|(_, ever)| ever);

@@ -13,7 +13,7 @@ use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
-use vbgs_studio::pipeline::looks::DriveWork;
+use vbgs_studio::pipeline::job::Job;
 
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();
 
@@ -76,11 +76,11 @@ impl Interrupt {
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Failure> {
-        let work = DriveWork::start("opening", work)?;
+        let work = Job::start("opening", work)?;
         let mut asked: Option<Instant> = None;
         while asked.is_none_or(|since| since.elapsed() < GRACE) {
             if let Some(ended) = work.wait(LOOK) {
-                return Ok(ended.unwrap_or_else(|panic| resume_unwind(panic)));
+                return Ok(ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message))));
             }
             asked = asked.or_else(|| self.is_requested().then(Instant::now));
         }

@@ -8,7 +8,7 @@ pub mod checkpoint;
 pub mod error;
 pub mod follow;
 pub mod frame_loop;
-pub mod looks;
+pub mod job;
 pub mod memory;
 pub mod panic_report;
 pub mod plan;

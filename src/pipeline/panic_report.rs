@@ -17,7 +17,7 @@ const MAX_NOTED: usize = 8;
 static NOTED: Mutex<VecDeque<PanicReport>> = Mutex::new(VecDeque::new());
 
 /// Message and location of a panic.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct PanicReport {
     /// Message of the panic.
     pub message: String,

@@ -1,15 +1,13 @@
 //! Training session: a dataset, its settings and a model trained frame by frame.
 
 use super::error::SessionError;
-use super::follow::Follow;
-use super::frame_loop::{FrameLoop, FrameStatus, StepResult, SteppedFrame};
-use super::looks::ScanFindings;
+use super::follow::{Follow, ScanFindings};
+use super::frame_loop::{FrameLoop, FrameStatus, InitialState, SteppedFrame, frame_loop};
 use super::memory;
 use super::plan::{Plan, Selection};
-use super::prefetch::PlannedFrame;
+use super::prefetch::{Next, PlannedFrame};
 use super::run::{RunConfig, RunProgress};
 use super::settings::method::MethodRequest;
-use super::start::{InitialState, frame_loop};
 use crate::dataset::{Dataset, FrameMarks, range};
 use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
 use crate::math::measured_pixel::Normalization;
@@ -209,9 +207,9 @@ impl Session {
             return Ok(Some(Step::Waiting));
         }
         let SteppedFrame { position, name, marks, status } = match self.frames.step(patience) {
-            StepResult::Frame(frame) => frame,
-            StepResult::Unread => return Ok(None),
-            StepResult::Finished => return self.finish().map(Some),
+            Next::Ready(frame) => frame,
+            Next::Unread => return Ok(None),
+            Next::End => return self.finish().map(Some),
         };
         // Set before the result is handled: no resumed run may train on this frame twice.
         self.past.visited = position + 1;

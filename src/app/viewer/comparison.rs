@@ -6,7 +6,6 @@ use super::photo::{
 };
 use super::steering::ViewPosition;
 use super::toolbar::ViewMode;
-use crate::app::background_job::BackgroundJob;
 use crate::app::opening::{BareSplats, OpenError, read_splats};
 use crate::app::state::{NoticeKind, Opened};
 use crate::app::worker::Waker;
@@ -14,6 +13,7 @@ use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
+use crate::pipeline::job::Job;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
 use eframe::egui::Ui;
@@ -202,7 +202,7 @@ pub struct ModelSlot {
 
 struct Reading {
     path: PathBuf,
-    job: BackgroundJob<Result<(ComparedModel, Vec<NoticeText>), String>>,
+    job: Job<Result<(ComparedModel, Vec<NoticeText>), String>>,
 }
 
 impl ModelSlot {
@@ -214,7 +214,7 @@ impl ModelSlot {
     /// Starts reading a checkpoint or splat file; replaces a read in progress.
     pub fn read(&mut self, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let file = path.clone();
-        let job = BackgroundJob::start("second model", waker, move || read(&file))?;
+        let job = Job::start_waking("second model", waker, move || read(&file))?;
         self.reading = Some(Reading { path, job });
         Ok(())
     }

@@ -4,12 +4,12 @@
 //! multiple of the decoding time, to leave the cores to training; not every frame is shown then.
 
 use super::frame_refs::FrameRef;
-use crate::app::background_job::BackgroundJob;
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::frame::DepthKind;
 use crate::math::camera::Camera;
 use crate::math::pose::Pose;
+use crate::pipeline::job::Job;
 use eframe::egui::Color32;
 use glam::DVec3;
 use std::time::{Duration, Instant};
@@ -33,7 +33,7 @@ pub(super) struct FramePoints {
 
 struct Decoding {
     frame: FrameRef,
-    job: BackgroundJob<(Points, Duration)>,
+    job: Job<(Points, Duration)>,
 }
 
 impl FramePoints {
@@ -73,7 +73,7 @@ impl FramePoints {
             let started = Instant::now();
             (points_of(&asked, pose, color_camera.as_ref()), started.elapsed())
         };
-        let job = BackgroundJob::start("frame points", waker.clone(), decode)?;
+        let job = Job::start_waking("frame points", waker.clone(), decode)?;
         self.decoding = Some(Decoding { frame, job });
         Ok(())
     }

@@ -1,19 +1,12 @@
-//! Autosave of the training run, storing it when the program ends unexpectedly, and resuming a run that
-//! an earlier window left behind.
+//! Autosave of the training run, which is also stored when the program ends unexpectedly.
 //!
 //! Nothing is written before training has lasted the interval, and nothing of the demo, which can be
 //! recomputed. The autosave is removed once the user has saved the run to a file or discarded it.
 
-use super::thread::WorkerThread;
-use crate::app::opening;
-use crate::app::opening::Content;
-use crate::app::rescue::{self, AbandonedRun, AutosaveSlot, Crash, CrashedThread, Rescue};
-use crate::app::state::{GivenCalibration, NoticeKind, RunState, Subject};
+use crate::app::rescue::{self, AbandonedRun, AutosaveSlot, Rescue};
 use crate::pipeline::autosave::{Autosave, AutosaveInterval};
-use crate::pipeline::panic_report::PanicReport;
 use crate::pipeline::session::Session;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Autosave of the open run.
@@ -112,11 +105,16 @@ impl Files {
 
     /// Continues the autosave in the slot of a resumed run, none of whose frames are in a file of the
     /// user's.
-    fn adopt(&mut self, slot: AutosaveSlot, session: &Session) {
+    pub fn adopt(&mut self, slot: AutosaveSlot, session: &Session) {
         let path = slot.path().to_owned();
         let autosave = Autosave::new(path, AutosaveInterval::default(), session);
         self.saver = Saver::On(autosave, slot);
         self.n_unsaved = session.learner().frames() as usize;
+    }
+
+    /// Finds the newest run that an earlier window left behind, of one dataset or of any.
+    pub fn find_abandoned(&self, dataset: Option<&Path>) -> Option<AbandonedRun> {
+        rescue::find_newest(&self.folders, dataset)
     }
 
     /// Stores training that no checkpoint holds for the next start, once, even if autosave is off. The
@@ -157,118 +155,6 @@ impl Files {
         let rescue = rescue.unwrap_or(Rescue::Lost { frames, problems });
         self.saver = Saver::Stored(rescue.clone());
         rescue
-    }
-}
-
-impl WorkerThread {
-    /// Between two turns: starts an autosave if one is due, and reports a failed one.
-    pub(super) fn autosave(&mut self) {
-        let Some(seconds) = self.training.autosave_s else { return };
-        let Some(Content::Session(session)) = &self.content else { return };
-        if let Some(warning) = self.files.poll(session, Duration::from_secs(seconds.into())) {
-            self.changed = true;
-            self.notify(NoticeKind::Warning, warning);
-        }
-    }
-
-    pub(super) fn has_pending_autosave(&self) -> bool {
-        let Some(Content::Session(session)) = &self.content else { return false };
-        self.training.autosave_s.is_some() && self.files.is_pending(session)
-    }
-
-    /// After a panic of this thread: stores the run and reports the crash to the window, which stays
-    /// open.
-    pub(super) fn handle_panic(&mut self, panic: PanicReport) {
-        // The panic may have occurred while a file was written.
-        self.shared.file.end();
-        let rescue = self.store_run();
-        let crash = Crash { thread: CrashedThread::Training, panic, rescue };
-        // Recorded first, so that the program reports the crash at its end even if the next steps fail.
-        self.shared.crashed(crash.clone());
-        self.fail(crash.to_string());
-        self.publish(true);
-    }
-
-    /// Stops training because the program ends, and stores the run; windows then close.
-    pub(super) fn end_run(&mut self) -> Rescue {
-        self.set_state(RunState::Paused);
-        let rescue = self.store_run();
-        match &rescue {
-            Rescue::Nothing => {}
-            Rescue::Stored { .. } => self.notify(NoticeKind::Info, rescue.to_string()),
-            Rescue::Lost { .. } => self.notify(NoticeKind::Error, rescue.to_string()),
-        }
-        self.snapshot.is_terminated = true;
-        rescue
-    }
-
-    fn store_run(&mut self) -> Rescue {
-        let session = match &self.content {
-            Some(Content::Session(session)) => Some(&**session),
-            _ => None,
-        };
-        self.files.store(session)
-    }
-
-    /// Offers the newest run that an earlier window left behind, of one dataset or of any.
-    pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
-        if let Some(run) = rescue::find_newest(&self.files.folders, dataset) {
-            self.snapshot.abandoned = Some(Arc::new(run));
-        }
-    }
-
-    pub(super) fn resume_abandoned_run(&mut self) {
-        let Some(run) = self.snapshot.abandoned.take() else { return };
-        let before = self.snapshot.state;
-        let slot = match AutosaveSlot::lock_existing(&run.slot) {
-            Ok(Some(slot)) => slot,
-            Ok(None) => return self.keep_offer(&run, "another window has resumed it"),
-            Err(error) => return self.keep_offer(&run, &error.to_string()),
-        };
-        self.snapshot.state = RunState::Loading;
-        self.publish(true);
-        let (file, serial) = (run.file.clone(), self.next_serial);
-        // The drive of the dataset may have been disconnected.
-        let read = self.read_cancellable(Some(&run.dataset), move || {
-            opening::open_run(&file, serial).map_err(|error| error.to_string())
-        });
-        match read.and_then(|opened| Ok(opened?)) {
-            Ok(opened) => {
-                self.next_serial += 1;
-                self.subject = Some(Subject::Path(run.dataset.clone()));
-                self.install_subject(opened);
-                self.take_over(slot);
-            }
-            Err(refusal) => {
-                self.restore_state(before);
-                self.keep_offer(&run, &refusal.text);
-            }
-        }
-    }
-
-    fn take_over(&mut self, slot: AutosaveSlot) {
-        let Some(Content::Session(session)) = &self.content else { return };
-        let method = &session.config().method;
-        let is_given = !method.assumes_calibration(session.dataset());
-        let calibration = method.as_any().calibration().filter(|_| is_given).cloned();
-        self.calibration =
-            calibration.map(|calibration| Arc::new(GivenCalibration { calibration, file: None }));
-        self.snapshot.calibration = self.calibration.clone();
-        self.files.adopt(slot, session);
-        self.snapshot.unsaved_frames = self.snapshot.frames_done;
-    }
-
-    fn keep_offer(&mut self, run: &Arc<AbandonedRun>, problem: &str) {
-        self.snapshot.abandoned = Some(run.clone());
-        let text = format!("{}: training cannot be resumed: {problem}", run.file.display());
-        self.notify(NoticeKind::Error, text);
-    }
-
-    pub(super) fn discard_abandoned_run(&mut self) {
-        let Some(run) = self.snapshot.abandoned.take() else { return };
-        if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
-            slot.delete_files();
-        }
     }
 }
 
