@@ -6,11 +6,10 @@
 //! 0.005 dB.
 
 use crate::math::image::split_by_sizes;
-use crate::math::sym3::Sym3;
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{N_SUMS, SceneSums, clamp_moments, repair_scatter};
 use crate::model::splat::observed_cone::ObservedCone;
-use glam::{DMat3, DVec3};
+use glam::DMat3;
 use rayon::prelude::*;
 
 // Expected returns are counted in 64ths.
@@ -145,16 +144,8 @@ impl ComponentSums {
 
     /// Returns the range of view directions of a component's points; unknown without points.
     pub fn observed_cone(&self, id: usize) -> ObservedCone {
-        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
-        let n = sum(0);
-        if n < 1.0 {
-            return ObservedCone::default();
-        }
-        let mean = DVec3::new(sum(25), sum(26), sum(27)) / n;
-        let (xx, yy) = (sum(28) / n, sum(31) / n);
-        // Directions are unit vectors, so their squares sum to the count.
-        let second = [xx, sum(29) / n, sum(30) / n, yy, sum(32) / n, 1.0 - xx - yy];
-        ObservedCone::new(mean, Sym3::from_array(second).add_scaled(-1.0, Sym3::outer(mean)))
+        // Directions are independent of the structural scale.
+        SceneSums::new(&self.sums(id), 1.0).observed_cone()
     }
 
     /// Returns sums and visibility counts in checkpoint form. Equal sums are stored alike, whatever the order

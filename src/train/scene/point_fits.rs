@@ -7,7 +7,7 @@
 use super::accumulate::{AssignedPoints, PARTS, accumulate};
 use super::assign::{assign, assign_known};
 use super::component_sums::{ComponentSums, FULL};
-use super::components::{Components, SeedPositions};
+use super::components::SeedPositions;
 use super::grid::{NONE, SeedGrid};
 use super::seed_groups::Reach;
 use crate::model::inspection::DeviceError;
@@ -101,14 +101,13 @@ impl PointFits {
     /// Finds the component of every point, as [`assign`] does.
     pub fn assign(
         &mut self,
-        grid: &SeedGrid,
-        components: &Components,
+        seeds: SeedPositions<'_>,
         reach: Reach,
         points: &[SurfacePoint],
         owners: &mut Vec<u32>,
     ) {
         let mut clock = Stopwatch::start();
-        let is_found = self.assign_on_device(grid, components, reach, points);
+        let is_found = self.assign_on_device(seeds, reach, points);
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
@@ -116,7 +115,7 @@ impl PointFits {
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
-        assign(grid, components, reach, points, owners);
+        assign(seeds, reach, points, owners);
         let Some(fitter) = self.device.as_mut().filter(|_| is_found) else { return };
         fitter.ms[0] += clock.lap_ms();
         if fitter.owners != *owners {
@@ -127,8 +126,7 @@ impl PointFits {
     /// Assigns on the device if it is its turn; returns true on success.
     fn assign_on_device(
         &mut self,
-        grid: &SeedGrid,
-        components: &Components,
+        seeds: SeedPositions<'_>,
         reach: Reach,
         points: &[SurfacePoint],
     ) -> bool {
@@ -137,9 +135,9 @@ impl PointFits {
         else {
             return false;
         };
-        match fitter.find_seeds(grid, points) {
+        match fitter.find_seeds(seeds.grid, points) {
             Ok(n_open) => {
-                assign_known(grid, components, reach, points, &mut fitter.owners);
+                assign_known(seeds, reach, points, &mut fitter.owners);
                 self.points += points.len() as u64;
                 self.open_points += n_open as u64;
                 true

@@ -78,10 +78,7 @@ fn with_settled_photographs<'a>(
     let photographs = state.photometric.as_ref();
     let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
     let trainer = is_waiting.then(|| SceneTrainer::restore(config, state.clone(), 0)).flatten();
-    match trainer.and_then(SceneTrainer::settled_photographs) {
-        None => Cow::Borrowed(state),
-        photometric => Cow::Owned(SceneState { photometric, ..state.clone() }),
-    }
+    trainer.map_or(Cow::Borrowed(state), |trainer| Cow::Owned(trainer.into_settled_state()))
 }
 
 /// Moves a scene back to its start's coordinates, since later frames may have moved it as a whole. `None` if
