@@ -424,10 +424,11 @@ impl Task {
 
     /// True if the run has this kind of work.
     fn is_needed(self, session: &Session) -> bool {
+        let used = session.learner().device_use();
         match self {
-            Self::Passes => session.learner().pass_use().is_some(),
-            Self::Points => session.learner().point_use().is_some(),
-            Self::Photographs => session.learner().comparer_use().is_some(),
+            Self::Passes => used.passes.is_some(),
+            Self::Points => used.points.is_some(),
+            Self::Photographs => used.photographs.is_some(),
         }
     }
 }
@@ -437,6 +438,7 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
+    use vbgs_studio::train::learner::TrainingDevice;
 
     let must = asked == DeviceName::Gpu;
     if !must && !may_have_gpu() {
@@ -449,18 +451,12 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     let error = match gpu {
         Ok(gpu) => {
             let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
-            let handed = match task {
-                Task::Passes => session.compute_on(Box::new(gpu.mixture()), policy),
-                Task::Points => {
-                    session.fit_on(Box::new(gpu.points()), policy);
-                    Ok(())
-                }
-                Task::Photographs => {
-                    session.compare_on(Box::new(gpu.comparer()), policy);
-                    Ok(())
-                }
+            let device = match task {
+                Task::Passes => TrainingDevice::Passes(Box::new(gpu.mixture())),
+                Task::Points => TrainingDevice::Points(Box::new(gpu.points())),
+                Task::Photographs => TrainingDevice::Photographs(Box::new(gpu.comparer())),
             };
-            let Err(error) = handed else { return Ok(()) };
+            let Err(error) = session.add_device(device, policy) else { return Ok(()) };
             error.to_string()
         }
         Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),

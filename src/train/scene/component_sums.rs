@@ -15,7 +15,6 @@ use rayon::prelude::*;
 // Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
 
-/// Sums of one component.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SumRow {
@@ -41,7 +40,6 @@ pub enum Visibility {
 }
 
 impl SumRow {
-    /// Adds the terms of one point.
     #[inline(always)]
     pub fn add(&mut self, terms: &[f32; N_SUMS]) {
         for (sum, &term) in self.sums.iter_mut().zip(terms) {
@@ -60,7 +58,6 @@ impl SumRow {
         });
     }
 
-    /// Returns the visibility counts.
     pub fn visibility(&self) -> VisibilityCounts {
         self.visibility
     }
@@ -71,7 +68,6 @@ impl SumRow {
     }
 }
 
-/// Read access to the wide rows.
 #[derive(Clone, Copy)]
 pub struct WideRows<'a>(&'a WideSums);
 
@@ -98,17 +94,14 @@ pub struct ComponentSums {
 }
 
 impl ComponentSums {
-    /// Number of components.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Grows to `n` components.
     pub fn grow(&mut self, n: usize) {
         self.rows.resize(n, SumRow::EMPTY);
     }
 
-    /// Returns the memory used by the rows, in bytes.
     pub fn bytes(&self) -> usize {
         self.rows.len() * size_of::<SumRow>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
@@ -165,7 +158,6 @@ impl ComponentSums {
         (StoredSums { rows, wide }, visibility)
     }
 
-    /// Restores what [`Self::state`] returned.
     pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Self {
         let rows = sums.rows.into_iter().zip(visibility);
         let rows = rows.map(|(sums, visibility)| SumRow { sums, visibility }).collect();
@@ -297,7 +289,6 @@ impl ComponentSums {
         }
     }
 
-    /// Adds sums that are too large for a row.
     pub fn add_wide(&mut self, id: u32, sums: [f64; N_SUMS]) {
         self.wide.add(id, &sums);
     }
@@ -319,12 +310,10 @@ pub fn term_quanta(term: f32) -> i32 {
     (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
 }
 
-/// Rounds a sum to whole quanta.
 fn sum_quanta(sum: f64) -> i32 {
     (sum / QUANTUM).round_ties_even() as i32
 }
 
-/// Converts whole quanta to a number.
 #[inline(always)]
 pub fn value(quanta: i32) -> f64 {
     f64::from(quanta) * QUANTUM
@@ -346,30 +335,25 @@ pub struct WideSums {
 }
 
 impl WideSums {
-    /// Number of components with wide sums.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Iterates over these components.
     pub fn ids(&self) -> impl Iterator<Item = u32> {
         self.rows.iter().map(|(id, _)| *id)
     }
 
-    /// Returns the wide sums of a component, if any.
     #[inline(always)]
     pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Returns the wide sums of a component, if any.
     pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get_mut(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Adds to the wide sums of a component.
     pub fn add(&mut self, id: u32, sums: &[f64; N_SUMS]) {
         match self.get_mut(id) {
             // Integer quanta below 2⁵³ are exact in f64, hence independent of the order.
@@ -383,7 +367,6 @@ impl WideSums {
         }
     }
 
-    /// Removes the wide sums of a component.
     pub fn remove(&mut self, id: u32) {
         let Some(place) = self.places.get_mut(id as usize) else { return };
         let place = std::mem::replace(place, NONE) as usize;

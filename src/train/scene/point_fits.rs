@@ -22,7 +22,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// Structural scales for which squared distances within reach are normal f32 numbers.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
-/// Fits points on the processor or the device.
 #[derive(Default)]
 pub struct PointFits {
     device: Option<PointFitter>,
@@ -42,7 +41,6 @@ struct PointFitter {
     has_seeds: bool,
     /// True if it has the points of the current frame.
     has_points: bool,
-    /// Device for the current frame.
     turn: DeviceChoice,
     /// Milliseconds of the frame on processor and device, while both are timed.
     ms: [f64; 2],
@@ -50,7 +48,6 @@ struct PointFitter {
 }
 
 impl PointFits {
-    /// Adds a device for the following frames.
     pub fn add_device(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.points, self.open_points) = (0, 0);
@@ -66,7 +63,6 @@ impl PointFits {
         });
     }
 
-    /// Returns counts and times by device.
     pub fn used(&self) -> PassUse {
         let open_share = self.open_points as f64 / self.points.max(1) as f64;
         PassUse { open_share, ..self.used.clone() }
@@ -308,7 +304,6 @@ impl PointSlots {
         self.list(frame, any_left);
     }
 
-    /// Counts the pixels of every component.
     fn count(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         let counts = &mut self.of_components;
         counts.clear();
@@ -346,7 +341,6 @@ impl PointSlots {
     }
 }
 
-/// True if all numbers of a point are within range.
 fn is_plain(point: &SurfacePoint) -> bool {
     [&point.color, &point.normal, &point.direction].iter().all(|v| all_within(v, MAX_NUMBER))
 }

@@ -100,7 +100,6 @@ fn back_at<'a>(
 }
 
 struct Component {
-    /// World units from the scene's origin.
     seed: [f32; 3],
     /// Share of the structural scale, in units of 1/[`WHOLE`].
     share: u8,
@@ -177,7 +176,6 @@ impl Component {
 }
 
 struct Fused {
-    /// Structural scale, world units.
     h: f64,
     components: Vec<Component>,
     /// Number of components of the start.
@@ -259,7 +257,6 @@ pub struct Estimate {
     color: [f32; N_COLOR_PRECISION],
 }
 
-/// Estimate that continued from the start.
 #[derive(Clone, Copy)]
 pub struct Later {
     pub estimate: Estimate,

@@ -5,17 +5,16 @@ use super::budget::UnassignedPoints;
 use super::scene::Scene;
 use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::inspection::DeviceError;
 use crate::model::scene::photometric::PhotometricDeviations;
-use crate::model::scene::points_device::PointsDevice;
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::Observation;
-use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::{ComparerUse, DevicePolicy, PassUse};
-use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::device_trial::DevicePolicy;
+use crate::train::learner::{Changed, DeviceUse, Learner, Learns, TrainingDevice};
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, TrainingWarning};
 use crate::train::scene::engine::SceneLearner;
 use crate::train::timing::{SCENE_STAGES, TrainStage};
@@ -101,21 +100,28 @@ impl Learner for SceneTrainer {
         self.photographs.is_settled()
     }
 
-    fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
-        self.photographs.learner.compare_on(comparer, policy);
+    fn add_device(
+        &mut self,
+        device: TrainingDevice,
+        policy: DevicePolicy,
+    ) -> Result<(), DeviceError> {
+        match device {
+            TrainingDevice::Photographs(device) => {
+                self.photographs.learner.compare_on(device, policy);
+            }
+            TrainingDevice::Points(device) => self.points.fits.add_device(device, policy),
+            TrainingDevice::Passes(_) => {}
+        }
+        Ok(())
     }
 
-    fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
-        self.points.fits.add_device(device, policy);
-    }
-
-    fn point_use(&self) -> Option<PassUse> {
-        Some(self.points.fits.used())
-    }
-
-    fn comparer_use(&self) -> Option<ComparerUse> {
-        let is_on = self.scene.config.photometric.is_some();
-        is_on.then(|| self.photographs.learner.comparer_use())
+    fn device_use(&self) -> DeviceUse {
+        let is_photometric = self.scene.config.photometric.is_some();
+        DeviceUse {
+            photographs: is_photometric.then(|| self.photographs.learner.comparer_use()),
+            passes: None,
+            points: Some(self.points.fits.used()),
+        }
     }
 
     fn normal(&self, id: usize) -> Option<DVec3> {
