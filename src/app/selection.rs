@@ -38,7 +38,7 @@ pub struct PickedSplat {
 
 /// Picking of the splat under a click; a click replaces a pick in progress.
 #[derive(Default)]
-pub struct SplatSelection(Option<(PickedSplat, BackgroundJob<Option<u32>>)>);
+pub struct SplatSelection(Option<(PickedSplat, Job<Option<u32>>)>);
 
 impl SplatSelection {
     /// Starts to pick the splat under a click, and draws the outline of the selected splat.
@@ -74,7 +74,7 @@ impl SplatSelection {
         // The job owns its reference to the splats and drops it before the result arrives, so that their
         // next change need not copy them.
         let find = move || pick(&splats, &camera, pixel, &options).map(|p| p.index as u32);
-        let job = BackgroundJob::start("picking", waker.clone(), find)?;
+        let job = Job::start_waking("picking", waker.clone(), find)?;
         self.0 = Some((PickedSplat { purpose, camera, pixel, splat: None }, job));
         Ok(())
     }

@@ -372,7 +372,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
     // Restored completely: the number of drawn splats is not stored but computed.
     let learner = run.revive()?.learner;
     let (used, components) = (learner.used(), learner.components());
-    let drawn = learner.stored_splats().iter().filter(|splat| splat.is_drawable()).count();
+    let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
     let tracking = run.trajectory()?.map(|trajectory| tracking(trajectory, &run));
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
     let SavedRun { version, bytes, config, meta, content, .. } = run;

@@ -384,11 +384,11 @@ enum Task {
 }
 
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    let learner = session.learner();
+    let used = session.learner().device_use();
     let tasks = [
-        (Task::Points, learner.point_use().is_some()),
-        (Task::Passes, learner.pass_use().is_some()),
-        (Task::Photographs, learner.comparer_use().is_some()),
+        (Task::Points, used.points.is_some()),
+        (Task::Passes, used.passes.is_some()),
+        (Task::Photographs, used.photographs.is_some()),
     ];
     // Drivers are not loaded if there is no work for them.
     let needed: Vec<Task> =
@@ -410,6 +410,7 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
+    use vbgs_studio::train::learner::TrainingDevice;
 
     let must = asked == DeviceName::Gpu;
     if !must && !may_have_gpu() {
@@ -422,18 +423,12 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     let error = match gpu {
         Ok(gpu) => {
             let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
-            let handed = match task {
-                Task::Passes => session.compute_on(Box::new(gpu.mixture()), policy),
-                Task::Points => {
-                    session.fit_on(Box::new(gpu.points()), policy);
-                    Ok(())
-                }
-                Task::Photographs => {
-                    session.compare_on(Box::new(gpu.comparer()), policy);
-                    Ok(())
-                }
+            let device = match task {
+                Task::Passes => TrainingDevice::Passes(Box::new(gpu.mixture())),
+                Task::Points => TrainingDevice::Points(Box::new(gpu.points())),
+                Task::Photographs => TrainingDevice::Photographs(Box::new(gpu.comparer())),
             };
-            let Err(error) = handed else { return Ok(()) };
+            let Err(error) = session.add_device(device, policy) else { return Ok(()) };
             error.to_string()
         }
         Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),

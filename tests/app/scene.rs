@@ -108,7 +108,7 @@ fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
     click(&mut window, "Scene");
-    for label in ["Structural scale", "Births", "Budget", "Sensor", "Preparation", "Calibration"] {
+    for label in ["Structural scale", "Budget", "Sensor", "Preparation", "Calibration"] {
         window.get_by_label(label);
     }
     let file = folder.path().join("one.ply");

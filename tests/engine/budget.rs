@@ -52,7 +52,7 @@ proptest! {
             // No point is lost: if merging frees too little, the scale coarsens.
             prop_assert!(outcome.points == frame.points.len());
             let drawn = |splat: &&Splat| splat.opacity > 0.0;
-            let n_drawn = scene.stored_splats().iter().filter(drawn).count();
+            let n_drawn = scene.splats().iter().filter(drawn).count();
             prop_assert!(n_drawn <= budget, "{n_drawn} drawn");
             let stored = checkpoint(&*scene, n);
             prop_assert_eq!(parse(&to_bytes(&stored)).unwrap().checkpoint, stored);

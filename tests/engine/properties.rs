@@ -103,7 +103,7 @@ proptest! {
         let StoredModel::Scene(state) = read.model else { panic!("expected a stored scene") };
         let again = engine::restore(&config, state, n).unwrap();
         prop_assert!(to_bytes(&checkpoint(&*again, n)) == bytes);
-        prop_assert!(again.stored_splats() == scene.stored_splats());
+        prop_assert!(again.splats() == scene.splats());
     }
 
     #[test]

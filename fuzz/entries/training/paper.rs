@@ -216,7 +216,7 @@ fn check_shares(mixture: &mut dyn PaperLearner, points: &Points<f32>) {
 fn check(mixture: &dyn PaperLearner) {
     let components = mixture.components();
     assert!(mixture.used() <= components, "{} of {components} used", mixture.used());
-    let stored = mixture.stored_splats();
+    let stored = mixture.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
     drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
     if let Changed::Listed(changed) = mixture.changed() {

@@ -115,7 +115,7 @@ fn fused(
 
 /// What holds whatever was seen.
 fn check(config: &SceneConfig, scene: &dyn SceneLearner) {
-    let stored = scene.stored_splats();
+    let stored = scene.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
     let n_drawn = drawn.inspect(|splat| assert!(splat.is_valid(), "{splat:?}")).count();
     assert!(n_drawn <= config.max_components, "{n_drawn} of {}", config.max_components);

@@ -150,7 +150,7 @@ impl Retention {
             let learnt = frame.position + 1;
             if self.looked_at.contains(&frame.position) {
                 scene.settle();
-                let after = self.psnr(&scene.stored_splats(), self.own(frame.position))?;
+                let after = self.psnr(&scene.splats(), self.own(frame.position))?;
                 let frame = frame.name;
                 let row =
                     RetentionRow { configuration, after_frames: learnt, frame, after, at_end: 0.0 };
@@ -159,14 +159,14 @@ impl Retention {
             if learnt.is_multiple_of(every) || learnt == n_frames {
                 scene.settle();
                 let views = (self.held_out.0, self.held_out.1.as_slice());
-                held_out.push((learnt, self.psnr(&scene.stored_splats(), views)?));
+                held_out.push((learnt, self.psnr(&scene.splats(), views)?));
             }
         }
         if rows.is_empty() {
             let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
             return Err(BenchError::NoFrame { dataset: self.dataset.name.clone(), first });
         }
-        let splats = scene.stored_splats();
+        let splats = scene.splats();
         for row in &mut rows {
             row.at_end = self.psnr(&splats, self.own(row.after_frames - 1))?;
         }

@@ -132,7 +132,7 @@ fn train_alike(
         course.engine.set_splat_rule(run.engine.splat_rule);
         course.engine.settle();
         Some(Trained {
-            splats: course.engine.stored_splats(),
+            splats: course.engine.splats(),
             born: course.engine.components(),
             model_bytes: course.engine.model_bytes(),
             train_ms: course.train_ms.clone(),

@@ -9,6 +9,7 @@ use super::state::QUANTUM;
 use crate::math::real::Real;
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::statistics::Moments;
+use crate::model::splat::observed_cone::ObservedCone;
 use glam::{DMat3, DVec3};
 use std::ops::Add;
 
@@ -188,6 +189,22 @@ impl SceneSums {
     /// Returns the covariance of the points; N > 0.
     pub fn covariance(&self) -> Sym3 {
         self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
+    }
+
+    /// Returns mean and covariance of the view directions; N > 0.
+    pub fn view_moments(&self) -> (DVec3, Sym3) {
+        let mean = self.view / self.count;
+        let second = self.view_second.scaled(1.0 / self.count);
+        (mean, second.add_scaled(-1.0, Sym3::outer(mean)))
+    }
+
+    /// Returns the range of view directions; unknown without points.
+    pub fn observed_cone(&self) -> ObservedCone {
+        if self.count < 1.0 {
+            return ObservedCone::default();
+        }
+        let (mean, covariance) = self.view_moments();
+        ObservedCone::new(mean, covariance)
     }
 
     /// Returns the covariance of colour and position, row per channel; N > 0.

@@ -11,15 +11,14 @@ use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::inspection::DeviceError;
-use crate::model::paper::mixture_device::MixtureDevice;
 use crate::model::paper::state::ModelState;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::{DevicePolicy, PassUse};
-use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::device_trial::DevicePolicy;
+use crate::train::learner::{Changed, DeviceUse, Learner, Learns, TrainingDevice};
 use crate::train::outcome::{
     FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES, TrainingWarning,
 };
@@ -119,16 +118,19 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
         ids.map(|&k| self.splat(k as usize).0).collect::<Vec<_>>().into()
     }
 
-    fn compute_on(
+    fn add_device(
         &mut self,
-        device: Box<dyn MixtureDevice>,
+        device: TrainingDevice,
         policy: DevicePolicy,
     ) -> Result<(), DeviceError> {
-        self.trainer.compute_on(device, policy)
+        match device {
+            TrainingDevice::Passes(device) => self.trainer.compute_on(device, policy),
+            TrainingDevice::Photographs(_) | TrainingDevice::Points(_) => Ok(()),
+        }
     }
 
-    fn pass_use(&self) -> Option<PassUse> {
-        self.trainer.pass_use()
+    fn device_use(&self) -> DeviceUse {
+        DeviceUse { passes: self.trainer.pass_use(), ..DeviceUse::default() }
     }
 
     fn component_elbo(&self) -> &ComponentElbo {

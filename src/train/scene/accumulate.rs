@@ -12,7 +12,6 @@ use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// Points of a frame with their assignment and corrections.
 #[derive(Clone, Copy)]
 pub struct AssignedPoints<'a> {
     /// Points of the frame, world units from the scene's origin.
@@ -21,9 +20,7 @@ pub struct AssignedPoints<'a> {
     pub owners: &'a [u32],
     /// Shift of each point along its ray, world units.
     pub shifts: &'a [f32],
-    /// Factor on each colour channel.
     pub gain: [f32; 3],
-    /// Pixels per point.
     pub weight: u32,
 }
 
@@ -46,7 +43,7 @@ impl AssignedPoints<'_> {
         let weight = self.weight as f32;
         let mut terms = terms(offset, color, point.normal, point.direction);
         for term in &mut terms {
-            *term = weight * *term;
+            *term *= weight;
         }
         terms
     }
@@ -102,7 +99,6 @@ struct Part<'a, P> {
 
 /// Component that receives points of this frame.
 struct Receiver {
-    /// Row within the part.
     row: u32,
     n: u32,
     seed: [f32; 3],
@@ -163,7 +159,6 @@ impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, P> {
     }
 }
 
-/// Adds terms rounded as in a row.
 fn add_rounded(sums: &mut [f64; N_SUMS], terms: &[f32; N_SUMS]) {
     let rounded = terms.iter().map(|&term| value(term_quanta(term)));
     sums.iter_mut().zip(rounded).for_each(|(sum, term)| *sum += term);
@@ -180,7 +175,6 @@ fn clamp(value: f32, most: f32) -> f32 {
 pub const PARTS: usize = 32;
 /// Number of points sampled to choose the ranges.
 const SAMPLED: usize = 1024;
-/// Points per task.
 const CHUNK: usize = 2048;
 
 /// A frame's points, partitioned by ranges of consecutive components.

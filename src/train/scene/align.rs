@@ -52,10 +52,8 @@ const ROBUST: f64 = 4.0;
 pub const TURN_DEVIATION: f64 = 0.01;
 /// Gauss–Newton steps per assignment of components.
 const STEPS: usize = 2;
-/// Matches per partial sum.
 const PART: usize = 256;
 
-/// Inputs of the alignment of one frame.
 pub struct PoseAlignment<'a> {
     /// Frame as recorded, with the points selected by [`alignment_subset`].
     pub frame: &'a Observation,
@@ -63,13 +61,11 @@ pub struct PoseAlignment<'a> {
     pub owners: &'a [u32],
     /// Factors from the frame's colours to the scene's exposure.
     pub gain: [f32; 3],
-    /// Structural scale, world units.
     pub h: f64,
 }
 
 /// Prediction of a component, and the frame's measurement of it.
 pub struct Match<'p> {
-    /// Predicted plane and colours.
     pub plane: &'p ColoredPlane,
     /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
     pub position: DVec3,
@@ -79,23 +75,17 @@ pub struct Match<'p> {
     pub noise: f64,
 }
 
-/// Result of one round of alignment.
 pub struct Improvement {
-    /// Improved motion.
     pub motion: Motion,
-    /// True if the motion has converged.
     pub has_converged: bool,
 }
 
-/// Matches of a frame and their coverage.
 pub struct FrameMatches<'p> {
-    /// One per component.
     pub matches: Vec<Match<'p>>,
     /// Share of the frame's points that these components own, 0 to 1.
     pub share: f64,
 }
 
-/// Prior of a frame's motion.
 #[derive(Clone, Copy)]
 pub struct RecordedPose {
     /// Camera centre as recorded, world units from the origin.
@@ -119,7 +109,6 @@ pub fn first_groups(frame: &Observation) -> Observation {
     with_points(frame, groups.flatten().copied().collect())
 }
 
-/// Copies the fields that alignment needs.
 fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
     Observation {
         points,
@@ -270,11 +259,9 @@ pub struct ColoredPlane {
     pub seed: DVec3,
     /// Mean of its points, world units from the origin.
     pub mean: DVec3,
-    /// Unit normal.
     pub normal: DVec3,
     /// Variance of its points along the normal, world units².
     pub variance: f64,
-    /// Mean colour.
     pub color: DVec3,
     /// Colour gradient within the plane, one row per channel, per world unit.
     pub gradient: DMat3,
@@ -306,7 +293,6 @@ impl ColoredPlane {
 pub struct KnownPlanes<'a> {
     component_sums: &'a ComponentSums,
     seed_positions: SeedPositions<'a>,
-    /// Structural scale, world units.
     h: f64,
     /// Ridge of the regression of colour on position, world units².
     ridge: f64,
@@ -343,7 +329,6 @@ impl<'a> KnownPlanes<'a> {
         self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
     }
 
-    /// Number of components requested so far.
     pub fn len(&self) -> usize {
         self.planes.len()
     }

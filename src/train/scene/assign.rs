@@ -3,8 +3,8 @@
 //! Distance alone decides: normals or colours as additional dimensions gave more components but no better
 //! picture (`scene.md`, Effect of each part).
 
-use super::components::Components;
-use super::grid::{NONE, SeedGrid};
+use super::components::SeedPositions;
+use super::grid::NONE;
 use super::seed_groups::{Reach, SearchRays, SeedGroups};
 use crate::math::simd::Isa;
 use crate::model::scene::points_device::LEFT_TO_PROCESSOR;
@@ -17,8 +17,7 @@ const GROUP: usize = 64;
 /// Replaces `owners` by the component of every point, that of the nearest seed; [`NONE`] if no seed is near
 /// enough.
 pub fn assign(
-    grid: &SeedGrid,
-    components: &Components,
+    seeds: SeedPositions<'_>,
     reach: Reach,
     points: &[SurfacePoint],
     owners: &mut Vec<u32>,
@@ -31,9 +30,9 @@ pub fn assign(
             places.clear();
             places.extend(points.iter().map(|point| point.position));
             groups.clear();
-            groups.gather(grid, reach.h, places);
-            groups.nearest(grid, reach.h, places, owners);
-            keep_components(grid, components, reach, points, owners);
+            groups.gather(seeds.grid, reach.h, places);
+            groups.nearest(seeds.grid, reach.h, places, owners);
+            keep_components(seeds, reach, points, owners);
         },
     );
 }
@@ -41,8 +40,7 @@ pub fn assign(
 /// Completes an assignment by a device: `owners` holds the nearest seed of each point within the structural
 /// scale, [`NONE`] if there is none, or [`LEFT_TO_PROCESSOR`] if it is to be searched here.
 pub fn assign_known(
-    grid: &SeedGrid,
-    components: &Components,
+    seeds: SeedPositions<'_>,
     reach: Reach,
     points: &[SurfacePoint],
     owners: &mut [u32],
@@ -51,25 +49,24 @@ pub fn assign_known(
         for (owner, point) in
             owners.iter_mut().zip(points).filter(|(owner, _)| **owner == LEFT_TO_PROCESSOR)
         {
-            *owner = grid.nearest(point.position).unwrap_or(NONE);
+            *owner = seeds.grid.nearest(point.position).unwrap_or(NONE);
         }
-        keep_components(grid, components, reach, points, owners);
+        keep_components(seeds, reach, points, owners);
     });
 }
 
 /// Replaces seeds by their components; points without a seed are searched along their rays.
 fn keep_components(
-    grid: &SeedGrid,
-    components: &Components,
+    seeds: SeedPositions<'_>,
     reach: Reach,
     points: &[SurfacePoint],
     owners: &mut [u32],
 ) {
     if reach.searches_rays() {
-        Isa::best().run(SearchRays { grid, reach, points, seeds: owners });
+        Isa::best().run(SearchRays { grid: seeds.grid, reach, points, seeds: owners });
     }
     for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
-        *owner = components.of_seed(*owner);
+        *owner = seeds.components.of_seed(*owner);
     }
 }
 
@@ -77,6 +74,8 @@ fn keep_components(
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::train::scene::components::Components;
+    use crate::train::scene::grid::SeedGrid;
 
     #[test]
     fn groups_find_what_single_searches_find() {
@@ -102,7 +101,8 @@ mod tests {
         for seed in 0..grid.len() as u32 {
             components.add_seed(seed);
         }
-        assign(&grid, &components, Reach::new(0.1, 0.0), &points, &mut owners);
+        let seeds = SeedPositions { grid: &grid, components: &components };
+        assign(seeds, Reach::new(0.1, 0.0), &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {
             assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
         }

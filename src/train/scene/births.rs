@@ -5,10 +5,8 @@ use super::grid::{NONE, SeedGrid};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// Counts of one frame's births.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameBirths {
-    /// New components.
     pub born: usize,
     /// Points without a component because the budget is exhausted.
     pub refused: usize,
@@ -16,12 +14,9 @@ pub struct FrameBirths {
     pub out_of_reach: usize,
 }
 
-/// Limits of births.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Maximum number of components.
     pub components: usize,
-    /// Maximum number of seeds.
     pub seeds: usize,
 }
 

@@ -6,17 +6,15 @@
 //! 0.005 dB.
 
 use crate::math::image::split_by_sizes;
-use crate::math::sym3::Sym3;
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{N_SUMS, SceneSums, clamp_moments, repair_scatter};
 use crate::model::splat::observed_cone::ObservedCone;
-use glam::{DMat3, DVec3};
+use glam::DMat3;
 use rayon::prelude::*;
 
 // Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
 
-/// Sums of one component.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SumRow {
@@ -42,7 +40,6 @@ pub enum Visibility {
 }
 
 impl SumRow {
-    /// Adds the terms of one point.
     #[inline(always)]
     pub fn add(&mut self, terms: &[f32; N_SUMS]) {
         for (sum, &term) in self.sums.iter_mut().zip(terms) {
@@ -61,7 +58,6 @@ impl SumRow {
         });
     }
 
-    /// Returns the visibility counts.
     pub fn visibility(&self) -> VisibilityCounts {
         self.visibility
     }
@@ -72,7 +68,6 @@ impl SumRow {
     }
 }
 
-/// Read access to the wide rows.
 #[derive(Clone, Copy)]
 pub struct WideRows<'a>(&'a WideSums);
 
@@ -99,17 +94,14 @@ pub struct ComponentSums {
 }
 
 impl ComponentSums {
-    /// Number of components.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Grows to `n` components.
     pub fn grow(&mut self, n: usize) {
         self.rows.resize(n, SumRow::EMPTY);
     }
 
-    /// Returns the memory used by the rows, in bytes.
     pub fn bytes(&self) -> usize {
         self.rows.len() * size_of::<SumRow>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
@@ -145,16 +137,8 @@ impl ComponentSums {
 
     /// Returns the range of view directions of a component's points; unknown without points.
     pub fn observed_cone(&self, id: usize) -> ObservedCone {
-        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
-        let n = sum(0);
-        if n < 1.0 {
-            return ObservedCone::default();
-        }
-        let mean = DVec3::new(sum(25), sum(26), sum(27)) / n;
-        let (xx, yy) = (sum(28) / n, sum(31) / n);
-        // Directions are unit vectors, so their squares sum to the count.
-        let second = [xx, sum(29) / n, sum(30) / n, yy, sum(32) / n, 1.0 - xx - yy];
-        ObservedCone::new(mean, Sym3::from_array(second).add_scaled(-1.0, Sym3::outer(mean)))
+        // Directions are independent of the structural scale.
+        SceneSums::new(&self.sums(id), 1.0).observed_cone()
     }
 
     /// Returns sums and visibility counts in checkpoint form. Equal sums are stored alike, whatever the order
@@ -174,7 +158,6 @@ impl ComponentSums {
         (StoredSums { rows, wide }, visibility)
     }
 
-    /// Restores what [`Self::state`] returned.
     pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Self {
         let rows = sums.rows.into_iter().zip(visibility);
         let rows = rows.map(|(sums, visibility)| SumRow { sums, visibility }).collect();
@@ -306,7 +289,6 @@ impl ComponentSums {
         }
     }
 
-    /// Adds sums that are too large for a row.
     pub fn add_wide(&mut self, id: u32, sums: [f64; N_SUMS]) {
         self.wide.add(id, &sums);
     }
@@ -328,12 +310,10 @@ pub fn term_quanta(term: f32) -> i32 {
     (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
 }
 
-/// Rounds a sum to whole quanta.
 fn sum_quanta(sum: f64) -> i32 {
     (sum / QUANTUM).round_ties_even() as i32
 }
 
-/// Converts whole quanta to a number.
 #[inline(always)]
 pub fn value(quanta: i32) -> f64 {
     f64::from(quanta) * QUANTUM
@@ -355,30 +335,25 @@ pub struct WideSums {
 }
 
 impl WideSums {
-    /// Number of components with wide sums.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Iterates over these components.
     pub fn ids(&self) -> impl Iterator<Item = u32> {
         self.rows.iter().map(|(id, _)| *id)
     }
 
-    /// Returns the wide sums of a component, if any.
     #[inline(always)]
     pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Returns the wide sums of a component, if any.
     pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get_mut(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Adds to the wide sums of a component.
     pub fn add(&mut self, id: u32, sums: &[f64; N_SUMS]) {
         match self.get_mut(id) {
             // Integer quanta below 2⁵³ are exact in f64, hence independent of the order.
@@ -392,7 +367,6 @@ impl WideSums {
         }
     }
 
-    /// Removes the wide sums of a component.
     pub fn remove(&mut self, id: u32) {
         let Some(place) = self.places.get_mut(id as usize) else { return };
         let place = std::mem::replace(place, NONE) as usize;

@@ -10,7 +10,6 @@ use crate::model::scene::state::WHOLE;
 // Surface of a whole seed: integers make sums exact.
 const SURFACE: u32 = WHOLE as u32 * WHOLE as u32;
 
-/// Components and their seeds.
 #[derive(Clone, Debug, Default)]
 pub struct Components {
     /// Number of rows of sums, used or free.
@@ -24,7 +23,6 @@ pub struct Components {
 
 #[derive(Clone, Debug, Default)]
 struct Sharing {
-    /// Component of each seed.
     component: Vec<u32>,
     /// Oldest seed of each component, to which its sums refer.
     reference: Vec<u32>,
@@ -76,7 +74,6 @@ impl Components {
         self.sharing.as_ref().map(|s| s.component.as_slice())
     }
 
-    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         self.sharing.as_ref().map_or(0, |s| {
             size_of_val(&s.component[..])
@@ -85,7 +82,6 @@ impl Components {
         }) + self.shares.len()
     }
 
-    /// Returns the component of a seed.
     #[inline(always)]
     pub fn of_seed(&self, seed: u32) -> u32 {
         self.sharing.as_ref().map_or(seed, |s| s.component[seed as usize])
@@ -174,12 +170,9 @@ fn squared(share: u8) -> u32 {
     u32::from(share) * u32::from(share)
 }
 
-/// Seeds and the components they belong to.
 #[derive(Clone, Copy)]
 pub struct SeedPositions<'a> {
-    /// Seeds by position.
     pub grid: &'a SeedGrid,
-    /// Component of every seed.
     pub components: &'a Components,
 }
 

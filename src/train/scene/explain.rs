@@ -10,14 +10,12 @@ use super::seed_groups::Reach;
 use crate::observation::surface::{DepthTolerance, SurfacePoint};
 use rayon::prelude::*;
 
-/// Points per task.
 const CHUNK: usize = 1024;
 
 pub struct Explainer<'a> {
     /// Sums of components that existed before the frame.
     pub component_sums: &'a ComponentSums,
     pub seed_positions: SeedPositions<'a>,
-    /// Structural scale, world units.
     pub h: f64,
     pub reach: Reach,
     pub tolerance: DepthTolerance,

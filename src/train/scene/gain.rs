@@ -42,9 +42,7 @@ pub fn gain(
 
 #[derive(Default)]
 pub struct Brightness {
-    /// Sum of the component means.
     expected: DVec3,
-    /// Sum of the points' colours.
     seen: DVec3,
     points: f64,
 }

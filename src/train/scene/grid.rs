@@ -41,7 +41,6 @@ struct Node {
 }
 
 impl SeedGrid {
-    /// Creates an empty grid of cells `cell` world units wide.
     pub fn new(cell: f64) -> Self {
         Self {
             cell: cell as f32,
@@ -52,12 +51,10 @@ impl SeedGrid {
         }
     }
 
-    /// Number of seeds.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Returns the position of a seed.
     #[inline(always)]
     pub fn position(&self, id: usize) -> [f32; 3] {
         self.positions[id]
@@ -70,7 +67,6 @@ impl SeedGrid {
         Seeds { h, per_cell, max_cells: MAX_CELLS, positions, are_new }
     }
 
-    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         self.len() * size_of::<[f32; 3]>()
             + self.nodes.len() * size_of::<Node>()
@@ -83,7 +79,6 @@ impl SeedGrid {
         position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
-    /// Returns the cell of such a position.
     #[inline(always)]
     pub fn cell_of(&self, position: [f32; 3]) -> [i32; 3] {
         let mut cell = [0; 3];
@@ -338,17 +333,14 @@ impl Kernel for Gather<'_> {
     }
 }
 
-/// Box of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct CellBox {
-    /// Smallest index along each axis.
     pub low: [i32; 3],
     /// Largest index along each axis, inclusive.
     pub high: [i32; 3],
 }
 
 impl CellBox {
-    /// Returns the number of cells.
     pub fn n_cells(&self) -> f64 {
         // In f64, as the product may exceed 64 bits.
         let along = |i: usize| f64::from(self.high[i]) - f64::from(self.low[i]) + 1.0;

@@ -213,7 +213,7 @@ impl Partition {
     /// Returns the component of every point; new ones are born where none is near. `None` beyond the limit.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
         let Self { h, grid, components, owners } = self;
-        assign(grid, components, Reach::new(*h, 0.0), points, owners);
+        assign(SeedPositions { grid, components }, Reach::new(*h, 0.0), points, owners);
         let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
         create_components(*h, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()

@@ -9,7 +9,6 @@ pub mod config;
 pub mod engine;
 pub mod photometric;
 pub mod track;
-pub mod trainer;
 pub mod units;
 
 mod accumulate;
@@ -32,5 +31,6 @@ mod observe;
 mod point_fits;
 mod rigid_equations;
 mod seed_groups;
+mod trainer;
 #[cfg(test)]
 mod wall_tests;

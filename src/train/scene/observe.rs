@@ -6,7 +6,6 @@ use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
 
-/// Parallel tasks.
 const PARTS: usize = 64;
 
 /// View of the scene from a frame's camera.

@@ -7,7 +7,7 @@
 use super::accumulate::{AssignedPoints, PARTS, accumulate};
 use super::assign::{assign, assign_known};
 use super::component_sums::{ComponentSums, FULL};
-use super::components::{Components, SeedPositions};
+use super::components::SeedPositions;
 use super::grid::{NONE, SeedGrid};
 use super::seed_groups::Reach;
 use crate::model::inspection::DeviceError;
@@ -22,7 +22,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// Structural scales for which squared distances within reach are normal f32 numbers.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
-/// Fits points on the processor or the device.
 #[derive(Default)]
 pub struct PointFits {
     device: Option<PointFitter>,
@@ -42,7 +41,6 @@ struct PointFitter {
     has_seeds: bool,
     /// True if it has the points of the current frame.
     has_points: bool,
-    /// Device for the current frame.
     turn: DeviceChoice,
     /// Milliseconds of the frame on processor and device, while both are timed.
     ms: [f64; 2],
@@ -50,7 +48,6 @@ struct PointFitter {
 }
 
 impl PointFits {
-    /// Adds a device for the following frames.
     pub fn add_device(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.points, self.open_points) = (0, 0);
@@ -66,7 +63,6 @@ impl PointFits {
         });
     }
 
-    /// Returns counts and times by device.
     pub fn used(&self) -> PassUse {
         let open_share = self.open_points as f64 / self.points.max(1) as f64;
         PassUse { open_share, ..self.used.clone() }
@@ -101,14 +97,13 @@ impl PointFits {
     /// Finds the component of every point, as [`assign`] does.
     pub fn assign(
         &mut self,
-        grid: &SeedGrid,
-        components: &Components,
+        seeds: SeedPositions<'_>,
         reach: Reach,
         points: &[SurfacePoint],
         owners: &mut Vec<u32>,
     ) {
         let mut clock = Stopwatch::start();
-        let is_found = self.assign_on_device(grid, components, reach, points);
+        let is_found = self.assign_on_device(seeds, reach, points);
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
@@ -116,7 +111,7 @@ impl PointFits {
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
-        assign(grid, components, reach, points, owners);
+        assign(seeds, reach, points, owners);
         let Some(fitter) = self.device.as_mut().filter(|_| is_found) else { return };
         fitter.ms[0] += clock.lap_ms();
         if fitter.owners != *owners {
@@ -127,8 +122,7 @@ impl PointFits {
     /// Assigns on the device if it is its turn; returns true on success.
     fn assign_on_device(
         &mut self,
-        grid: &SeedGrid,
-        components: &Components,
+        seeds: SeedPositions<'_>,
         reach: Reach,
         points: &[SurfacePoint],
     ) -> bool {
@@ -137,9 +131,9 @@ impl PointFits {
         else {
             return false;
         };
-        match fitter.find_seeds(grid, points) {
+        match fitter.find_seeds(seeds.grid, points) {
             Ok(n_open) => {
-                assign_known(grid, components, reach, points, &mut fitter.owners);
+                assign_known(seeds, reach, points, &mut fitter.owners);
                 self.points += points.len() as u64;
                 self.open_points += n_open as u64;
                 true
@@ -310,7 +304,6 @@ impl PointSlots {
         self.list(frame, any_left);
     }
 
-    /// Counts the pixels of every component.
     fn count(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         let counts = &mut self.of_components;
         counts.clear();
@@ -348,7 +341,6 @@ impl PointSlots {
     }
 }
 
-/// True if all numbers of a point are within range.
 fn is_plain(point: &SurfacePoint) -> bool {
     [&point.color, &point.normal, &point.direction].iter().all(|v| all_within(v, MAX_NUMBER))
 }

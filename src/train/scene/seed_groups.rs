@@ -168,7 +168,6 @@ pub struct NearSeeds<'a> {
 
 #[derive(Default)]
 struct Chunk {
-    /// Current positions.
     places: Vec<[f32; 3]>,
     /// Positions when the groups were last formed.
     gathered: Vec<[f32; 3]>,

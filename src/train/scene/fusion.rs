@@ -78,10 +78,7 @@ fn with_settled_photographs<'a>(
     let photographs = state.photometric.as_ref();
     let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
     let trainer = is_waiting.then(|| SceneTrainer::restore(config, state.clone(), 0)).flatten();
-    match trainer.and_then(SceneTrainer::settled_photographs) {
-        None => Cow::Borrowed(state),
-        photometric => Cow::Owned(SceneState { photometric, ..state.clone() }),
-    }
+    trainer.map_or(Cow::Borrowed(state), |trainer| Cow::Owned(trainer.into_settled_state()))
 }
 
 /// Moves a scene back to its start's coordinates, since later frames may have moved it as a whole. `None` if
@@ -103,7 +100,6 @@ fn back_at<'a>(
 }
 
 struct Component {
-    /// World units from the scene's origin.
     seed: [f32; 3],
     /// Share of the structural scale, in units of 1/[`WHOLE`].
     share: u8,
@@ -180,7 +176,6 @@ impl Component {
 }
 
 struct Fused {
-    /// Structural scale, world units.
     h: f64,
     components: Vec<Component>,
     /// Number of components of the start.
@@ -262,7 +257,6 @@ pub struct Estimate {
     color: [f32; N_COLOR_PRECISION],
 }
 
-/// Estimate that continued from the start.
 #[derive(Clone, Copy)]
 pub struct Later {
     pub estimate: Estimate,
