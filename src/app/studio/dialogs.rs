@@ -1,27 +1,71 @@
-//! Opening and writing files, and the actions that wait for them.
+//! Dialogs of the window, and the orders that wait for them.
 
-use super::Studio;
-use super::commands::order_to_open;
-use crate::app::abandoned::AbandonedRun;
+use crate::app::action_finder::ActionFinder;
 use crate::app::command::UiCommand;
-use crate::app::edit::editor::EditCounts;
-use crate::app::film::FilmRequest;
 use crate::app::opening::{AfterWrite, Continuation, Pending};
-use crate::app::panels::status::Answer;
-use crate::app::path_dialog::PathAnswer;
-use crate::app::state::{NoticeKind, RunState, Snapshot};
-use crate::app::viewer::export_preview::ExportChoice;
-use crate::app::worker::WorkerOrder;
-use crate::app::{export_options, panels};
-use crate::export::ModelFormat;
-use crate::render::{Lens, RenderOptions};
+use crate::app::path_dialog::PathDialog;
+use crate::app::state::{Opened, Snapshot};
+use crate::app::worker::{Worker, WorkerOrder};
+use crate::export::mapping::Mapping;
 use eframe::egui::{
-    Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, ViewportCommand, Window,
+    Context, Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, ViewportCommand, Window,
 };
 
-impl Studio {
+pub(super) struct Dialogs {
+    pub open: PathDialog,
+    pub compare: PathDialog,
+    pub save: PathDialog,
+    pub export: PathDialog,
+    pub film: PathDialog,
+    pub mapping: Mapping,
+    pub finder: ActionFinder,
+    pub help_is_open: bool,
+}
+
+impl Default for Dialogs {
+    fn default() -> Self {
+        Self {
+            open: PathDialog::open(),
+            compare: PathDialog::compare(),
+            save: PathDialog::save(),
+            export: PathDialog::export(),
+            film: PathDialog::film(),
+            mapping: Mapping::default(),
+            finder: ActionFinder::default(),
+            help_is_open: false,
+        }
+    }
+}
+
+impl Dialogs {
+    pub fn propose(&mut self, opened: &Opened) {
+        for dialog in [&mut self.save, &mut self.export, &mut self.film] {
+            dialog.propose(opened.serial, &opened.files);
+        }
+    }
+
+    /// True if a dialog has priority over shortcuts.
+    pub fn take_keys(&self) -> bool {
+        let all = [&self.open, &self.compare, &self.save, &self.export, &self.film];
+        self.finder.is_open() || all.iter().any(|dialog| dialog.is_open())
+    }
+}
+
+/// Confirmation of what would discard unsaved training.
+#[derive(Default)]
+pub(super) struct UnsavedWork {
+    pending: Option<Pending>,
+    /// True if closing needs no confirmation.
+    pub may_close: bool,
+}
+
+impl UnsavedWork {
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
     /// Sends the order at once if no training would be lost, otherwise after confirmation.
-    pub(super) fn confirm_then_send(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
+    pub fn send(&mut self, order: WorkerOrder, worker: &Worker, snapshot: &Snapshot) {
         self.pending = match self.pending.take() {
             // The user already confirmed or is about to name a file; only the following action changes.
             Some(waiting) => Some(waiting.instead(Continuation::Send(order))),
@@ -29,221 +73,111 @@ impl Studio {
                 Some(Pending::Asking(Continuation::Send(order)))
             }
             None => {
-                self.worker.send(order);
+                worker.send(order);
                 None
             }
         };
     }
 
-    /// True if the user chose "Not now" for this abandoned run.
-    pub(super) fn is_postponed(&self, run: &AbandonedRun) -> bool {
-        self.postponed_slot.as_ref() == Some(&run.slot)
-    }
-
-    pub(super) fn handle_abandoned_answer(
-        &mut self,
-        run: &AbandonedRun,
-        answer: Option<Answer>,
-        snapshot: &Snapshot,
-    ) {
-        match answer {
-            None => {}
-            Some(Answer::Resume) => self.confirm_then_send(WorkerOrder::ResumeAbandoned, snapshot),
-            Some(Answer::Forget) => self.worker.send(WorkerOrder::DiscardAbandoned),
-            Some(Answer::NotNow) => self.postponed_slot = Some(run.slot.clone()),
-        }
-    }
-
-    pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        // No action waits for this dialog, so cancelling it has no effect.
-        if let Some(PathAnswer::Path(path)) =
-            self.open_dialog.ui(ui, self.window_waker.waker(), |_| (), |_| ())
-        {
-            self.confirm_then_send(order_to_open(path), snapshot);
-        }
-        if let Some(PathAnswer::Path(path)) =
-            self.compare_dialog.ui(ui, self.window_waker.waker(), |_| (), |_| ())
-            && let Err(error) = self.view.compare_with(path)
-        {
-            let text = format!("cannot start a thread to read the model: {error}");
-            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
-        }
-        match self.save_dialog.ui(ui, self.window_waker.waker(), |_| (), |_| ()) {
-            None => {}
-            Some(PathAnswer::Cancelled) => self.cancel_naming(),
-            Some(PathAnswer::Path(path)) => {
-                let number = self.begin_write();
-                self.worker.send(WorkerOrder::Save(number, path));
-            }
-        }
-        self.ask_export(ui, snapshot);
-        self.ask_film(ui, snapshot);
-        if let Some((kind, text)) = self.still.take() {
-            self.worker.send(WorkerOrder::Report(kind, text));
-        }
-        help(ui, &mut self.help_is_open);
-        let mut finder = std::mem::take(&mut self.finder);
-        let chosen = finder.ui(ui, |action| self.unavailable_reason(action, snapshot).is_none());
-        self.finder = finder;
-        if let Some(action) = chosen {
-            self.apply_action(action, snapshot);
-        }
-        // After the dialogs, so that a file named in this pass is already taken into account.
-        self.resolve_pending(ui, snapshot);
-    }
-
-    /// Draws the export dialog with its options and preview.
-    fn ask_export(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        self.preview_export(snapshot);
-        let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
-        let (editor, palette) = self.view.editor_and_palette();
-        let counts = self.export_dialog.is_open().then(|| editor.counts(palette));
-        let report = self.view.export_preview_report();
-        let (mapping, previews) = (&mut self.mapping, &mut self.view.settings.previews_export);
-        let choices = |ui: &mut Ui| {
-            if is_native {
-                export_options::ui(mapping, ui);
-            }
-            if let Some(EditCounts { all, left_out: n @ 1.., .. }) = counts {
-                ui.label(format!("{n} of {all} splats are excluded by edits (Edit tab)."));
-            }
-            export_options::preview(previews, ui);
-        };
-        let told = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
-        match self.export_dialog.ui(ui, self.window_waker.waker(), choices, told) {
-            None => {}
-            Some(PathAnswer::Cancelled) => self.cancel_naming(),
-            Some(PathAnswer::Path(path)) => {
-                let number = self.begin_write();
-                let left_out = self.view.editor().left_out();
-                self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
-            }
-        }
-    }
-
-    /// Saves the current view as a PNG next to the open file or folder.
-    pub(super) fn save_picture(&mut self, snapshot: &Snapshot) {
-        let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
-        let path = opened.files.path("view.png");
-        if let Err(error) = self.still.start(still, path, self.window_waker.waker().clone()) {
-            let text = format!("cannot start a thread to draw the picture: {error}");
-            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
-        }
-    }
-
-    /// Draws the film dialog and reports the previous film.
-    fn ask_film(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        if let Some((kind, text)) = self.film.poll_notice() {
-            self.worker.send(WorkerOrder::Report(kind, text));
-        }
-        let path = &mut self.path;
-        let choices = |ui: &mut Ui| panels::path::film_choices(path, ui);
-        let Some(PathAnswer::Path(output)) =
-            self.film_dialog.ui(ui, self.window_waker.waker(), choices, |_| ())
-        else {
-            return;
-        };
-        let (Some(opened), Some(path)) = (&snapshot.opened, self.path.paced()) else { return };
-        let settings = &self.view.settings;
-        let method = settings.method(settings.renderer, Lens::Pinhole);
-        let plain = RenderOptions::viewport(method, settings.background.rgb(), opened.home.radius);
-        let order = FilmRequest {
-            path,
-            size: self.path.size,
-            output,
-            options: RenderOptions { exposure_mode: settings.exposing, ..plain },
-            left_out: self.view.editor().left_out(),
-            is_beside_training: snapshot.state == RunState::Training,
-        };
-        let scene = self.view.learned().clone();
-        if let Err(error) = self.film.start(scene, order, self.window_waker.waker().clone()) {
-            let text = format!("cannot start a thread to render the film: {error}");
-            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
-        }
-    }
-
-    /// Previews the choices of the export dialog while it is open.
-    fn preview_export(&mut self, snapshot: &Snapshot) {
-        let Some(opened) = &snapshot.opened else { return };
-        let is_wanted = self.export_dialog.is_open() && self.view.settings.previews_export;
-        let format = is_wanted.then(|| ModelFormat::from_path(&self.export_dialog.entered()).ok());
-        let choice = format.flatten().map(|format| ExportChoice {
-            format,
-            mapping: self.mapping,
-            left_out: self.view.editor().left_out(),
-        });
-        if let Err(error) = self.view.preview_export(choice, opened, snapshot.state) {
-            let text = format!("cannot start a thread to preview the file: {error}");
-            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
-            self.view.settings.previews_export = false;
-        }
-    }
-
     /// Returns a number for the next file and makes the pending action wait for it.
-    fn begin_write(&mut self) -> u64 {
+    pub fn begin_write(&mut self, worker: &Worker) -> u64 {
         // A number, not the path: the snapshot may still report an earlier file of the same name.
-        let number = self.worker.new_number();
+        let number = worker.new_number();
         self.pending = self.pending.take().map(|pending| pending.named(number));
         number
     }
 
     /// Cancels the action that waits for a file name.
-    fn cancel_naming(&mut self) {
+    pub fn cancel_naming(&mut self) {
         self.pending = self.pending.take().filter(|p| !matches!(p, Pending::Naming(_)));
     }
 
+    /// Closes the window without confirmation.
+    pub fn close(&mut self, ctx: &Context) {
+        // The command returns as a close request, which must not be confirmed again.
+        self.may_close = true;
+        ctx.send_viewport_cmd(ViewportCommand::Close);
+    }
+
+    /// Handles a request to close the window: unsaved training must be confirmed.
+    pub fn handle_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
+        if snapshot.is_terminated && !self.may_close {
+            // The program is terminated from outside, so no confirmation is possible.
+            self.close(ctx);
+        }
+        let asked = ctx.input(|i| i.viewport().close_requested());
+        if !asked || self.may_close {
+            return;
+        }
+        // A pending confirmation or file now leads to closing, so that the same training is not confirmed
+        // twice.
+        let waiting = self.pending.take();
+        if waiting.is_none() && !snapshot.has_training_to_lose() {
+            return;
+        }
+        // Must be sent in this pass: eframe closes unless it finds this command in the same pass.
+        ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+        if ctx.input(|i| i.viewport().minimized == Some(true)) {
+            // A minimised window, closed from the task bar, would hide the confirmation.
+            ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
+            ctx.send_viewport_cmd(ViewportCommand::Focus);
+        }
+        self.pending = Some(match waiting {
+            Some(waiting) => waiting.instead(Continuation::Close),
+            None => Pending::Asking(Continuation::Close),
+        });
+    }
+
     /// Confirms discarding of unsaved training and executes pending actions that are ready.
-    fn resolve_pending(&mut self, ui: &Ui, snapshot: &Snapshot) {
+    pub fn resolve(
+        &mut self,
+        dialogs: &mut Dialogs,
+        worker: &Worker,
+        ui: &Ui,
+        snapshot: &Snapshot,
+    ) {
         // Taken out and put back while waiting, since dialogs are drawn in every pass.
         let Some(pending) = self.pending.take() else { return };
         match pending.after(snapshot.latest_write) {
             AfterWrite::Wait(Pending::Asking(next)) => {
-                self.confirm_pending(next, ui, snapshot.unsaved_frames)
+                match confirm_discard(ui, snapshot.unsaved_frames) {
+                    None => self.pending = Some(Pending::Asking(next)),
+                    Some(Decision::Discard) => self.execute(next, worker, ui),
+                    Some(Decision::Save) => {
+                        self.pending = Some(Pending::Naming(next));
+                        dialogs.save.show();
+                    }
+                    Some(Decision::Export) => {
+                        self.pending = Some(Pending::Naming(next));
+                        dialogs.export.show();
+                    }
+                    Some(Decision::Cancel) => {}
+                }
             }
             AfterWrite::Wait(waiting) => {
-                let exported = self.worker.file_progress();
-                let is_given_up =
+                let exported = worker.file_progress();
+                let is_cancelled =
                     matches!(waiting, Pending::Writing(..)) && writing_dialog(ui, exported);
-                if is_given_up && exported.is_some() {
-                    self.worker.cancel_file();
+                if is_cancelled && exported.is_some() {
+                    worker.cancel_file();
                 }
-                self.pending = Some(waiting).filter(|_| !is_given_up);
+                self.pending = Some(waiting).filter(|_| !is_cancelled);
             }
-            AfterWrite::GoAhead(next) => self.execute(next, ui),
+            AfterWrite::GoAhead(next) => self.execute(next, worker, ui),
             AfterWrite::GiveUp => {}
         }
     }
 
-    fn confirm_pending(&mut self, next: Continuation, ui: &Ui, n_frames: usize) {
-        match confirm_discard(ui, n_frames) {
-            None => self.pending = Some(Pending::Asking(next)),
-            Some(Decision::Discard) => self.execute(next, ui),
-            Some(Decision::Save) => {
-                self.pending = Some(Pending::Naming(next));
-                self.save_dialog.show();
-            }
-            Some(Decision::Export) => {
-                self.pending = Some(Pending::Naming(next));
-                self.export_dialog.show();
-            }
-            Some(Decision::Cancel) => {}
-        }
-    }
-
-    fn execute(&mut self, next: Continuation, ui: &Ui) {
+    fn execute(&mut self, next: Continuation, worker: &Worker, ui: &Ui) {
         match next {
-            Continuation::Send(order) => self.worker.send(order),
-            Continuation::Close => {
-                // The command returns as a close request, which must not be confirmed again.
-                self.may_close = true;
-                ui.ctx().send_viewport_cmd(ViewportCommand::Close);
-            }
+            Continuation::Send(order) => worker.send(order),
+            Continuation::Close => self.close(ui.ctx()),
         }
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Decision {
+enum Decision {
     Discard,
     Save,
     Export,
@@ -251,7 +185,7 @@ pub enum Decision {
 }
 
 /// Confirms that `n_frames` of unsaved training may be discarded; `None` until the user decides.
-pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
+fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     let mut decision = None;
     let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
         ui.heading("Discard the trained scene?");
@@ -278,7 +212,7 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
 
 /// Shows a progress dialog while an action waits for a file; `exported` is the share of an export already
 /// written. Returns true if the user cancels.
-pub fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
+fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
     let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
         ui.horizontal(|ui| {
             ui.spinner();
@@ -298,7 +232,6 @@ pub fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
     response.inner || response.should_close()
 }
 
-/// Mouse and keyboard actions that are not commands.
 const MOUSE: [(&str, &str); 8] = [
     ("Left drag", "Orbit"),
     ("Right or middle drag", "Pan"),
@@ -313,7 +246,7 @@ const MOUSE: [(&str, &str); 8] = [
 /// Height of the help window's title bar and margins, points.
 const HELP_FRAME: f32 = 60.0;
 
-pub fn help(ui: &Ui, is_open: &mut bool) {
+pub(super) fn help(ui: &Ui, is_open: &mut bool) {
     let room = ui.ctx().viewport_rect().height() - HELP_FRAME;
     Window::new("Shortcuts").open(is_open).collapsible(false).resizable(false).show(
         ui.ctx(),
