@@ -17,7 +17,6 @@ use crate::render::cpu::CpuRenderer;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Parameters of a film.
 pub struct FilmRequest {
     pub path: PacedPath,
     /// Picture size, pixels.
@@ -42,7 +41,6 @@ struct RunningFilm {
     drawing: BackgroundJob<Result<FilmOutcome, FilmError>>,
 }
 
-/// Rendering thread of the current film, if any.
 #[derive(Default)]
 pub struct FilmThread(Option<RunningFilm>);
 
@@ -54,9 +52,6 @@ impl Drop for FilmThread {
 
 impl FilmThread {
     /// Starts rendering a film of this scene; cancels the current one.
-    ///
-    /// # Errors
-    /// The thread cannot be started.
     pub fn start(
         &mut self,
         scene: Arc<SplatSet>,
@@ -145,7 +140,6 @@ fn render_film(
 }
 
 pub struct Still {
-    /// Splats as displayed.
     pub splats: Arc<SplatSet>,
     /// Camera of the view, in its pixels.
     pub camera: Camera,
@@ -153,16 +147,12 @@ pub struct Still {
     pub options: RenderOptions,
 }
 
-/// Picture in progress, if any.
 #[derive(Default)]
 pub struct StillJob(Option<(PathBuf, BackgroundJob<Result<PathBuf, String>>)>);
 
 impl StillJob {
     /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
     /// progress is finished without a notice.
-    ///
-    /// # Errors
-    /// If no thread can be started.
     pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let asked = path.clone();
         let draw = move || {
@@ -175,7 +165,6 @@ impl StillJob {
         Ok(())
     }
 
-    /// Takes the notice about a finished picture, once.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let (path, job) = self.0.as_ref()?;
         let said = match job.poll()? {

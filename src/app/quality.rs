@@ -39,23 +39,17 @@ const MIN_REST: Duration = Duration::from_millis(500);
 /// Mean metrics over the same few views after a number of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityPoint {
-    /// Number of trained frames.
     pub frames: usize,
-    /// Training time, seconds.
     pub seconds: f64,
-    /// Number of components with statistics.
     pub components: usize,
-    /// Mean PSNR, dB.
     pub psnr: f64,
     /// Mean PSNR of the pixels that splats cover, dB, and the mean share of these pixels.
     pub covered: Option<(f64, f64)>,
-    /// Mean SSIM.
     pub ssim: f64,
     /// Mean absolute depth error, world units; `None` for views without depth.
     pub depth_error: Option<f64>,
 }
 
-/// Quality of the open subject.
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
@@ -81,7 +75,6 @@ pub struct QualityMonitor {
 }
 
 impl QualityMonitor {
-    /// Creates a monitor without measurements.
     pub fn new(waker: Waker) -> Self {
         Self {
             waker,
@@ -149,7 +142,6 @@ impl QualityMonitor {
         (done == all).then(|| mean_quality(&self.side, at))?
     }
 
-    /// Retention of frames that were trained on.
     pub fn retention(&self) -> &Retention {
         &self.retention
     }
@@ -159,7 +151,6 @@ impl QualityMonitor {
         self.problem.as_deref()
     }
 
-    /// Applies a change of the splats.
     pub fn change(&self, change: &SplatChange) {
         if let Some(thread) = &self.thread {
             thread.change(change.clone());
@@ -431,12 +422,10 @@ pub struct QualityQuery {
     pub near_rule: NearRule,
     /// Frames, seconds and components at the time of the query.
     pub at: (usize, f64, usize),
-    /// True if pending photographs are part of the scene.
     pub settled: bool,
 }
 
 impl QualityQuery {
-    /// Render options with the near plane of this series.
     fn options_for(&self, splats: &SplatSet) -> EvalOptions {
         let frames = &self.dataset.splits[self.split].frames;
         let cameras: Vec<Camera> = self.all.iter().map(|&view| frames[view].camera).collect();

@@ -31,7 +31,6 @@ pub struct SettingsFile {
 /// Settings that are known before there is a window.
 #[derive(Debug, Default, PartialEq)]
 pub struct FoundSettings {
-    /// Adapter chosen in an earlier window.
     pub adapter: Option<AdapterChoice>,
     /// Notices about settings that could not be read.
     pub problems: Vec<String>,
@@ -39,11 +38,9 @@ pub struct FoundSettings {
 
 enum Unusable {
     Missing,
-    /// The system cannot read it.
     Unread(io::Error),
     /// Its content is invalid, as described.
     Broken(String),
-    /// Written by a later version of the program.
     Newer(u32),
 }
 

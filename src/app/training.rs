@@ -9,15 +9,11 @@ use crate::train::paper::config::PaperOverrides;
 use crate::train::setting::{ConfigError, Preset};
 use serde::{Deserialize, Serialize};
 
-/// Training settings of subjects opened next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrainSettings {
-    /// Preset: scene or paper.
     pub preset: Preset,
-    /// Settings of the scene preset.
     pub scene: SceneOverrides,
-    /// Settings of the paper preset.
     pub paper: PaperOverrides,
     /// Autosave interval, seconds; `None` disables autosave.
     pub autosave_s: Option<u32>,
@@ -43,18 +39,14 @@ impl TrainSettings {
         settings_file::from_text("training", text)
     }
 
-    /// Returns the training method for a session.
-    ///
-    /// # Errors
-    /// [`RefusedSetting`] if a value is out of range: the panel prevents that, but stored settings may
-    /// be edited by hand.
+    /// Returns the training method for a session. A value can be out of range, since stored settings may be
+    /// edited by hand.
     pub fn request(&self) -> Result<MethodRequest, RefusedSetting> {
         let Self { scene, paper, .. } = self.clone();
         GivenSettings { paper, scene }.request(self.preset).map_err(RefusedSetting)
     }
 }
 
-/// Setting that cannot be used for training.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}; change it in Settings, under Training")]
 pub struct RefusedSetting(ConfigError);

@@ -37,7 +37,6 @@ impl RecentPaths {
         &self.0
     }
 
-    /// Moves an opened path to the front.
     pub fn note(&mut self, path: &Path) {
         self.0.retain(|known| known != path);
         self.0.insert(0, path.to_owned());
