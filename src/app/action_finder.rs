@@ -11,7 +11,6 @@ use eframe::egui::{
 
 const LIST: Vec2 = Vec2::new(440.0, 300.0);
 
-/// Action available from the menus and the finder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Command(UiCommand),
@@ -56,7 +55,7 @@ impl Action {
     pub fn tooltip(self) -> &'static str {
         match self {
             Self::Command(command) => command.tooltip(),
-            Self::Tab(_) => "Show this panel",
+            Self::Tab(tab) => tab.tooltip(),
             Self::Mode(mode) => mode.tooltip(),
             Self::Color(mode) => mode.tooltip(),
         }

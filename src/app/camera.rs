@@ -9,7 +9,6 @@ use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Orbit camera of a viewport.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCamera {
     orbit: Orbit,
@@ -46,7 +45,6 @@ const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
 const MAX_ELEVATION: f64 = FRAC_PI_2 - 0.01;
 
 impl ViewCamera {
-    /// Creates the camera of a scene's initial view.
     pub fn home(home: &HomeView) -> Self {
         // An orbit needs a positive distance, and the target may coincide with the camera.
         let distance = home.camera.pose.centre().distance(home.target);
@@ -132,7 +130,6 @@ impl ViewCamera {
         }
     }
 
-    /// Current orbit.
     pub fn orbit(&self) -> Orbit {
         self.orbit
     }
@@ -173,7 +170,6 @@ impl ViewCamera {
         fov_x.clamp(MIN_FRAMING_FOV, MAX_FRAMING_FOV)
     }
 
-    /// Camera for a viewport of this size in pixels.
     pub fn camera(&self, [width, height]: [u32; 2]) -> Camera {
         let size = [f64::from(width), f64::from(height)];
         let focal = self.focal(size);
@@ -211,7 +207,6 @@ impl ViewCamera {
         camera.pose.centre().distance(self.middle)
     }
 
-    /// Point that the camera orbits about.
     pub fn target(&self) -> DVec3 {
         self.orbit.target
     }

@@ -1,5 +1,6 @@
 //! Colour modes of the viewport.
 
+use super::command::labelled;
 use crate::render::Paint;
 use crate::render::attributes::Attribute;
 use serde::{Deserialize, Serialize};
@@ -8,61 +9,27 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorMode {
-    /// Learned colour.
     #[default]
     Color,
-    /// Number of points assigned to the component.
     Evidence,
-    /// Standard deviation of the component's mean.
     Uncertainty,
-    /// Mean ELBO of the last frame's points assigned to the component, nats.
     Elbo,
-    /// Frame in which the component was created.
     Birth,
-    /// Distance from the camera.
     Depth,
-    /// Direction of the splat's shortest axis.
     Normal,
 }
 
+labelled! { ColorMode:
+    Color: "Colour", "Learned colours";
+    Evidence: "Evidence", "Number of points assigned to each component";
+    Uncertainty: "Uncertainty", "Standard deviation of each component's position";
+    Elbo: "Per-point ELBO", "How well the current frame's points fit each component";
+    Birth: "Birth frame", "Frame in which each component was created";
+    Depth: "Depth", "Distance from the camera, from violet (near) to yellow (far)";
+    Normal: "Normal", "Direction of each splat's shortest axis, coded as RGB";
+}
+
 impl ColorMode {
-    /// Every mode, in menu order.
-    pub const ALL: [ColorMode; 7] = [
-        ColorMode::Color,
-        ColorMode::Evidence,
-        ColorMode::Uncertainty,
-        ColorMode::Elbo,
-        ColorMode::Birth,
-        ColorMode::Depth,
-        ColorMode::Normal,
-    ];
-
-    /// Label in menus.
-    pub fn label(self) -> &'static str {
-        match self {
-            ColorMode::Color => "Colour",
-            ColorMode::Evidence => "Evidence",
-            ColorMode::Uncertainty => "Uncertainty",
-            ColorMode::Elbo => "Per-point ELBO",
-            ColorMode::Birth => "Birth frame",
-            ColorMode::Depth => "Depth",
-            ColorMode::Normal => "Normal",
-        }
-    }
-
-    /// One sentence of explanation.
-    pub fn tooltip(self) -> &'static str {
-        match self {
-            ColorMode::Color => "Learned colours",
-            ColorMode::Evidence => "Number of points assigned to each component",
-            ColorMode::Uncertainty => "Standard deviation of each component's position",
-            ColorMode::Elbo => "How well the current frame's points fit each component",
-            ColorMode::Birth => "Frame in which each component was created",
-            ColorMode::Depth => "Distance from the camera, from violet (near) to yellow (far)",
-            ColorMode::Normal => "Direction of each splat's shortest axis, coded as RGB",
-        }
-    }
-
     /// Paint mode of the renderer, with depths (world units) mapped from `range`. Attributes known only to
     /// the trainer are baked into the splats' stored colours.
     pub fn paint(self, range: [f32; 2]) -> Paint {

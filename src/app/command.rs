@@ -4,6 +4,28 @@
 use super::state::{RunState, Source};
 use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 
+/// Declares the values of an enum in menu order, each with label and tooltip.
+macro_rules! labelled {
+    ($type:ident: $($value:ident: $label:literal, $tooltip:literal;)*) => {
+        impl $type {
+            pub const ALL: [Self; [$(Self::$value),*].len()] = [$(Self::$value),*];
+
+            pub fn label(self) -> &'static str {
+                match self {
+                    $(Self::$value => $label,)*
+                }
+            }
+
+            pub fn tooltip(self) -> &'static str {
+                match self {
+                    $(Self::$value => $tooltip,)*
+                }
+            }
+        }
+    };
+}
+pub(super) use labelled;
+
 /// When a command is available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Needs {
@@ -177,7 +199,6 @@ commands! {
 }
 
 impl UiCommand {
-    /// Text on the button.
     pub fn label(self) -> &'static str {
         self.row().names[0]
     }
@@ -190,12 +211,10 @@ impl UiCommand {
         }
     }
 
-    /// One sentence of explanation.
     pub fn tooltip(self) -> &'static str {
         self.row().tooltip
     }
 
-    /// Menu and group there; separators divide the groups.
     pub fn menu(self) -> (Menu, u8) {
         self.row().menu
     }
@@ -222,7 +241,6 @@ impl UiCommand {
         }
     }
 
-    /// Reason why the command is unavailable, if any.
     pub fn unavailable_reason(self, state: RunState, source: Source) -> Option<&'static str> {
         if self.is_available(state, source) {
             return None;
@@ -267,7 +285,6 @@ impl UiCommand {
         self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
     }
 
-    /// Tooltip with the keys.
     pub fn hint(self, ctx: &Context) -> String {
         match self.shortcuts() {
             [] => self.tooltip().to_owned(),

@@ -39,15 +39,11 @@ struct RunningFilm {
     drawing: Job<Result<FilmOutcome, FilmError>>,
 }
 
-/// Rendering thread of the current film, if any.
 #[derive(Default)]
 pub struct FilmThread(Option<RunningFilm>);
 
 impl FilmThread {
     /// Starts rendering a film of this scene; cancels the current one.
-    ///
-    /// # Errors
-    /// The thread cannot be started.
     pub fn start(
         &mut self,
         scene: Arc<SplatSet>,
@@ -134,7 +130,6 @@ fn render_film(
 }
 
 pub struct Still {
-    /// Splats as displayed.
     pub splats: Arc<SplatSet>,
     /// Camera of the view, in its pixels.
     pub camera: Camera,
@@ -142,16 +137,12 @@ pub struct Still {
     pub options: RenderOptions,
 }
 
-/// Picture in progress, if any.
 #[derive(Default)]
 pub struct StillJob(Option<(PathBuf, Job<Result<PathBuf, String>>)>);
 
 impl StillJob {
     /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
     /// progress is finished without a notice.
-    ///
-    /// # Errors
-    /// If no thread can be started.
     pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let asked = path.clone();
         let draw = move || {
@@ -164,7 +155,6 @@ impl StillJob {
         Ok(())
     }
 
-    /// Takes the notice about a finished picture, once.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let (path, job) = self.0.as_ref()?;
         let said = match job.poll()? {

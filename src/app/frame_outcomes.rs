@@ -12,13 +12,11 @@ use std::sync::Arc;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameState {
-    /// Not part of the run.
     NotInRun,
     /// Pending, at this position of the training order.
     Pending(usize),
     /// Trained, at this position of the order, with its figures if the window received them.
     Trained(usize, Option<TrainedFrame>),
-    /// Unusable, with the reason.
     Skipped(String),
 }
 
@@ -48,7 +46,6 @@ impl From<&FrameReport> for TrainedFrame {
     }
 }
 
-/// States of all frames of the open dataset.
 #[derive(Default)]
 pub struct FrameOutcomes {
     serial: u64,

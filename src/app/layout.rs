@@ -5,6 +5,7 @@
 //! shares are sizes in points: if the window is resized, panels keep their size and the viewport takes the
 //! rest.
 
+use super::command::labelled;
 use super::settings_file;
 use eframe::egui::{Id, Vec2};
 use egui_tiles::{Container, LinearDir, Tile, TileId, Tiles, Tree};
@@ -13,7 +14,6 @@ use std::collections::{BTreeSet, HashSet};
 
 /// Version of the stored format; other versions are rejected.
 const VERSION: u32 = 1;
-/// Initial width of the panels, points.
 const WIDTH: f32 = 370.0;
 /// Share of the room for panels newly docked beside the viewport.
 const NEW_SHARE: f32 = 0.24;
@@ -177,28 +177,14 @@ pub enum SideTab {
     Settings,
 }
 
-impl SideTab {
-    pub const ALL: [SideTab; 7] = [
-        SideTab::Latency,
-        SideTab::Quality,
-        SideTab::Scene,
-        SideTab::Inspector,
-        SideTab::Edit,
-        SideTab::Path,
-        SideTab::Settings,
-    ];
-
-    pub fn label(self) -> &'static str {
-        match self {
-            SideTab::Latency => "Latency",
-            SideTab::Quality => "Quality",
-            SideTab::Scene => "Scene",
-            SideTab::Inspector => "Inspector",
-            SideTab::Edit => "Edit",
-            SideTab::Path => "Path",
-            SideTab::Settings => "Settings",
-        }
-    }
+labelled! { SideTab:
+    Latency: "Latency", "Show this panel";
+    Quality: "Quality", "Show this panel";
+    Scene: "Scene", "Show this panel";
+    Inspector: "Inspector", "Show this panel";
+    Edit: "Edit", "Show this panel";
+    Path: "Path", "Show this panel";
+    Settings: "Settings", "Show this panel";
 }
 
 #[cfg(test)]

@@ -13,13 +13,11 @@ pub struct PathEditor {
     pub fps: f64,
     /// True if the path returns from the last keyframe to the first.
     pub is_loop: bool,
-    /// Duration of this return, seconds.
     pub way_back: f64,
     /// Playback position, seconds from the first keyframe.
     pub moment: f64,
     pub is_playing: bool,
     pub file: String,
-    /// Size of the film's pictures, pixels.
     pub size: [u32; 2],
 }
 
@@ -91,9 +89,6 @@ impl PathEditor {
     }
 
     /// Reads a file; `up` is the up direction of cameras without their own.
-    ///
-    /// # Errors
-    /// Those of [`PacedPath::read`].
     pub fn open(&mut self, file: &Path, up: DVec3) -> Result<(), CameraPathError> {
         PacedPath::read(file, up).map(|paced| self.take(&paced))
     }

@@ -40,7 +40,6 @@ const MIN_REST: Duration = Duration::from_millis(500);
 pub struct QualityPoint {
     pub frames: usize,
     pub seconds: f64,
-    /// Number of components with statistics.
     pub components: usize,
     pub psnr: f64,
     /// Mean PSNR of the pixels that splats cover, dB, and the mean share of these pixels.
@@ -426,7 +425,6 @@ pub struct QualityQuery {
 }
 
 impl QualityQuery {
-    /// Render options with the near plane of this series.
     fn options_for(&self, splats: &SplatSet) -> EvalOptions {
         let frames = &self.dataset.splits[self.split].frames;
         let cameras: Vec<Camera> = self.all.iter().map(|&view| frames[view].camera).collect();

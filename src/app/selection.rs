@@ -79,7 +79,6 @@ impl SplatSelection {
         Ok(())
     }
 
-    /// Takes the result of a click, once.
     pub fn take_picked(&mut self) -> Option<Result<PickedSplat, PanicReport>> {
         let (asked, job) = self.0.as_ref()?;
         let (asked, found) = (*asked, job.poll()?);

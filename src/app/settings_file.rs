@@ -37,11 +37,9 @@ pub struct FoundSettings {
 
 enum Unusable {
     Missing,
-    /// The system cannot read it.
     Unread(io::Error),
     /// Its content is invalid, as described.
     Broken(String),
-    /// Written by a later version of the program.
     Newer(u32),
 }
 

@@ -51,7 +51,6 @@ impl SplatUpdates {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// True if all updates were taken.
     pub fn is_empty(&self) -> bool {
         self.lock().is_empty()
     }
@@ -65,7 +64,6 @@ impl SplatUpdates {
         waiting.push(update);
     }
 
-    /// Takes all updates, oldest first.
     pub fn take(&self) -> Vec<SplatUpdate> {
         std::mem::take(&mut *self.lock())
     }

@@ -27,7 +27,6 @@ pub enum RunState {
     Loading,
     /// A recording is followed that has no complete frame yet.
     Waiting,
-    /// Opened, nothing trained yet.
     Ready,
     Training,
     /// Stopped between two frames by the user.
@@ -68,16 +67,13 @@ impl RunState {
 pub enum Source {
     #[default]
     Nothing,
-    /// A dataset that can be trained on.
     Dataset,
-    /// A model file, for viewing and exporting.
     Model,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subject {
     Demo,
-    /// A dataset folder or a model file.
     Path(PathBuf),
 }
 
@@ -86,7 +82,6 @@ pub struct HomeView {
     pub camera: Camera,
     pub up: DVec3,
     pub target: DVec3,
-    /// Radius of the scene, world units.
     pub radius: f64,
 }
 
@@ -94,9 +89,7 @@ pub struct HomeView {
 #[derive(Clone, Debug)]
 pub struct Opened {
     pub name: String,
-    /// Path; `None` for the demo.
     pub path: Option<PathBuf>,
-    /// Lines for the scene panel: label and value.
     pub info: Vec<(String, String)>,
     pub home: HomeView,
     pub files: FileProposal,
@@ -180,7 +173,6 @@ pub struct Snapshot {
     /// True if pending photographs are part of the drawn scene.
     pub includes_pending_photographs: bool,
     pub components: usize,
-    /// Number of components with statistics.
     pub used: usize,
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.

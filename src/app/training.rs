@@ -39,11 +39,8 @@ impl TrainSettings {
         settings_file::from_text("training", text)
     }
 
-    /// Returns the training method for a session.
-    ///
-    /// # Errors
-    /// [`RefusedSetting`] if a value is out of range: the panel prevents that, but stored settings may
-    /// be edited by hand.
+    /// Returns the training method for a session. A value can be out of range, since stored settings may be
+    /// edited by hand.
     pub fn request(&self) -> Result<MethodRequest, RefusedSetting> {
         let Self { scene, paper, .. } = self.clone();
         GivenSettings { paper, scene }.request(self.preset).map_err(RefusedSetting)

@@ -3,7 +3,6 @@
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::pipeline::plan::{Order, Plan, Selection};
 
-/// Agreement of a recording's poses with its depth.
 pub fn pose_agreement(check: &PoseCheck) -> String {
     let PoseTrial { agreement, poses, .. } = check.opened;
     let percent = 100.0 * agreement;
@@ -29,7 +28,6 @@ pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     ))
 }
 
-/// Selection and order of a run's frames.
 pub fn run_order(selection: &Selection, plan: &Plan) -> String {
     let order = match selection.order {
         Order::Sequential => "In the dataset's order",

@@ -16,21 +16,18 @@ use std::sync::Arc;
 /// Number of splats in each editing state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EditCounts {
-    /// Drawable splats.
     pub all: usize,
     pub selected: usize,
     pub hidden: usize,
     /// Splats excluded from exports: deleted or outside the crop box.
     pub left_out: usize,
     pub deleted: usize,
-    /// Splats whose birth frame is unknown.
     pub unknown_birth: usize,
 }
 
 /// What the viewport shows for an earlier frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EarlierView {
-    /// Stored copy of the scene at that time.
     #[default]
     StoredCopy,
     /// Current splats that already existed then.
@@ -50,7 +47,6 @@ pub struct Editor {
     /// Number of frames seen by the scene on display; `None` shows the current scene.
     pub earlier_frames: Option<usize>,
     pub earlier_view: EarlierView,
-    /// Stored copies of the scene after earlier frames.
     pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes; set in every pass that needs them.
     pub needs_attributes: bool,
@@ -83,7 +79,6 @@ impl Editor {
         self.visible.apply_change(change, parts(palette, None))
     }
 
-    /// Stored earlier scene on display, if any.
     pub fn displayed_past(&self) -> Option<&PastScene> {
         match self.earlier_view {
             EarlierView::StoredCopy => self.stored_scenes.latest_at(self.earlier_frames?),
@@ -131,7 +126,6 @@ impl Editor {
         }
     }
 
-    /// Combines the displayed splats of these slots with the selection.
     pub fn select(
         &mut self,
         slots: impl IntoIterator<Item = u32>,
@@ -151,7 +145,6 @@ impl Editor {
         self.log.drag(next);
     }
 
-    /// Selects the displayed splats that are not selected.
     pub fn invert(&mut self, palette: &Palette) {
         self.return_to_current();
         let (edits, all) = (self.edits().clone(), (0..).zip(palette.learned().iter()));

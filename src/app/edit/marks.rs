@@ -41,14 +41,20 @@ pub enum SelectMode {
     Remove,
 }
 
-/// One state of the edits.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Edits {
     /// By slot; states of an undo log share them.
     marked: Arc<HashMap<u32, MarkedSplat>>,
-    /// Number of splats with each [`Mark`].
     counts: [usize; 3],
     crop: Option<[DVec3; 2]>,
+}
+
+impl PartialEq for Edits {
+    fn eq(&self, other: &Self) -> bool {
+        // Unchanged edits are compared in every pass, so their marks must not be.
+        let same_marks = Arc::ptr_eq(&self.marked, &other.marked) || self.marked == other.marked;
+        self.crop == other.crop && same_marks
+    }
 }
 
 impl Edits {
@@ -58,7 +64,6 @@ impl Edits {
         Self { marked: Arc::new(marked), counts, crop: self.crop }
     }
 
-    /// Number of splats with a mark.
     pub fn count(&self, mark: Mark) -> usize {
         self.counts[mark as usize]
     }
@@ -120,7 +125,6 @@ impl Edits {
         self.with_marks(marked)
     }
 
-    /// True if the edits change the display.
     pub fn affects_display(&self) -> bool {
         !self.marked.is_empty() || self.crop.is_some()
     }
@@ -135,7 +139,6 @@ impl Edits {
 /// Maximum number of states. Each stores its marked splats at about 40 bytes a splat.
 const MAX_STATES: usize = 101;
 
-/// Undo log of the edits.
 #[derive(Debug)]
 pub struct EditLog {
     states: Vec<Edits>,
@@ -203,8 +206,22 @@ impl EditLog {
 }
 
 /// Edits as applied to exported files.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct LeftOut(Edits);
+
+impl PartialEq for LeftOut {
+    /// Ignores marks that exports do not depend on, so that a preview survives another selection.
+    fn eq(&self, other: &Self) -> bool {
+        let is_deleted = |mark: &MarkedSplat| mark.mark == Mark::Deleted;
+        let marks = [&self.0, &other.0].map(|edits| &edits.marked);
+        let n_deleted = [&self.0, &other.0].map(|edits| edits.count(Mark::Deleted));
+        let mut deleted = marks[0].iter().filter(|(_, mark)| is_deleted(mark));
+        let is_same = |(slot, mark)| marks[1].get(slot) == Some(mark);
+        self.0.crop == other.0.crop
+            && (Arc::ptr_eq(marks[0], marks[1])
+                || n_deleted[0] == n_deleted[1] && deleted.all(is_same))
+    }
+}
 
 impl LeftOut {
     pub fn new(edits: &Edits) -> Self {
@@ -227,7 +244,6 @@ impl LeftOut {
         WriteSelection { crop: self.0.crop, left_out: Some(flags), ..WriteSelection::default() }
     }
 
-    /// Returns the splats that remain.
     pub fn remaining(&self, scene: Arc<SplatSet>) -> Arc<SplatSet> {
         if self.is_empty() {
             return scene;
@@ -242,7 +258,6 @@ impl LeftOut {
     }
 }
 
-/// Criterion for selecting splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SelectCriterion {
     /// Evidence below the threshold, points.

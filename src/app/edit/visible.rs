@@ -18,7 +18,6 @@ pub struct VisibilityRules {
     pub edits: Edits,
     /// Latest birth frame displayed; splats with unknown birth are always displayed.
     pub born_until: Option<u32>,
-    /// Earlier scene displayed instead of the current one.
     pub past: Option<PastScene>,
 }
 

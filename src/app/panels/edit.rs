@@ -1,6 +1,6 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
-use super::card::{SLIDER, command_button, named, weak};
+use super::card::{SLIDER, choices, command_button, named, section, weak};
 use super::signal_color::format_number;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EarlierView, EditCounts, Editor};
@@ -9,7 +9,7 @@ use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
-use eframe::egui::{Button, DragValue, Grid, Response, RichText, ScrollArea, Slider, Ui};
+use eframe::egui::{Button, DragValue, Grid, Response, ScrollArea, Slider, Ui};
 
 pub fn ui(
     view: &mut SceneView,
@@ -24,9 +24,9 @@ pub fn ui(
         let counts = editor.counts(palette);
         commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
         weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
-        section(ui, "Select by threshold");
+        section("Select by threshold", ui);
         threshold(editor, palette, ui);
-        section(ui, "Selected");
+        section("Selected", ui);
         ui.label(format!("{} of {} splats", counts.selected, counts.all));
         let of_selection = [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
         ui.horizontal_wrapped(|ui| {
@@ -36,19 +36,14 @@ pub fn ui(
                 editor.invert(palette);
             }
         });
-        section(ui, "Crop box");
+        section("Crop box", ui);
         crop(editor, opened, &mut asked, ui);
-        section(ui, "Hidden and deleted");
+        section("Hidden and deleted", ui);
         hidden_and_deleted(editor, &counts, &mut asked, ui);
-        section(ui, "Earlier frames");
+        section("Earlier frames", ui);
         walk_back(view, counts.unknown_birth, snapshot, ui);
     });
     asked
-}
-
-fn section(ui: &mut Ui, title: &str) {
-    ui.add_space(8.0);
-    ui.label(RichText::new(title).strong());
 }
 
 fn commands(editor: &Editor, commands: &[UiCommand], asked: &mut Option<UiCommand>, ui: &mut Ui) {
@@ -68,14 +63,11 @@ fn button(editor: &Editor, command: UiCommand, asked: &mut Option<UiCommand>, ui
     }
 }
 
-/// Slider that selects splats by threshold while it moves.
 fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
-        for criterion in SelectCriterion::ALL {
-            let is_chosen = editor.criterion == criterion;
-            if ui.selectable_label(is_chosen, criterion.label()).clicked() {
-                (editor.criterion, editor.threshold) = (criterion, None);
-            }
+        let all = SelectCriterion::ALL.map(|criterion| (criterion, criterion.label(), ""));
+        if choices(&mut editor.criterion, &all, ui) {
+            editor.threshold = None;
         }
     });
     let criterion = editor.criterion;
@@ -175,9 +167,7 @@ fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mu
         return;
     }
     ui.horizontal_wrapped(|ui| {
-        for (walk, label, hint) in VIEW_CHOICES {
-            ui.selectable_value(&mut editor.earlier_view, walk, label).on_hover_text(hint);
-        }
+        choices(&mut editor.earlier_view, &VIEW_CHOICES, ui);
     });
     slider(editor, last, ui);
     weak(ui, &describe_display(editor));
@@ -212,7 +202,6 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
     });
 }
 
-/// Describes the displayed scene.
 fn describe_display(editor: &Editor) -> String {
     let Some(asked) = editor.earlier_frames else { return "Showing the current scene.".to_owned() };
     match (editor.earlier_view, editor.displayed_past()) {
@@ -232,7 +221,6 @@ fn describe_display(editor: &Editor) -> String {
     }
 }
 
-/// Memory budget of the copies.
 fn budget(view: &mut SceneView, ui: &mut Ui) {
     let mut budget = view.settings.past_mb;
     let past = &view.editor().stored_scenes;

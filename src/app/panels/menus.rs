@@ -14,22 +14,22 @@ const MENUS: [(Menu, &str); 5] = [
 ];
 
 pub struct MenuContext<'a> {
-    /// Recently opened paths, newest first.
     pub recent: &'a [PathBuf],
-    /// Reason why an action is unavailable, if any.
     pub why_not: &'a dyn Fn(Action) -> Option<&'static str>,
-    /// True if a toggle command is on.
     pub is_on: &'a dyn Fn(UiCommand) -> bool,
 }
 
+/// Request of the top bar.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum MenuAnswer {
+pub enum BarAnswer {
     Action(Action),
     /// Reopen a recent path.
     Open(PathBuf),
+    /// Train on the same frames with the chosen level of detail.
+    Retrain,
 }
 
-pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
+pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
     let mut asked = None;
     for (menu, label) in MENUS {
         ui.menu_button(label, |ui| {
@@ -57,8 +57,7 @@ pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     asked
 }
 
-/// Submenus of actions that are not commands.
-fn submenus(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
+fn submenus(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
     let mut asked = None;
     type Kind = (&'static str, fn(&Action) -> bool);
     let kinds: [Kind; 3] = [
@@ -76,7 +75,7 @@ fn submenus(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     asked
 }
 
-fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<MenuAnswer> {
+fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<BarAnswer> {
     let why_not = (context.why_not)(action);
     let is_on = matches!(action, Action::Command(command) if (context.is_on)(command));
     let button = Button::selectable(is_on, action.menu_label());
@@ -89,10 +88,10 @@ fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<MenuAn
     if is_chosen {
         ui.close();
     }
-    is_chosen.then_some(MenuAnswer::Action(action))
+    is_chosen.then_some(BarAnswer::Action(action))
 }
 
-fn recent(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
+fn recent(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
     let mut asked = None;
     let why_not = match context.recent {
         [] => Some("Nothing was opened yet"),
@@ -102,7 +101,7 @@ fn recent(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
         let menu = ui.menu_button("Recent", |ui| {
             for path in context.recent {
                 if ui.button(path.display().to_string()).clicked() {
-                    asked = Some(MenuAnswer::Open(path.clone()));
+                    asked = Some(BarAnswer::Open(path.clone()));
                     ui.close();
                 }
             }

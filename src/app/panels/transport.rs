@@ -3,8 +3,9 @@
 
 use super::card::command_button;
 use super::menus;
-use super::menus::{MenuAnswer, MenuContext};
+use super::menus::{BarAnswer, MenuContext};
 use super::signal_color::SignalColor;
+use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
 use crate::app::detail::{
     COARSEST_PX, EffectiveScale, FINEST_PX, effective_scale, forecast, retrainable_run,
@@ -13,19 +14,10 @@ use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::{Label, ProgressBar, RichText, Slider, Tooltip, Ui};
 
-/// Groups of buttons, in order.
 const BUTTONS: [&[UiCommand]; 2] = [
     &[UiCommand::Open, UiCommand::OpenDemo, UiCommand::Save, UiCommand::Export],
     &[UiCommand::Train, UiCommand::Step, UiCommand::Follow, UiCommand::Reset],
 ];
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum TransportAnswer {
-    Command(UiCommand),
-    Menu(MenuAnswer),
-    /// Train on the same frames with the chosen level of detail.
-    Retrain,
-}
 
 /// Draws the bar. `scale` is the structural scale of the next run; `None` means that of the open run.
 pub fn ui(
@@ -33,10 +25,10 @@ pub fn ui(
     menu: &MenuContext<'_>,
     scale: &mut Option<StructuralScale>,
     ui: &mut Ui,
-) -> Option<TransportAnswer> {
+) -> Option<BarAnswer> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
-        asked = menus::ui(menu, ui).map(TransportAnswer::Menu);
+        asked = menus::ui(menu, ui);
         for group in BUTTONS {
             ui.separator();
             for &command in group {
@@ -48,7 +40,7 @@ pub fn ui(
                 let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
                 let is_on = command == UiCommand::Follow && snapshot.follows;
                 if command_button(command, is_on, why_not, ui) {
-                    asked = Some(TransportAnswer::Command(command));
+                    asked = Some(BarAnswer::Action(Action::Command(command)));
                 }
             }
         }
@@ -65,7 +57,7 @@ pub fn ui(
             ui.spinner();
         }
         if detail(scale, snapshot, ui) {
-            asked = Some(TransportAnswer::Retrain);
+            asked = Some(BarAnswer::Retrain);
         }
     });
     asked
@@ -137,8 +129,7 @@ fn forecast_card(
             "Depth noise limits it to {:.2e} world units; in Settings, a scale in world units may be half of that",
             next.length
         );
-        let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
-        ui.add(Label::new(RichText::new(text).color(color)).wrap());
+        ui.add(Label::new(SignalColor::Yellow.text(text, ui)).wrap());
     }
     match forecast(snapshot, next.length) {
         Some(forecast) => {

@@ -48,7 +48,6 @@ impl SceneView {
         watched
     }
 
-    /// Applies the chosen colours and edits.
     pub(super) fn apply_colors_and_edits(&mut self) {
         self.palette.set_stores_attributes(self.watched_attribute().is_some());
         if let Some(change) = self.palette.set_attribute(self.settings.color_mode.attribute()) {
@@ -169,7 +168,6 @@ impl SceneView {
 /// Edit made by a drag in the viewport, instead of orbiting the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EditDrag {
-    /// Selects the splats inside the dragged rectangle.
     Select,
     /// Moves a face of the crop box. The index is twice the axis, plus one for the far face.
     Face(usize),

@@ -4,12 +4,12 @@ use super::SceneView;
 use super::comparison::ComparedModel;
 use super::settings::GAINS;
 use crate::app::color_mode::ColorMode;
-use crate::app::command::UiCommand;
-use crate::app::panels::card::named;
+use crate::app::command::{UiCommand, labelled};
+use crate::app::panels::card::{command_button, entry, named};
 use crate::app::panels::settings::lens;
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{Button, ComboBox, DragValue, Label, RichText, Ui};
+use eframe::egui::{ComboBox, DragValue, Label, RichText, Ui};
 
 /// Maximum height of the comparison menu, points; it fits without scrolling.
 const MENU: f32 = 400.0;
@@ -61,13 +61,9 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
         (Renderer::Exact, "Exact", "Each splat's response along the pixel's true ray (Tab)"),
     ] {
         let is_chosen = view.settings.renderer == renderer;
-        let enabled = !(fisheye && renderer == Renderer::Projected);
-        let response = ui.add_enabled(enabled, Button::selectable(is_chosen, label));
-        if response
-            .on_hover_text(tooltip)
-            .on_disabled_hover_text("Only the exact renderer supports a fisheye")
-            .clicked()
-        {
+        let why_not = (fisheye && renderer == Renderer::Projected)
+            .then_some("Only the exact renderer supports a fisheye");
+        if entry(is_chosen, [label, tooltip], why_not, ui) {
             view.settings.renderer = renderer;
         }
     }
@@ -83,13 +79,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
                 let why_not = view.mode_unavailable_reason(mode, opened);
-                let button = Button::selectable(view.mode == mode, mode.label());
-                let response = ui.add_enabled(why_not.is_none(), button);
-                if response
-                    .on_hover_text(mode.tooltip())
-                    .on_disabled_hover_text(why_not.unwrap_or_default())
-                    .clicked()
-                {
+                if entry(view.mode == mode, [mode.label(), mode.tooltip()], why_not, ui) {
                     view.set_mode(mode, opened);
                 }
             }
@@ -97,13 +87,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
             for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
                 let removes = command == UiCommand::RemoveModel;
                 let why_not = removes.then(|| view.remove_unavailable_reason()).flatten();
-                let button = Button::selectable(false, command.label());
-                let response = ui.add_enabled(why_not.is_none(), button);
-                if response
-                    .on_hover_text(command.tooltip())
-                    .on_disabled_hover_text(why_not.unwrap_or_default())
-                    .clicked()
-                {
+                if entry(false, [command.label(), command.tooltip()], why_not, ui) {
                     asked = Some(command);
                 }
             }
@@ -121,13 +105,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .show_ui(ui, |ui| {
             for mode in ColorMode::ALL {
                 let why_not = mode.unavailable_reason(opened.available_modes);
-                let button = Button::selectable(shown == mode, mode.label());
-                let response = ui.add_enabled(why_not.is_none(), button);
-                if response
-                    .on_hover_text(mode.tooltip())
-                    .on_disabled_hover_text(why_not.unwrap_or_default())
-                    .clicked()
-                {
+                if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
                     view.settings.color_mode = mode;
                 }
             }
@@ -151,9 +129,8 @@ fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComm
         (UiCommand::Grid, view.settings.shows_grid),
         (UiCommand::Measure, view.is_measuring()),
     ] {
-        let legal = command.is_available(snapshot.state, snapshot.source);
-        let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
-        if response.on_hover_text(command.hint(ui.ctx())).clicked() {
+        let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+        if command_button(command, is_on, why_not, ui) {
             asked = Some(command);
         }
     }
@@ -163,9 +140,8 @@ fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComm
 fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     let mut button = |ui: &mut Ui, command: UiCommand, is_on: bool| {
-        let legal = command.is_available(snapshot.state, snapshot.source);
-        let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
-        if response.on_hover_text(command.hint(ui.ctx())).clicked() {
+        let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+        if command_button(command, is_on, why_not, ui) {
             asked = Some(command);
         }
     };
@@ -191,70 +167,29 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
 /// Comparison mode: one picture, or two as a wipe or a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ViewMode {
-    /// The chosen renderer alone.
     #[default]
     Single,
-    /// Projected renderer left of a divider, exact renderer right of it.
     Wipe,
-    /// Difference between projected and exact renderer.
     Difference,
-    /// Chosen renderer left of a divider, photograph right of it.
     PhotoWipe,
-    /// Difference between the chosen renderer and the photograph.
     PhotoDifference,
-    /// Scene left of a divider, second model right of it.
     ModelWipe,
-    /// Difference between the scene and a second model.
     ModelDifference,
-    /// Chosen renderer left of a divider, prepared photograph right of it.
     Preparation,
 }
 
+labelled! { ViewMode:
+    Single: "Single", "The chosen renderer alone";
+    Wipe: "Wipe renderers", "Projected left of a draggable divider, exact right of it";
+    Difference: "Renderer difference", "Amplified difference between projected and exact renderer";
+    PhotoWipe: "Wipe photograph", "Render left of a draggable divider, photograph right of it";
+    PhotoDifference: "Photograph difference", "Amplified difference between render and photograph";
+    ModelWipe: "Wipe models", "Scene left of a draggable divider, second model right of it";
+    ModelDifference: "Model difference", "Amplified difference between the scene and the second model";
+    Preparation: "Preparation", "Which pixels of the photograph become points, and why the others are dropped";
+}
+
 impl ViewMode {
-    /// Every mode, in menu order.
-    pub const ALL: [ViewMode; 8] = [
-        ViewMode::Single,
-        ViewMode::Wipe,
-        ViewMode::Difference,
-        ViewMode::PhotoWipe,
-        ViewMode::PhotoDifference,
-        ViewMode::ModelWipe,
-        ViewMode::ModelDifference,
-        ViewMode::Preparation,
-    ];
-
-    /// Label in menus.
-    pub fn label(self) -> &'static str {
-        match self {
-            ViewMode::Single => "Single",
-            ViewMode::Wipe => "Wipe renderers",
-            ViewMode::Difference => "Renderer difference",
-            ViewMode::PhotoWipe => "Wipe photograph",
-            ViewMode::PhotoDifference => "Photograph difference",
-            ViewMode::ModelWipe => "Wipe models",
-            ViewMode::ModelDifference => "Model difference",
-            ViewMode::Preparation => "Preparation",
-        }
-    }
-
-    /// Tooltip in menus.
-    pub fn tooltip(self) -> &'static str {
-        match self {
-            ViewMode::Single => "The chosen renderer alone",
-            ViewMode::Wipe => "Projected left of a draggable divider, exact right of it",
-            ViewMode::Difference => "Amplified difference between projected and exact renderer",
-            ViewMode::PhotoWipe => "Render left of a draggable divider, photograph right of it",
-            ViewMode::PhotoDifference => "Amplified difference between render and photograph",
-            ViewMode::ModelWipe => "Scene left of a draggable divider, second model right of it",
-            ViewMode::ModelDifference => {
-                "Amplified difference between the scene and the second model"
-            }
-            ViewMode::Preparation => {
-                "Which pixels of the photograph become points, and why the others are dropped"
-            }
-        }
-    }
-
     /// True if the mode shows a photograph.
     pub fn has_photo(self) -> bool {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
