@@ -188,7 +188,6 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     };
     check::check_scene(&state)?;
     check::check_retained_frames(&state)?;
-    check::check_retained_frames(&state)?;
     Ok(state)
 }
 
