@@ -12,6 +12,9 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Lim
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+/// What an image of another size is called in messages.
+const DEPTH: &str = "depth";
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthEncoding {
     pub codes: CodeKind,
@@ -81,9 +84,8 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
 }
 
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
-    let wrong = |found| FrameProblem::CameraSize { expected: size, found };
     // Grey and RGB become opaque RGBA, so that later stages handle one format.
-    let image = decode(&source.read()?, size, wrong)?;
+    let image = decode(&source.read()?, size, "an image")?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let data = match image {
         DynamicImage::ImageRgb8(rgb) => {
@@ -105,7 +107,7 @@ pub(super) fn depth(
     size: (u32, u32),
 ) -> Result<Depth, FrameProblem> {
     let bytes = source.read()?;
-    let image = || decode(&bytes, size, |depth| FrameProblem::SizeMismatch { camera: size, depth });
+    let image = || decode(&bytes, size, DEPTH);
     let codes = match encoding.codes {
         CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
         CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
@@ -121,18 +123,12 @@ pub(super) fn depth(
 /// Decodes a sensor's confidence per pixel, 0 to 2: a grey image, or bytes without header of `size`.
 pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
     let bytes = source.read()?;
-    let image = match image::guess_format(&bytes) {
+    match image::guess_format(&bytes) {
         Ok(_) => {
-            let wrong = |depth| FrameProblem::SizeMismatch { camera: size, depth };
-            let gray = decode(&bytes, size, wrong)?.into_luma8();
-            Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw())
+            let gray = decode(&bytes, size, DEPTH)?.into_luma8();
+            Ok(Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw()))
         }
-        Err(_) => lengths::bare_bytes(&bytes, size)?,
-    };
-    let found = (image.width as u32, image.height as u32);
-    match found == size {
-        true => Ok(image),
-        false => Err(FrameProblem::SizeMismatch { camera: size, depth: found }),
+        Err(_) => lengths::bare_bytes(&bytes, size),
     }
 }
 
@@ -179,12 +175,12 @@ fn first_channel<T>(raw: Vec<T>, color: ColorType) -> Vec<T> {
     }
 }
 
-/// Decodes an image if its header states `size`; `wrong` makes the error for another size. The decoder's
-/// default limits bound the memory that a header can request.
+/// Decodes an image of `what` if its header states `size`. The decoder's default limits bound the memory that
+/// a header can request.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
-    wrong: impl FnOnce((u32, u32)) -> FrameProblem,
+    what: &'static str,
 ) -> Result<DynamicImage, FrameProblem> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     // Decoders silently fill the rest of a truncated JPEG with grey. A truncated PNG is an error of its
@@ -197,7 +193,8 @@ fn decode(
         let decoder = reader.into_decoder()?;
         // Checked before decoding: a small file may unpack to a thousand times its bytes.
         if decoder.dimensions() != size {
-            return Err(wrong(decoder.dimensions()));
+            let found = decoder.dimensions();
+            return Err(FrameProblem::Size { what, expected: size, found });
         }
         if format == Some(ImageFormat::Png) {
             let (width, height) = size;

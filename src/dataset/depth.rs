@@ -83,7 +83,7 @@ impl Depth {
         let (width, height) = self.size();
         let depth = (width as u32, height as u32);
         if depth != camera {
-            return Err(FrameProblem::SizeMismatch { camera, depth });
+            return Err(FrameProblem::Size { what: "depth", expected: camera, found: depth });
         }
         if self.is_empty() {
             return Err(FrameProblem::NoDepthValues);

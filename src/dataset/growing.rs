@@ -288,12 +288,7 @@ impl FrameEntry {
 
     /// Current marks of its files.
     pub fn marks(&self) -> FrameMarks {
-        let FrameSource::Files(files) = &self.source else { return FrameMarks(Vec::new()) };
-        let depth = files.depth.iter().flat_map(|depth| {
-            std::iter::once(&depth.file).chain(depth.confidence.iter().map(|(map, _)| map))
-        });
-        let sources = std::iter::once(&files.color).chain(depth);
-        FrameMarks(sources.filter_map(|source| FileMark::of(source.path())).collect())
+        FrameMarks(self.files().filter_map(FileMark::of).collect())
     }
 }
 

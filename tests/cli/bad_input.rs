@@ -71,7 +71,7 @@ fn missing_depth_file() {
 fn mismatched_sizes() {
     let data = tiny_blender();
     image::GrayImage::from_pixel(16, 12, image::Luma([9])).save(data.path().join(DEPTH)).unwrap();
-    skips_one(&data, &[DEPTH, "expected depth", "32x24", "found 16x12", "export both"]);
+    skips_one(&data, &[DEPTH, "expected depth", "32x24", "found 16x12", "export all"]);
     let data = tiny_seven_scenes();
     let color = data.path().join("train/frame-000001.color.png");
     image::RgbImage::new(8, 8).save(color).unwrap();

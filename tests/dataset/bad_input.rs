@@ -120,7 +120,7 @@ fn mismatched_sizes() {
     let folder = tiny_blender();
     let depth = folder.path().join("train/r_1_depth_0001.png");
     image::GrayImage::from_pixel(16, 12, image::Luma([9])).save(&depth).unwrap();
-    let parts = ["r_1_depth_0001.png", "expected", "32x24", "found 16x12", "export both"];
+    let parts = ["r_1_depth_0001.png", "expected", "32x24", "found 16x12", "export all"];
     fails_to_load_one(folder.path(), &parts);
     let color = folder.path().join("train/r_1.png");
     image::RgbImage::new(16, 12).save(&color).unwrap();

@@ -174,7 +174,7 @@ impl FrameList<'_> {
         let camera = self.camera(frame);
         let expected = camera.size(most)?;
         if size != expected {
-            return Ok(Err(FrameProblem::CameraSize { expected, found: size }));
+            return Ok(Err(FrameProblem::Size { what: "an image", expected, found: size }));
         }
         check_model(&camera)?;
         let k = camera.intrinsics(size)?;

@@ -72,7 +72,8 @@ impl Trajectory {
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
         let nearest = distance(before).min(distance(after));
         if nearest > TOLERANCE {
-            return Err(FrameProblem::NoPoseInTime {
+            return Err(FrameProblem::NotInTime {
+                what: "a pose",
                 time,
                 tolerance_ms: 1e3 * TOLERANCE,
                 found: match nearest.is_finite() {

@@ -389,7 +389,8 @@ fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem
     let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
     let distance = |image: &&TimedImage| (image.time - time).abs();
     let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NoColorInTime {
+    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NotInTime {
+        what: "a colour image",
         time,
         tolerance_ms: 1e3 * TOLERANCE,
         found: match best {

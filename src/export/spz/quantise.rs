@@ -1,6 +1,7 @@
 //! Quantisation of values to and from SPZ bytes.
 
 use crate::export::harmonics;
+use exr::prelude::f16;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -28,15 +29,7 @@ pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
 
 /// Decodes a coordinate of version 1, an IEEE 754 half.
 pub(super) fn half(bytes: [u8; 2]) -> f64 {
-    let bits = u16::from_le_bytes(bytes);
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
-    let magnitude = match exponent {
-        0 => fraction * 0.5f64.powi(24),
-        31 if fraction == 0.0 => f64::INFINITY,
-        31 => f64::NAN,
-        _ => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
-    };
-    if bits >> 15 == 1 { -magnitude } else { magnitude }
+    f16::from_le_bytes(bytes).to_f64()
 }
 
 pub(super) fn color(bytes: [u8; 3]) -> DVec3 {

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 const JPEG_QUALITY: u8 = 95;
 
 /// Error while writing a dataset.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// Parameters outside their range.
@@ -24,28 +25,13 @@ pub enum WriteError {
     #[error(
         "layout {layout}: expected one that can be recorded frame by frame ({expected}), found one whose frames are in one file that is written at the end; choose another layout"
     )]
-    NotLive {
-        /// The requested layout.
-        layout: String,
-        /// Layouts that support it.
-        expected: &'static str,
-    },
+    NotLive { layout: String, expected: &'static str },
     /// A folder or file cannot be written.
     #[error("{}: expected to write here, found: {source}; check free space and permissions", path.display())]
-    Io {
-        /// The folder or file.
-        path: PathBuf,
-        /// System error.
-        source: std::io::Error,
-    },
+    Io { path: PathBuf, source: std::io::Error },
     /// An image cannot be encoded.
     #[error("{}: expected to write an image, found: {source}; check free space", path.display())]
-    Image {
-        /// The image file to be written.
-        path: PathBuf,
-        /// Encoder error.
-        source: image::ImageError,
-    },
+    Image { path: PathBuf, source: image::ImageError },
 }
 
 pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {

@@ -2,20 +2,20 @@
 //!
 //! Every reader compares the size stated in a file with its number of bytes before it allocates memory.
 
-mod exr;
-
 use super::depth::DepthCodes;
 use super::error::FrameProblem;
 use crate::math::image::Image;
-use ::tiff::decoder::{Decoder, DecodingResult};
+use exr::meta::MetaData;
+use exr::prelude::{ReadChannels, ReadLayers, f16, read as open_exr};
 use std::borrow::Cow;
 use std::io::{Cursor, Read};
+use tiff::decoder::{Decoder, DecodingResult};
 
 type Reader = fn(&[u8]) -> Result<StoredDepth, FrameProblem>;
 
 const KINDS: [(&[u8], Reader); 4] = [
     (b"\x93NUM", read_npy),
-    (b"\x76\x2f\x31\x01", exr::read),
+    (b"\x76\x2f\x31\x01", read_exr),
     (b"II*\0", read_tiff),
     (b"MM\0*", read_tiff),
 ];
@@ -109,13 +109,9 @@ fn read_npy(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
             let codes = data.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
             StoredDepth::Codes(Image::from_vec(width, height, codes))
         }
-        "<f2" => floats(
-            data.as_chunks()
-                .0
-                .iter()
-                .map(|b| ::exr::prelude::f16::from_le_bytes(*b).to_f32())
-                .collect(),
-        ),
+        "<f2" => {
+            floats(data.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect())
+        }
         "<f4" => floats(data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
         "<f8" => floats(data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect()),
         "<u4" => floats(data.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as f32).collect()),
@@ -153,12 +149,41 @@ fn shorten(header: &str) -> String {
     header.trim().chars().take(80).collect()
 }
 
+/// Names of depth channels, in order of preference; otherwise the first channel is used.
+const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
+
+fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+    let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
+    let damaged = |e: exr::error::Error| wrong(e.to_string());
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
+    for header in &meta.headers {
+        let size = header.layer_size;
+        check_size(bytes, [size.width(), size.height()], 2 * header.channels.list.len())?;
+    }
+    let image = open_exr()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(damaged)?;
+    let channels = &image.layer_data.channel_data.list;
+    let named = |name: &&str| channels.iter().find(|c| c.name.eq_case_insensitive(name));
+    let channel = EXR_CHANNELS.iter().find_map(named).or_else(|| channels.first());
+    let channel = channel.ok_or_else(|| wrong("no channel".to_owned()))?;
+    let size = image.layer_data.size;
+    let values = channel.sample_data.values_as_f32().collect();
+    Ok(StoredDepth::Floats(Image::from_vec(size.width(), size.height(), values)))
+}
+
 fn read_tiff(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a TIFF with one 16-bit or float sample per pixel",
         found,
     };
-    let damaged = |e: ::tiff::TiffError| wrong(e.to_string());
+    let damaged = |e: tiff::TiffError| wrong(e.to_string());
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
     let (width, height) = decoder.dimensions().map_err(damaged)?;
     let [width, height] = [width as usize, height as usize];
