@@ -57,7 +57,7 @@ pub fn summary(trajectory: &Trajectory, error: Option<&TrajectoryError>) -> Stri
     });
     format!(
         "tracked: {} frames placed, {} skipped; deviations up to {:.2} degrees and {:.2} cm{error}",
-        trajectory.len(),
+        trajectory.n_placed(),
         trajectory.skipped().len(),
         turn.to_degrees(),
         100.0 * shift

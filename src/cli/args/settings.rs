@@ -39,42 +39,31 @@ pub struct RunSettings {
     pub autosave: AutosaveInterval,
 }
 
+type SetRun = fn(&mut RunSettings, &str) -> Result<(), String>;
+
 /// Names of [`RunSettings`] for `--set`, with their meaning.
-pub const RUN_SETTINGS: [(&str, &str); 4] = [
-    ("order", "order of the frames: sequential (default) or shuffled"),
+const RUN_SETTINGS: [(&str, &str, SetRun); 4] = [
+    ("order", "order of the frames: sequential (default) or shuffled", |run, text| {
+        let order = text.parse();
+        let wrong = |_| format!("expected sequential or shuffled, found `{text}`");
+        run.order = Some(order.map_err(wrong)?);
+        Ok(())
+    }),
     (
         "passes",
         "times the frames are used; from the second on only photographs train. With --resume earlier passes count",
+        |run, text| parse_passes(text).map(|n| run.passes = Some(n)),
     ),
-    ("stride", "use every N-th frame"),
+    ("stride", "use every N-th frame", |run, text| parse_count(text).map(|n| run.stride = Some(n))),
     (
         "autosave",
         "save the checkpoint every N frames, or every Ns seconds such as 30s, keeping the previous one as checkpoint.vbgs.bak",
+        |run, text| match text.strip_suffix('s') {
+            Some(seconds) => parse_seconds(seconds).map(|time| run.autosave.time = Some(time)),
+            None => parse_count(text).map(|n| run.autosave.frames = Some(n)),
+        },
     ),
 ];
-
-impl RunSettings {
-    /// Sets one value; `Ok(false)` if there is no setting of the name.
-    fn set(&mut self, name: &str, text: &str) -> Result<bool, String> {
-        match name {
-            "order" => {
-                let order = text.parse();
-                self.order = Some(
-                    order
-                        .map_err(|_| format!("expected sequential or shuffled, found `{text}`"))?,
-                );
-            }
-            "passes" => self.passes = Some(parse_passes(text)?),
-            "stride" => self.stride = Some(parse_count(text)?),
-            "autosave" => match text.strip_suffix('s') {
-                Some(seconds) => self.autosave.time = Some(parse_seconds(seconds)?),
-                None => self.autosave.frames = Some(parse_count(text)?),
-            },
-            _ => return Ok(false),
-        }
-        Ok(true)
-    }
-}
 
 impl SettingsArgs {
     pub fn layer<L: SettingLayer>(&self) -> Result<L, ValueError> {
@@ -98,8 +87,8 @@ impl SettingsArgs {
             .split_once('=')
             .ok_or_else(|| format!("--set {assignment}: expected NAME=VALUE, such as seed=3"))?;
         let name = name.trim().replace('-', "_");
-        if self.run.set(&name, text).map_err(|wrong| format!("--set {name}: {wrong}"))? {
-            return Ok(());
+        if let Some((_, _, set)) = RUN_SETTINGS.iter().find(|(run, ..)| *run == name) {
+            return set(&mut self.run, text).map_err(|wrong| format!("--set {name}: {wrong}"));
         }
         let mut wrong = None;
         for about in all_settings().filter(|about| about.field == name) {
@@ -157,7 +146,7 @@ fn option((about, id, placeholder): (&'static About, &'static str, &'static str)
 impl Args for SettingsArgs {
     fn augment_args(command: Command) -> Command {
         let command = options().map(option).fold(command, Command::arg);
-        let of_run = RUN_SETTINGS.map(|(name, meaning)| format!("  {name}: {meaning}\n"));
+        let of_run = RUN_SETTINGS.map(|(name, meaning, _)| format!("  {name}: {meaning}\n"));
         let help = format!(
             "Set any other setting by its name, such as `--set seed=3` or `--set refine=false`; \
              docs/reference/settings.md lists those of the presets. Of the run:\n{}",
