@@ -191,7 +191,6 @@ named_values!(by text StructuralScale, Budget);
 named_values!(by name VisibilityRule, SumForm);
 named_values!(by name PixelSampling {
     "every" "Every" "Every pixel becomes a point";
-    "half" "Half" "Every other row";
     "quarter" "Quarter" "Every other pixel of every other row";
 });
 
