@@ -33,7 +33,6 @@ const QUICK: [usize; 2] = [12, 4];
 pub struct ProtocolPlan {
     /// Folder of scenes: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder of finished runs.
     pub kept: PathBuf,
     pub options: BenchOptions,
 }
@@ -44,26 +43,19 @@ pub struct ProtocolRow {
     pub scene: String,
     pub preset: String,
     pub renderer: String,
-    /// Frames trained on.
     pub frames: usize,
     pub views: usize,
-    /// Components in use.
     pub components: usize,
-    /// Components that are drawn.
     pub drawn: usize,
-    /// Median milliseconds to train on a frame, as in the paper.
     pub train_ms: f64,
-    /// Median milliseconds to filter and unproject a frame on the decoding thread.
     pub prepare_ms: f64,
     /// Against photographs composited over black, dB.
     pub psnr: f64,
     /// Against photographs with alpha dropped, as in the paper, dB.
     pub psnr_rgb: f64,
-    /// Mean SSIM against photographs composited over black, −1 to 1.
     pub ssim: f64,
 }
 
-/// Measures all runs that are not stored yet.
 pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (scenes, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
@@ -105,7 +97,6 @@ struct ProtocolRun<'a> {
 }
 
 impl ProtocolRun<'_> {
-    /// Returns the stored rows of this run. Measures and stores them if there are none.
     fn kept_or_new(&self, kept: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
         let selection = Selection { max_frames: Some(self.frames), ..Selection::all_frames() };
         let asked: MethodRequest = match self.preset {
@@ -194,7 +185,6 @@ fn text(rows: &[ProtocolRow]) -> String {
     report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-/// Quality and latency by scene.
 fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
     let panel = |title: &str, x: Axis, of: fn(&ProtocolRow) -> f64, renderers: &[&str]| {
         let series = |preset: &str, renderer: &str| {

@@ -22,25 +22,18 @@ pub struct RenderRow {
     pub ms: Option<f64>,
     pub ms_q1: Option<f64>,
     pub ms_q3: Option<f64>,
-    /// Computing image records of splats.
     pub prepare_ms: Option<f64>,
-    /// Sorting splats by depth.
     pub sort_ms: Option<f64>,
-    /// Building the splat lists of the tiles.
     pub bin_ms: Option<f64>,
-    /// Drawing pixels.
     pub draw_ms: Option<f64>,
-    /// Reason why nothing was drawn.
     pub skipped: Option<String>,
 }
 
 impl RenderRow {
-    /// Median and quartiles. `None` if nothing was drawn.
     pub fn spread(&self) -> Option<Spread> {
         Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
     }
 
-    /// Medians of the stages, in the order of `STAGES`.
     pub fn stages(&self) -> [Option<f64>; STAGES.len()] {
         [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
     }
@@ -83,7 +76,6 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
     notes
 }
 
-/// One panel per resolution.
 pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
     let mut paths: Vec<FramePath> = rows.iter().map(|row| row.path).collect();
     paths.sort_by_key(|path| *path as usize);

@@ -31,7 +31,6 @@ const ORDERS: usize = 3;
 pub struct RecordingsPlan {
     /// Folder of recordings: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder of finished runs.
     pub kept: PathBuf,
     /// `repeats` is the number of frame orders.
     pub options: BenchOptions,
@@ -87,7 +86,6 @@ pub struct RecordingRow {
     pub correlation_4: Option<f64>,
 }
 
-/// Trains and evaluates all runs that are not stored yet.
 pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (recordings, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
@@ -136,7 +134,6 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
     .into_bench()
 }
 
-/// A recording prepared for training.
 struct RecordingRun<'a> {
     dataset: &'a Arc<Dataset>,
     plan: Plan,
@@ -175,7 +172,6 @@ impl<'a> RecordingRun<'a> {
         })
     }
 
-    /// Trains one order of the frames and returns one row per group.
     fn measured(&self, order: usize) -> Result<Vec<RecordingRow>, BenchError> {
         let plan = self.ordered(order);
         let trained = self.trained(self.dataset, &plan)?;
@@ -336,7 +332,6 @@ fn text(rows: &[RecordingRow]) -> String {
     report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-/// Quality and sharpness by recording.
 fn panels(rows: &[RecordingRow]) -> [Panel; 2] {
     type Value = fn(&RecordingRow) -> Option<f64>;
     let name = |row: &RecordingRow| format!("{}, {}", row.recording, row.shown_group());

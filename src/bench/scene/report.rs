@@ -7,12 +7,10 @@ use crate::eval::metrics::Spread;
 use crate::eval::report;
 use crate::train::scene::photometric::rule::PhotometricMode;
 
-/// Formats all tables that have rows.
 pub fn text(rows: &[AccuracyRow]) -> String {
     let tables = [
         (Table::Cumulative, "Each row adds a part to the row above:"),
         (Table::LeaveOneOut, "One change each:"),
-        (Table::Constants, "One photometric constant each:"),
         (Table::Scale, "Structural scale:"),
         (Table::Budget, "Budget, with the least useful components merged:"),
     ];
@@ -60,7 +58,6 @@ fn cells(row: &AccuracyRow) -> [String; 11] {
     ]
 }
 
-/// Explains the columns.
 pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
     let AccuracySummary { frames, views, orders, seen, .. } = summary;
     let mut notes = vec![

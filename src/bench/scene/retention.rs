@@ -24,25 +24,20 @@ use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Number of frames whose own views are measured.
 const FRAMES: usize = 50;
 /// Number of evaluations of the held-out views, and number of these views.
 const LOOKS: [usize; 2] = [10, 10];
 
-/// PSNR of a frame's own view.
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionRow {
     pub configuration: &'static str,
-    /// Frames trained on, including this one.
     pub after_frames: usize,
     pub frame: String,
     /// PSNR right after training on the frame, dB.
     pub after: f64,
-    /// PSNR after all frames, dB.
     pub at_end: f64,
 }
 
-/// Retention of one configuration.
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionSummary {
     pub configuration: &'static str,
@@ -58,7 +53,6 @@ pub struct RetentionSummary {
     pub held_out_fall: f64,
 }
 
-/// Photometric rules to compare.
 fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
     let full = PhotometricRule::DEFAULT;
     [
@@ -73,7 +67,6 @@ fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
     ]
 }
 
-/// Trains every configuration on the frames in listed order.
 pub fn run(
     options: BenchOptions,
     dataset: Arc<Dataset>,
@@ -112,7 +105,6 @@ pub fn run(
     bench.into_bench(options, rows, summary)
 }
 
-/// Inputs shared by all configurations.
 struct Retention {
     dataset: Arc<Dataset>,
     plan: Plan,
@@ -124,7 +116,6 @@ struct Retention {
 }
 
 impl Retention {
-    /// Trains and measures one configuration.
     fn of(
         &self,
         configuration: &'static str,
@@ -174,12 +165,10 @@ impl Retention {
         Ok((rows, summary))
     }
 
-    /// Split and frame index at a position in the plan.
     fn own(&self, position: usize) -> (usize, &[usize]) {
         (self.plan.split, &self.plan.frames[position..=position])
     }
 
-    /// Mean PSNR of the given views, dB.
     fn psnr(
         &self,
         splats: &SplatSet,

@@ -21,20 +21,16 @@ use crate::train::scene::engine::SceneLearner;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// A trained configuration.
 pub struct Trained {
     pub splats: SplatSet,
-    /// Number of components, drawn or not.
     pub born: usize,
     pub model_bytes: usize,
-    /// Milliseconds per frame.
     pub train_ms: Vec<f64>,
     /// Milliseconds per frame on the decoding thread.
     pub prepare_ms: Vec<f64>,
 }
 
 impl Trained {
-    /// Poses of the trained frames, recorded and corrected.
     pub fn poses(&self) -> &[FramePose] {
         self.splats.finishing().poses.as_ref().map_or(&[], |log| log.frames())
     }
@@ -78,7 +74,6 @@ pub fn train(
     Ok(trained.into_iter().flatten().collect())
 }
 
-/// Number of sweeps over the frames by [`train`].
 pub fn n_sweeps(runs: &[SceneRun]) -> usize {
     let surfaces: Vec<SurfaceSettings> = runs.iter().map(SceneRun::prepared_surface).collect();
     (0..runs.len()).filter(|&i| !surfaces[..i].contains(&surfaces[i])).count()
