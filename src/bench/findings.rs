@@ -153,3 +153,12 @@ pub(super) fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     let bytes = writer.into_inner().map_err(|e| e.into_error())?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
+
+/// Formats rows as text: a header and the cells of each column.
+pub(super) fn table<R, const N: usize>(
+    rows: &[R],
+    columns: [(&str, fn(&R) -> String); N],
+) -> String {
+    let cells = |row: &R| columns.map(|(_, cell)| cell(row));
+    report::text(columns.map(|(name, _)| name), &rows.iter().map(cells).collect::<Vec<_>>())
+}

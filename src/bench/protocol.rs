@@ -3,14 +3,13 @@
 //! the paper. Finished runs are stored, because eight scenes with two presets take hours on small
 //! machines.
 
-use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use super::folder;
 use super::paper::sample::spaced;
 use super::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::plan::Selection;
@@ -158,31 +157,20 @@ impl ProtocolRun<'_> {
 }
 
 fn text(rows: &[ProtocolRow]) -> String {
-    let header = [
-        "scene",
-        "preset",
-        "renderer",
-        "drawn",
-        "ms/frame",
-        "prepare ms",
-        "PSNR dB",
-        "PSNR rgb dB",
-        "SSIM",
-    ];
-    let cells = |row: &ProtocolRow| {
+    table(
+        rows,
         [
-            row.scene.clone(),
-            row.preset.clone(),
-            row.renderer.clone(),
-            row.drawn.to_string(),
-            format!("{:.1}", row.train_ms),
-            format!("{:.1}", row.prepare_ms),
-            format!("{:.2}", row.psnr),
-            format!("{:.2}", row.psnr_rgb),
-            format!("{:.4}", row.ssim),
-        ]
-    };
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+            ("scene", |row| row.scene.clone()),
+            ("preset", |row| row.preset.clone()),
+            ("renderer", |row| row.renderer.clone()),
+            ("drawn", |row| row.drawn.to_string()),
+            ("ms/frame", |row| format!("{:.1}", row.train_ms)),
+            ("prepare ms", |row| format!("{:.1}", row.prepare_ms)),
+            ("PSNR dB", |row| format!("{:.2}", row.psnr)),
+            ("PSNR rgb dB", |row| format!("{:.2}", row.psnr_rgb)),
+            ("SSIM", |row| format!("{:.4}", row.ssim)),
+        ],
+    )
 }
 
 fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {

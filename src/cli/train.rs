@@ -420,7 +420,7 @@ pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
 
 impl Task {
     /// Runs with work for a GPU.
-    const NEEDS: &str = "a GPU supports, found one that it does not; use it with --photometric light or full, with births=seeds and visibility=projected, or with --preset paper, precision=mixed, index=grid, statistics=fused and at most 4 candidates";
+    const NEEDS: &str = "a GPU supports, found one that it does not; use it with --photometric light or full, with births=seeds and visibility=projected, or with --preset paper, precision=mixed and at most 4 candidates";
 
     /// True if the run has this kind of work.
     fn is_needed(self, session: &Session) -> bool {

@@ -7,11 +7,10 @@
 
 use super::sample::{TrainingSample, count};
 use super::table::{TimedRow, TimedStep, time};
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
@@ -116,17 +115,16 @@ pub fn run(
 }
 
 fn text(rows: &[TimedRow]) -> String {
-    let cells = |row: &TimedRow| {
+    table(
+        rows,
         [
-            row.configuration.clone(),
-            format!("{:.1} %", 100.0 * row.points_share),
-            row.spread().to_string(),
-            format!("{:.2}", row.psnr),
-            row.used.to_string(),
-        ]
-    };
-    let header = ["configuration", "points run", "ms/frame [quartiles]", "PSNR dB", "used"];
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+            ("configuration", |row| row.configuration.clone()),
+            ("points run", |row| format!("{:.1} %", 100.0 * row.points_share)),
+            ("ms/frame [quartiles]", |row| row.spread().to_string()),
+            ("PSNR dB", |row| format!("{:.2}", row.psnr)),
+            ("used", |row| row.used.to_string()),
+        ],
+    )
 }
 
 fn notes(plan: &AblationPlan, sample: &TrainingSample, thinned: &[Points<f32>]) -> Vec<String> {

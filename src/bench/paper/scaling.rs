@@ -6,12 +6,11 @@
 use super::runs;
 use super::runs::TimedConfiguration;
 use super::sample::{TrainingSample, thin};
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::synthetic;
 use crate::dataset::synthetic::SyntheticParams;
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::observation::points::Points;
 use crate::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 use crate::train::paper::init::InitialDraw;
@@ -325,18 +324,17 @@ fn name(means: MeanPlacement, path: EnginePath) -> &'static str {
 }
 
 fn text(rows: &[ScalingRow]) -> String {
-    let cells = |row: &ScalingRow| {
+    table(
+        rows,
         [
-            name(row.means, row.path).to_owned(),
-            row.points.to_string(),
-            row.components.to_string(),
-            row.threads.to_string(),
-            row.spread().to_string(),
-            format!("{:.1}", row.plain_over_this),
-        ]
-    };
-    let header = ["means", "points", "N", "threads", "ms/frame [quartiles]", "plain / this"];
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+            ("means", |row| name(row.means, row.path).to_owned()),
+            ("points", |row| row.points.to_string()),
+            ("N", |row| row.components.to_string()),
+            ("threads", |row| row.threads.to_string()),
+            ("ms/frame [quartiles]", |row| row.spread().to_string()),
+            ("plain / this", |row| format!("{:.1}", row.plain_over_this)),
+        ],
+    )
 }
 
 fn notes(plan: &ScalingPlan, rows: &[ScalingRow], fits: &[Fit]) -> Vec<String> {

@@ -2,9 +2,9 @@
 
 use super::painter::{FramePath, STAGES};
 use super::plan::{RENDERERS, RenderPlan};
+use crate::bench::findings::table;
 use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::render::Renderer;
 use serde::Serialize;
 
@@ -33,26 +33,30 @@ impl RenderRow {
     pub fn spread(&self) -> Option<Spread> {
         Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
     }
-
-    pub fn stages(&self) -> [Option<f64>; STAGES.len()] {
-        [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
-    }
 }
 
 pub fn text(rows: &[RenderRow]) -> String {
-    let cells = |row: &RenderRow| {
-        let total = row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string());
-        let stage = |ms: Option<f64>| ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"));
-        let [prepare, sort, bin, draw] = row.stages().map(stage);
-        let size = format!("{}x{}", row.width, row.height);
-        let names = [row.path.to_string(), row.renderer.to_string()];
-        let [path, renderer] = names;
-        [path, renderer, row.splats.to_string(), size, total, prepare, sort, bin, draw]
-    };
     let [prepare, sort, bin, draw] = STAGES;
-    let header =
-        ["path", "renderer", "splats", "size", "ms/frame [quartiles]", prepare, sort, bin, draw];
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    table(
+        rows,
+        [
+            ("path", |row| row.path.to_string()),
+            ("renderer", |row| row.renderer.to_string()),
+            ("splats", |row| row.splats.to_string()),
+            ("size", |row| format!("{}x{}", row.width, row.height)),
+            ("ms/frame [quartiles]", |row| {
+                row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string())
+            }),
+            (prepare, |row| stage(row.prepare_ms)),
+            (sort, |row| stage(row.sort_ms)),
+            (bin, |row| stage(row.bin_ms)),
+            (draw, |row| stage(row.draw_ms)),
+        ],
+    )
+}
+
+fn stage(ms: Option<f64>) -> String {
+    ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"))
 }
 
 pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {

@@ -17,22 +17,20 @@ use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::paper::sample::spaced;
 use super::plot;
 use crate::dataset::Dataset;
-use crate::eval::choices::{GroundTruth, SEEN_AFTER};
+use crate::eval::choices::SEEN_AFTER;
 use crate::eval::cracks::CrackReport;
 use crate::eval::metrics::{Spread, mean_std};
 use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::views::EvalOptions;
 use crate::eval::{choices, cracks};
-use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
-use crate::render::{RenderMethod, RenderOptions};
+use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::BirthRule;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use serde::Serialize;
 use std::sync::Arc;
-use training::{Trained, n_sweeps, ordered, train};
+use training::{Trained, n_sweeps, ordered, prepare, train};
 use variants::{SceneVariant, Table, budgets, parts, scales};
 
 /// Sizes of the tables. `frames` and `views` are maxima.
@@ -132,21 +130,12 @@ pub fn run(
 
 impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
-        let everything = Selection::all_frames();
-        let all =
-            Plan::new(&dataset, &everything, plan.options.seed).map_err(SessionError::from)?;
-        let held_out = dataset.evaluation(all.split).new_views;
-        let training = Plan { frames: spaced(&all.frames, plan.frames), ..all };
-        let base = SceneRun::new(&dataset, &training, &SceneOverrides::default());
-        let base = base.map_err(SessionError::from)?;
+        let (training, base, options) =
+            prepare(&dataset, &Selection::all_frames(), plan.frames, plan.options.seed)?;
+        let held_out = dataset.evaluation(training.split).new_views;
         let views = spaced(&held_out.frames, plan.views);
         let crack_views = cracks::views(&dataset, held_out.split, &views);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
-        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        // One camera for all rows, regardless of the camera they were trained with.
-        let color_camera = base.color_camera();
-        let options =
-            EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
         let views = (held_out.split, views);
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
