@@ -73,7 +73,7 @@ fn check_against(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::paper::config::{Candidates, PaperConfig, PaperOverrides, StatisticsForm};
+    use crate::train::paper::config::{PaperConfig, PaperOverrides};
     use crate::train::scene::config::SceneConfig;
 
     #[test]
@@ -91,12 +91,6 @@ mod tests {
             MemoryError::Frames { .. } => unreachable!(),
         };
         assert_eq!(most(error), ("components", 99_999, 100_000));
-        let dense = estimate(PaperOverrides {
-            candidates: Some(Candidates::Dense),
-            statistics: Some(StatisticsForm::Unfused),
-            ..PaperOverrides::default()
-        });
-        assert!(dense.total() > 500_000_000_000, "{dense:?}");
         let asked = SceneConfig { max_components: 20_000_000, ..SceneConfig::fine(0.02) };
         let scene = asked.memory(300_000, 3);
         let error = check_against(scene, ComponentLimit::Asked(20_000_000), scene.frames * 3);

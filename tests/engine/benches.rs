@@ -17,7 +17,7 @@ use vbgs_studio::bench::render::{BenchDevice, BenchScene, RenderPlan};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::train::paper::config::{
-    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, UpdateWidth,
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, UpdateWidth,
 };
 
 const OPTIONS: BenchOptions =
@@ -89,13 +89,12 @@ fn ablation() {
         components: 300,
         views: 1,
         dense_pairs: 300 * 256,
-        batches: vec![Batch::Points(128), Batch::Frame],
         ..AblationPlan::new(OPTIONS)
     };
     let bench = counted(|progress| ablation::run(&plan, room(), progress)).unwrap();
-    check_forms(&bench, &["configuration", "batch", "points_share", "ms", "psnr", "e_step_ms"]);
+    check_forms(&bench, &["configuration", "points_share", "ms", "psnr", "e_step_ms"]);
     let rows = rows(&bench);
-    assert_eq!(rows.len(), 10);
+    assert_eq!(rows.len(), 7);
     rows.iter().for_each(check_times);
     let named = |part: &str| {
         let is_named = |r: &&Value| r["configuration"].as_str().unwrap().contains(part);
@@ -105,10 +104,8 @@ fn ablation() {
     let dense = named("dense E-step");
     assert!(number(dense, "points_share") < 0.2, "{dense}");
     assert_eq!(number(dense, "psnr"), number(named("same points"), "psnr"));
-    assert_eq!(dense["batch"], 128);
-    assert_eq!(number(named("grid index"), "points_share"), 1.0);
-    assert!(number(named("forwarded"), "used") > number(named("grid index"), "used"));
-    assert_eq!(number(named("padded"), "psnr"), number(named("reassignment, truncated"), "psnr"));
+    assert_eq!(number(named("fused kernels"), "points_share"), 1.0);
+    assert!(number(named("forwarded"), "used") > number(named("fused kernels"), "used"));
     assert!(bench.text.contains("scaled to all points"), "{}", bench.text);
 }
 
@@ -125,7 +122,6 @@ fn pareto() {
         base,
         components: vec![50],
         candidates: vec![1],
-        batches: vec![Batch::Points(128)],
         precisions: vec![Precision::F64],
         threads: vec![1],
         policies: vec![ReassignPolicy::Off],
@@ -156,7 +152,7 @@ fn pareto() {
     }
     assert!(number(of("precision"), "covariance_error_p99") < 1e-12, "{}", of("precision"));
     assert!(number(of("base"), "covariance_error_p99") > 0.0, "f32 rounds");
-    assert!(rows.iter().any(|r| r["on_front"] == true));
+    assert!(!bench.json["summary"]["front"].as_array().unwrap().is_empty());
 }
 
 #[test]
@@ -253,7 +249,7 @@ fn precision_search_finds_settings_that_train_takes() {
     let overrides: PaperOverrides = options.from_str(&search.ron).unwrap();
     let config = PaperConfig::paper().with(&overrides).unwrap();
     assert_eq!(config.operations, search.operations);
-    assert_eq!(search.json["combinations"].as_array().unwrap().len(), 48);
+    assert_eq!(search.json["combinations"].as_array().unwrap().len(), 32);
     assert!(number(&search.json["chosen"]["error"], "covariance_p99") <= 1e-3);
     assert_eq!(number(&search.json["named"][0]["error"], "covariance_max"), 0.0);
     for operation in ["distance", "log-score", "normaliser", "moments", "update"] {

@@ -89,7 +89,6 @@ fn every_policy_trains_to_the_processors_bits() {
     let Some(gpu) = Fixture::shared() else { return };
     for reassign in [
         ReassignPolicy::Off,
-        ReassignPolicy::Truncated,
         ReassignPolicy::Padded,
         ReassignPolicy::Forwarded,
         ReassignPolicy::Dense,

@@ -62,7 +62,6 @@ pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<
     .into_bench()
 }
 
-/// All painters with one scene.
 struct Turns<'a> {
     splats: &'a [Splat],
     painters: &'a mut [Box<dyn TimedPainter>],

@@ -12,7 +12,6 @@ use crate::render::gpu::adapters::AdapterChoice;
 /// In the order of the rows.
 pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
 
-/// Devices that draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString, strum::VariantNames)]
 #[strum(serialize_all = "kebab-case")]
 pub enum BenchDevice {
@@ -23,7 +22,6 @@ pub enum BenchDevice {
     All,
 }
 
-/// Sizes and devices to time.
 #[derive(Clone, Debug)]
 pub struct RenderPlan {
     pub splats: Vec<usize>,

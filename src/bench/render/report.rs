@@ -2,9 +2,9 @@
 
 use super::painter::{FramePath, STAGES};
 use super::plan::{RENDERERS, RenderPlan};
+use crate::bench::findings::table;
 use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::render::Renderer;
 use serde::Serialize;
 
@@ -22,44 +22,41 @@ pub struct RenderRow {
     pub ms: Option<f64>,
     pub ms_q1: Option<f64>,
     pub ms_q3: Option<f64>,
-    /// Computing image records of splats.
     pub prepare_ms: Option<f64>,
-    /// Sorting splats by depth.
     pub sort_ms: Option<f64>,
-    /// Building the splat lists of the tiles.
     pub bin_ms: Option<f64>,
-    /// Drawing pixels.
     pub draw_ms: Option<f64>,
-    /// Reason why nothing was drawn.
     pub skipped: Option<String>,
 }
 
 impl RenderRow {
-    /// Median and quartiles. `None` if nothing was drawn.
     pub fn spread(&self) -> Option<Spread> {
         Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
-    }
-
-    /// Medians of the stages, in the order of `STAGES`.
-    pub fn stages(&self) -> [Option<f64>; STAGES.len()] {
-        [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
     }
 }
 
 pub fn text(rows: &[RenderRow]) -> String {
-    let cells = |row: &RenderRow| {
-        let total = row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string());
-        let stage = |ms: Option<f64>| ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"));
-        let [prepare, sort, bin, draw] = row.stages().map(stage);
-        let size = format!("{}x{}", row.width, row.height);
-        let names = [row.path.to_string(), row.renderer.to_string()];
-        let [path, renderer] = names;
-        [path, renderer, row.splats.to_string(), size, total, prepare, sort, bin, draw]
-    };
     let [prepare, sort, bin, draw] = STAGES;
-    let header =
-        ["path", "renderer", "splats", "size", "ms/frame [quartiles]", prepare, sort, bin, draw];
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    table(
+        rows,
+        [
+            ("path", |row| row.path.to_string()),
+            ("renderer", |row| row.renderer.to_string()),
+            ("splats", |row| row.splats.to_string()),
+            ("size", |row| format!("{}x{}", row.width, row.height)),
+            ("ms/frame [quartiles]", |row| {
+                row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string())
+            }),
+            (prepare, |row| stage(row.prepare_ms)),
+            (sort, |row| stage(row.sort_ms)),
+            (bin, |row| stage(row.bin_ms)),
+            (draw, |row| stage(row.draw_ms)),
+        ],
+    )
+}
+
+fn stage(ms: Option<f64>) -> String {
+    ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"))
 }
 
 pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
@@ -86,7 +83,6 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
     notes
 }
 
-/// One panel per resolution.
 pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
     let mut paths: Vec<FramePath> = rows.iter().map(|row| row.path).collect();
     paths.sort_by_key(|path| *path as usize);

@@ -2,23 +2,20 @@
 //! every recording of a folder, in one pass. Evaluation uses the standard metrics, and metrics that
 //! are robust to pose errors.
 
-use super::training::{Perturbed, Trained, ordered, train};
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::training::{Perturbed, Trained, ordered, prepare, train};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::folder;
 use crate::bench::paper::sample::spaced;
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::dataset::splits::{HoldOut, ViewGroup, ViewGroupName};
-use crate::eval::choices::{GroundTruth, ViewPoses};
+use crate::eval::choices::ViewPoses;
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::eval::report::EvalReport;
 use crate::eval::views::{EvalOptions, evaluate};
-use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
-use crate::render::{RenderMethod, RenderOptions};
+use crate::pipeline::settings::scene::SceneRun;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -31,7 +28,6 @@ const ORDERS: usize = 3;
 pub struct RecordingsPlan {
     /// Folder of recordings: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder of finished runs.
     pub kept: PathBuf,
     /// `repeats` is the number of frame orders.
     pub options: BenchOptions,
@@ -87,7 +83,6 @@ pub struct RecordingRow {
     pub correlation_4: Option<f64>,
 }
 
-/// Trains and evaluates all runs that are not stored yet.
 pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (recordings, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
@@ -136,11 +131,11 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
     .into_bench()
 }
 
-/// A recording prepared for training.
 struct RecordingRun<'a> {
     dataset: &'a Arc<Dataset>,
     plan: Plan,
     base: SceneRun,
+    options: EvalOptions,
     groups: Vec<ViewGroup>,
     seed: u64,
 }
@@ -150,16 +145,13 @@ impl<'a> RecordingRun<'a> {
         let RecordingsPlan { options, hold_out, .. } = *plan;
         let seed = options.seed;
         let selection = Selection { hold_out, ..Selection::all_frames() };
-        let all = Plan::new(dataset, &selection, seed).map_err(SessionError::from)?;
-        let evaluation = dataset.evaluation_by(hold_out, all.split).map_err(SessionError::from)?;
         let [frames, views] = if options.quick { [12, 4] } else { [usize::MAX; 2] };
-        let frames = spaced(&all.frames, options.max_frames.unwrap_or(frames));
-        let plan = Plan { frames, ..all };
-        let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
-        let base = base.map_err(SessionError::from)?;
+        let frames = options.max_frames.unwrap_or(frames);
+        let (plan, base, options) = prepare(dataset, &selection, frames, seed)?;
+        let evaluation = dataset.evaluation_by(hold_out, plan.split).map_err(SessionError::from)?;
         let few = |group: ViewGroup| ViewGroup { frames: spaced(&group.frames, views), ..group };
         let groups = evaluation.into_groups().into_iter().map(few).collect();
-        Ok(Self { dataset, plan, base, groups, seed })
+        Ok(Self { dataset, plan, base, options, groups, seed })
     }
 
     fn ordered(&self, order: usize) -> Plan {
@@ -175,17 +167,12 @@ impl<'a> RecordingRun<'a> {
         })
     }
 
-    /// Trains one order of the frames and returns one row per group.
     fn measured(&self, order: usize) -> Result<Vec<RecordingRow>, BenchError> {
         let plan = self.ordered(order);
         let trained = self.trained(self.dataset, &plan)?;
         let perturbed = Perturbed::new(self.dataset, &plan, self.seed);
         let wrong = self.trained(&perturbed.dataset, &plan)?;
-        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        let plain = EvalOptions {
-            color_camera: self.base.color_camera(),
-            ..EvalOptions::plain(GroundTruth::Composited, render)
-        };
+        let plain = self.options;
         let moved = EvalOptions { poses: ViewPoses::Corrected, ..plain };
         let [plain, aligned] = [plain, moved].map(|o| EvalOptions { align_poses: true, ..o });
         let left = perturbed.left(trained.poses(), wrong.poses());
@@ -278,65 +265,57 @@ fn median(orders: &[&RecordingRow]) -> Result<Option<RecordingRow>, BenchError> 
     Ok(Some(serde_json::from_value(Value::Object(median))?))
 }
 
-fn text(rows: &[RecordingRow]) -> String {
-    let header = [
-        "recording",
-        "views",
-        "drawn",
-        "ms/frame",
-        "PSNR dB: full / covered / colours aligned",
-        "corrected poses",
-        "trained on perturbed poses: full / covered / covered, aligned poses",
-        "remaining of 2 cm, of 1°",
-        "aligned poses",
-        "pose error",
-        "depth error",
-        "SSIM",
-        "SSIM of gradients",
-        "energy by octave",
-        "correlation",
-    ];
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
-    };
-    let joined = |values: &[Option<f64>]| {
-        values.iter().map(|value| number(*value, 2)).collect::<Vec<_>>().join(" / ")
-    };
-    let cells = |row: &RecordingRow| {
-        [
-            row.recording.clone(),
-            row.shown_group(),
-            format!("{:.0}", row.drawn),
-            format!("{:.1}", row.train_ms),
-            joined(&[Some(row.psnr), row.psnr_covered, row.psnr_aligned_covered]),
-            joined(&[
-                Some(row.corrected_psnr),
-                row.corrected_psnr_covered,
-                row.corrected_psnr_aligned_covered,
-            ]),
-            joined(&[
-                Some(row.perturbed_psnr),
-                row.perturbed_psnr_covered,
-                row.perturbed_pose_aligned_psnr_covered,
-            ]),
-            joined(&[row.perturbed_shift_left, row.perturbed_turn_left]),
-            joined(&[
-                row.pose_aligned_psnr,
-                row.pose_aligned_psnr_covered,
-                row.pose_aligned_psnr_aligned_covered,
-            ]),
-            format!("{}, {}°", number(row.pose_shift, 4), number(row.pose_turn, 2)),
-            number(row.depth_error, 4),
-            number(Some(row.ssim), 4),
-            number(row.gradient_ssim, 4),
-            joined(&[row.energy_1, row.energy_2, row.energy_3, row.energy_4]),
-            joined(&[row.correlation_1, row.correlation_2, row.correlation_3, row.correlation_4]),
-        ]
-    };
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-/// Quality and sharpness by recording.
+fn joined<const N: usize>(values: [Option<f64>; N]) -> String {
+    values.map(|value| number(value, 2)).join(" / ")
+}
+
+fn text(rows: &[RecordingRow]) -> String {
+    table(
+        rows,
+        [
+            ("recording", |row| row.recording.clone()),
+            ("views", RecordingRow::shown_group),
+            ("drawn", |row| format!("{:.0}", row.drawn)),
+            ("ms/frame", |row| format!("{:.1}", row.train_ms)),
+            ("PSNR dB: full / covered / colours aligned", |row| {
+                joined([Some(row.psnr), row.psnr_covered, row.psnr_aligned_covered])
+            }),
+            ("corrected poses", |row| {
+                let covered = row.corrected_psnr_covered;
+                joined([Some(row.corrected_psnr), covered, row.corrected_psnr_aligned_covered])
+            }),
+            ("trained on perturbed poses: full / covered / covered, aligned poses", |row| {
+                let covered = row.perturbed_psnr_covered;
+                joined([Some(row.perturbed_psnr), covered, row.perturbed_pose_aligned_psnr_covered])
+            }),
+            ("remaining of 2 cm, of 1°", |row| {
+                joined([row.perturbed_shift_left, row.perturbed_turn_left])
+            }),
+            ("aligned poses", |row| {
+                let [full, covered] = [row.pose_aligned_psnr, row.pose_aligned_psnr_covered];
+                joined([full, covered, row.pose_aligned_psnr_aligned_covered])
+            }),
+            ("pose error", |row| {
+                format!("{}, {}°", number(row.pose_shift, 4), number(row.pose_turn, 2))
+            }),
+            ("depth error", |row| number(row.depth_error, 4)),
+            ("SSIM", |row| number(Some(row.ssim), 4)),
+            ("SSIM of gradients", |row| number(row.gradient_ssim, 4)),
+            ("energy by octave", |row| {
+                joined([row.energy_1, row.energy_2, row.energy_3, row.energy_4])
+            }),
+            ("correlation", |row| {
+                let (coarse, coarsest) = (row.correlation_3, row.correlation_4);
+                joined([row.correlation_1, row.correlation_2, coarse, coarsest])
+            }),
+        ],
+    )
+}
+
 fn panels(rows: &[RecordingRow]) -> [Panel; 2] {
     type Value = fn(&RecordingRow) -> Option<f64>;
     let name = |row: &RecordingRow| format!("{}, {}", row.recording, row.shown_group());

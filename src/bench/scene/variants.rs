@@ -12,7 +12,7 @@ use crate::dataset::surface::sensor::Thresholds;
 use crate::model::scene::splat_rule::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
-use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
+use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
 
@@ -23,15 +23,12 @@ pub enum Table {
     Cumulative,
     /// Each row changes one setting of the preset.
     LeaveOneOut,
-    /// Each row changes one constant of photometric training.
-    Constants,
     /// Quality against components: structural scales.
     Scale,
     /// Quality against components: the preset's scale, merged down to a budget.
     Budget,
 }
 
-/// A configuration named in a table.
 #[derive(Clone, Debug)]
 pub struct SceneVariant {
     pub table: Table,
@@ -39,7 +36,6 @@ pub struct SceneVariant {
     pub run: SceneRun,
 }
 
-/// Name and effect of a change of the preset.
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// Parts and the changes that disable them, in the order of the table
@@ -155,48 +151,6 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
         }
     }
     rows
-}
-
-/// Name and accessor of a constant of photometric training.
-type PhotometricConstant = (&'static str, fn(&mut PhotometricRule) -> &mut f64);
-
-const CONSTANTS: [PhotometricConstant; 15] = [
-    ("noise", |rule| &mut rule.noise),
-    ("kept curvature", |rule| &mut rule.kept),
-    ("forgotten precision", |rule| &mut rule.forgotten),
-    ("points of young components", |rule| &mut rule.young),
-    ("damping", |rule| &mut rule.damping),
-    ("tau", |rule| &mut rule.tau),
-    ("coverage", |rule| &mut rule.coverage),
-    ("trust", |rule| &mut rule.trust),
-    ("prior of means", |rule| &mut rule.prior.mean),
-    ("prior of scales", |rule| &mut rule.prior.scale),
-    ("prior of rotations", |rule| &mut rule.prior.turn),
-    ("prior of opacity", |rule| &mut rule.prior.opacity),
-    ("prior of colour", |rule| &mut rule.prior.color),
-    ("prior of colour by direction", |rule| &mut rule.prior.directional),
-    ("prior of colour gradients", |rule| &mut rule.prior.gradient),
-];
-
-/// Rows with each photometric constant halved and doubled, and with other row strides. Empty if
-/// photometric training is off.
-pub fn constants(base: &SceneRun) -> Vec<SceneVariant> {
-    let Some(rule) = base.engine.photometric else { return Vec::new() };
-    let row = |name: String, rule: PhotometricRule| {
-        let mut run = base.clone();
-        run.engine.photometric = Some(rule);
-        SceneVariant { table: Table::Constants, name, run }
-    };
-    let scaled = |(name, constant): PhotometricConstant| {
-        [0.5, 2.0].map(|factor| {
-            let mut rule = rule;
-            *constant(&mut rule) *= factor;
-            row(format!("{name} × {factor}"), rule)
-        })
-    };
-    let rows =
-        [1, 2, 8].map(|rows| row(format!("one of {rows} rows"), PhotometricRule { rows, ..rule }));
-    CONSTANTS.into_iter().flat_map(scaled).chain(rows).collect()
 }
 
 /// Budgets as shares of the components born without a budget.

@@ -53,7 +53,7 @@ impl Kernel for FitRows<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        match self.sampling.column_step() {
+        match self.sampling.step() {
             1 => self.fit::<V, 1>(),
             _ => self.fit::<V, 2>(),
         }
@@ -68,7 +68,7 @@ impl FitRows<'_> {
         let blocks = planes.blocks(STEP);
         out.resize(rows.len() * blocks);
         // Rows of tiles start at even rows.
-        for (line, row) in rows.enumerate().step_by(sampling.row_step()) {
+        for (line, row) in rows.enumerate().step_by(sampling.step()) {
             for block in 0..blocks {
                 let at = planes.at(block * LANES * STEP, row);
                 // NOTHING is the largest f32; half of it lies above every valid depth.

@@ -113,8 +113,6 @@ pub enum PixelSampling {
     /// Every pixel.
     #[default]
     Every,
-    /// Every other row.
-    Half,
     /// Every other pixel of every other row.
     Quarter,
 }
@@ -129,16 +127,12 @@ impl PixelSampling {
     pub fn weight(self) -> u32 {
         match self {
             Self::Every => 1,
-            Self::Half => 2,
             Self::Quarter => 4,
         }
     }
 
-    pub(super) fn row_step(self) -> usize {
+    /// Distance between used rows, and between used columns.
+    pub(super) fn step(self) -> usize {
         if self.is_every() { 1 } else { 2 }
-    }
-
-    pub(super) fn column_step(self) -> usize {
-        if self == Self::Quarter { 2 } else { 1 }
     }
 }

@@ -37,7 +37,6 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
             sections
         }
         Totals::Fixed128(rows) => split_rows(rows),
-        Totals::F32(rows) => split_rows(rows),
     }
 }
 

@@ -129,7 +129,6 @@ fn can_hold(update: UpdateWidth, totals: &Totals) -> bool {
     match totals {
         Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
         Totals::Fixed128(_) => true,
-        Totals::F32(_) => update == UpdateWidth::F32,
     }
 }
 

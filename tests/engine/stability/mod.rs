@@ -77,19 +77,8 @@ fn mixed_precision_is_exact_to_the_rounding_of_f32_about_the_mean() {
 }
 
 #[test]
-fn f32_stays_definite_and_finite() {
-    for row in rows(Precision::F32, sound) {
-        check_sane(&row);
-        // Sums over 1e5 frames drift in f32.
-        if row.frames == 1 {
-            assert!(row.mean_error < 1e-3 && row.covariance_error < 0.1, "{row:?}");
-        }
-    }
-}
-
-#[test]
 fn points_that_are_no_numbers_do_not_count() {
-    for precision in [Precision::F64, Precision::Mixed, Precision::F32] {
+    for precision in [Precision::F64, Precision::Mixed] {
         for row in rows(precision, |case| !sound(case)) {
             check_sane(&row);
             assert_eq!(row.points_broken, 5);
@@ -104,8 +93,6 @@ struct StabilityRow {
     case: &'static str,
     /// Non-finite points, which the engine must ignore.
     points_broken: usize,
-    /// Number of times the frame is trained on.
-    frames: u32,
     /// Components with statistics.
     used: usize,
     /// Largest total variation of a point's responsibilities.
@@ -184,7 +171,6 @@ impl<'a> Truth<'a> {
         StabilityRow {
             case: self.case.name,
             points_broken: self.sound.iter().filter(|sound| !**sound).count(),
-            frames: self.case.frames,
             used: engine.used(),
             responsibility_error: self.responsibility_error(&mut *engine),
             count_error: self.count_error(&found),

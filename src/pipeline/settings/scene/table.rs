@@ -164,7 +164,6 @@ settings! {
 named_values!(by text StructuralScale, Budget);
 named_values!(by name PixelSampling {
     "every" "Every" "Every pixel becomes a point";
-    "half" "Half" "Every other row";
     "quarter" "Quarter" "Every other pixel of every other row";
 });
 named_values!(by name SplatKind {
