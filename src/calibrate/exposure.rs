@@ -60,7 +60,6 @@ impl Patch {
     }
 }
 
-/// Gains and their standard errors.
 #[derive(Clone, Debug)]
 pub(super) struct FittedExposure {
     /// Per view and channel; the product over the views is 1.
@@ -256,7 +255,6 @@ fn select_gains(
     (named.collect(), value)
 }
 
-/// Root mean square of the log gains.
 fn spread(gains: &[[f64; 3]]) -> f64 {
     let squares: f64 = gains.as_flattened().iter().map(|g| g.ln().powi(2)).sum();
     (squares / (3 * gains.len()).max(1) as f64).sqrt()

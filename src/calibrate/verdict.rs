@@ -39,7 +39,6 @@ struct Half<'a> {
     best: Estimate,
 }
 
-/// Cross-validation of both halves.
 pub(super) struct CrossValidation<'a> {
     prior: &'a SensorPrior,
     start: Unknowns,
