@@ -6,9 +6,9 @@
 use super::camera::Projector;
 use super::exposure::Patch;
 use super::matches::{MatchedPoint, Matches};
-use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, split_twist};
+use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 
 #[derive(Clone, Copy)]

@@ -1,8 +1,8 @@
 //! Joint covariance of the estimated unknowns.
 
-use super::normal_equations::NormalEquations;
 use super::unknowns::{DEPTH, WITH_POSE};
 use crate::math::cholesky::Cholesky;
+use crate::math::least_squares::NormalEquations;
 
 #[derive(Clone, Debug)]
 pub(super) struct Covariance {
@@ -79,7 +79,6 @@ impl Covariance {
 
 const SCATTERED: usize = 5;
 
-/// Gradients of the views, centred on their mean.
 pub(super) struct Scatter {
     pub gradients: Vec<Vec<f64>>,
     /// Factor on the squares that corrects for the lost degrees of freedom.

@@ -14,9 +14,9 @@ use super::color::{ColorResidual, Photos, color_residuals};
 use super::covariance::overdispersion;
 use super::exposure::exposure;
 use super::matches::{MatchedPoint, Matches};
-use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::unknowns::{DEPTH, Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
+use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -244,7 +244,6 @@ fn select_gains(
     (named.collect(), value)
 }
 
-/// Root mean square of the log gains.
 fn spread(gains: &[[f64; 3]]) -> f64 {
     let squares: f64 = gains.as_flattened().iter().map(|g| g.ln().powi(2)).sum();
     (squares / (3 * gains.len()).max(1) as f64).sqrt()

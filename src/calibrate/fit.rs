@@ -2,9 +2,9 @@
 
 use super::covariance::{Covariance, Scatter};
 use super::evidence::{Evidence, ResidualKind};
-use super::normal_equations::NormalEquations;
 use super::unknowns::{Estimate, N, SensorPrior, Unknowns, WITH_POSE};
 use crate::math::cholesky::Cholesky;
+use crate::math::least_squares::NormalEquations;
 
 /// Alternating fits of gains and poses before a loss is evaluated.
 const LOSS_ROUNDS: usize = 2;

@@ -12,7 +12,6 @@ mod evidence;
 mod exposure;
 mod fit;
 mod matches;
-mod normal_equations;
 mod pyramid;
 mod report;
 #[cfg(test)]

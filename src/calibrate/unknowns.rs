@@ -5,8 +5,8 @@
 //! recordings best, but no depth camera has that error.
 
 use super::camera::{CameraUnknowns, FOCAL, N as N_CAMERA, ROLL};
-use super::normal_equations::NormalEquations;
 use crate::dataset::calibration::{Calibration, ColorCamera};
+use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -16,7 +16,6 @@ pub(super) const N: usize = 2 + N_CAMERA;
 pub(super) const WITH_POSE: usize = N + 6;
 pub(super) const DEPTH: [usize; 2] = [0, 1];
 pub(super) const CAMERA: usize = 2;
-/// Names with units.
 pub(super) const NAMES: [&str; N] = [
     "depth offset, world units",
     "depth scale",
@@ -106,7 +105,7 @@ impl Estimate {
 pub(super) struct SensorPrior {
     mean: [f64; N],
     deviation: [f64; N],
-    /// Precision of each pose's translation and rotation.
+    /// Standard deviation of each pose's translation and rotation.
     pose: [f64; 2],
 }
 
@@ -130,24 +129,20 @@ impl SensorPrior {
             principal,
             principal,
         ];
-        let pose = [(POSE_SHIFT_M * metre).powi(-2), POSE_TURN.powi(-2)];
+        let pose = [POSE_SHIFT_M * metre, POSE_TURN];
         Self { mean, deviation, pose }
     }
 
     pub fn add_pose(&self, pose: &Twist, equations: &mut NormalEquations<WITH_POSE>) {
         for (i, value) in pose.iter().enumerate() {
-            let mut slope = [0.0; WITH_POSE];
-            slope[N + i] = 1.0;
-            equations.add_residual(*value, &slope, self.pose[i / 3]);
+            equations.add_prior(N + i, *value, self.pose[i / 3]);
         }
     }
 
     pub fn equations(&self, at: &Unknowns) -> NormalEquations<N> {
         let mut equations = NormalEquations::ZERO;
         for i in 0..N {
-            let mut slope = [0.0; N];
-            slope[i] = 1.0;
-            equations.add_residual(at.get(i) - self.mean[i], &slope, self.deviation[i].powi(-2));
+            equations.add_prior(i, at.get(i) - self.mean[i], self.deviation[i]);
         }
         equations
     }

@@ -289,7 +289,7 @@ fn the_files_of_points_are_valid() {
         assert_eq!(whole, parts.collect::<String>());
         let module = validated("points", whole);
         assert_eq!(module.entry_points.len(), 1);
-        // Sizes in `points/layout.rs` and `points/memory.rs`, and of points in frames.
+        // Sizes in `points/layout.rs`, and of points in frames.
         assert_eq!([stride(&module, "Settings"), stride(&module, "Point")], [64, 64]);
     }
     assert_eq!(stride(&validated("points", points::FIND), "Seed"), 16);

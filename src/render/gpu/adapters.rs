@@ -160,7 +160,6 @@ pub fn choose(
     found.map(Some).ok_or_else(unknown)
 }
 
-/// Optional features, requested if available.
 const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
 
 /// Requests the adapter's own limits (a splat buffer needs the largest possible binding) and the

@@ -14,7 +14,7 @@ use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use crate::render::options::{
-    ExactOptions, FRUSTUM_MARGIN, Paint, RenderMethod, RenderOptions, Response, Support,
+    ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support, tangent_range,
 };
 
 /// WGSL of each pipeline, to be prefixed by [`super::constants`].
@@ -175,8 +175,7 @@ impl GpuView {
         let axes = camera.pose.rotation();
         let centre = camera.pose.centre();
         let pair = |x: f64, y: f64| [x as f32, y as f32];
-        let size = [f64::from(k.width), f64::from(k.height)];
-        let margin = [size[0] / (2.0 * k.fx), size[1] / (2.0 * k.fy)].map(|t| FRUSTUM_MARGIN * t);
+        let [tangent_min, tangent_max] = tangent_range(k).map(|range| range.as_vec2().to_array());
         let (renderer, antialias) = match options.method {
             RenderMethod::Projected(Support::Tile3Sigma) => {
                 return Err(GpuError::CpuOnly { found: "support of three standard deviations" });
@@ -207,12 +206,9 @@ impl GpuView {
             renderer,
             focal: pair(k.fx, k.fy),
             principal: pair(k.cx, k.cy),
-            viewport: pair(size[0], size[1]),
-            tangent_min: pair(-(k.cx / k.fx + margin[0]), -(k.cy / k.fy + margin[1])),
-            tangent_max: pair(
-                (size[0] - k.cx) / k.fx + margin[0],
-                (size[1] - k.cy) / k.fy + margin[1],
-            ),
+            viewport: pair(k.width.into(), k.height.into()),
+            tangent_min,
+            tangent_max,
             depth_range,
             antialias,
             lens: options.method.lens() as u32,

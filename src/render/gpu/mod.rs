@@ -17,19 +17,19 @@
 pub mod adapters;
 pub mod composite;
 pub mod constants;
-mod draw_pipeline;
 pub mod error;
 mod growing;
 pub mod headless;
-mod kernel;
 pub mod layout;
 pub mod meshes;
 pub mod mixture;
 pub mod photometric;
+mod pipeline;
 pub mod points;
 pub mod readback;
 pub mod renderer;
 pub mod scene;
+mod task;
 pub mod tiles;
 mod timer;
 

@@ -8,9 +8,10 @@
 use super::adapters::max_buffer_bytes;
 use super::constants::{SCATTER_GROUP, module};
 use super::error::GpuError;
-use super::growing::{Allocation, IN};
-use super::kernel::{ComputeKernel, Grid};
+use super::growing::Allocation;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, shader};
+use super::pipeline::{ComputeKernel, Grid};
+use super::task::IN;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::{Finishing, SplatView};
 use crate::render::finish::Finish;

@@ -36,7 +36,6 @@ const N_STAGES: u32 = 3;
 /// Each stage is one pass with a timestamp at its start and end.
 const IMAGE_BYTES: u64 = 2 * N_STAGES as u64 * wgpu::QUERY_SIZE as u64;
 
-/// Timestamps of the last images.
 #[derive(Debug)]
 pub(super) struct StageTimer {
     queries: wgpu::QuerySet,
@@ -102,7 +101,6 @@ impl StageTimer {
         self.ring.send(encoder, slot, &self.resolved, IMAGE_BYTES);
     }
 
-    /// Most recent measurement.
     pub(super) fn latest(&self) -> Option<GpuTimes> {
         self.latest
     }
@@ -143,7 +141,6 @@ struct Slot {
 }
 
 impl ReadbackRing {
-    /// Creates buffers of `bytes` bytes each.
     pub(super) fn new(device: &wgpu::Device, label: &str, bytes: u64) -> Self {
         let slots = std::array::from_fn(|_| Slot {
             buffer: device.create_buffer(&wgpu::BufferDescriptor {

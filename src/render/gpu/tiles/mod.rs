@@ -21,15 +21,12 @@ use super::timer::{GpuStage, StageTimer};
 use buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, tile_grid};
 use plan::{EntryDemand, Inputs, Kernels, TileMemory, TilePlan};
 
-/// Inputs and output of one image.
 #[derive(Clone, Copy)]
 pub(super) struct TileFrame<'a> {
-    /// Camera and options.
     pub(in crate::render::gpu) view: &'a wgpu::Buffer,
     pub(in crate::render::gpu) scene: &'a GpuScene,
     /// Output image, at least one pixel per side.
     pub(in crate::render::gpu) image: &'a SplatTarget,
-    /// Timer and its slot.
     pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
 }
 
@@ -63,7 +60,6 @@ impl TilePath {
         })
     }
 
-    /// Records an image.
     pub(in crate::render::gpu) fn record(
         &mut self,
         device: &wgpu::Device,

@@ -9,7 +9,7 @@ use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, create_tile_range
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid};
+use crate::render::gpu::pipeline::{BoundKernel, ComputeKernel, Grid};
 use crate::render::gpu::renderer::SplatTarget;
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::timer::{GpuStage, ReadbackRing};

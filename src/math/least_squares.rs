@@ -1,13 +1,13 @@
-//! Normal equations of a least-squares problem over `N` unknowns.
+//! Normal equations of a least-squares problem over a few unknowns.
 
-use crate::math::cholesky::Cholesky;
+use super::cholesky::Cholesky;
 
 /// Weighted sum of squared residuals, linearised: cost, half gradient and half Gauss-Newton curvature.
 ///
-/// Each view has its own, so that views can be left out or compared for standard errors; totals are their
-/// sums.
+/// Parts of a problem have their own, which are added in a fixed order, so that sums do not depend on the
+/// number of threads and parts can be left out or compared for standard errors.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct NormalEquations<const N: usize> {
+pub struct NormalEquations<const N: usize> {
     /// Weighted sum of squares.
     pub cost: f64,
     /// Number (weight) of contributing points.
@@ -57,7 +57,15 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Adds `factor` times other equations; −1 removes a view from a total.
+    /// Adds the prior that unknown `i` deviates from a given value by 0 ± `deviation`, now by `value`.
+    pub fn add_prior(&mut self, i: usize, value: f64, deviation: f64) {
+        let weight = deviation.powi(-2);
+        self.cost += weight * value * value;
+        self.gradient[i] += weight * value;
+        self.curvature[i][i] += weight;
+    }
+
+    /// Adds `factor` times other equations; −1 removes a part from a total.
     pub fn add(&mut self, other: &Self, factor: f64) {
         self.cost += factor * other.cost;
         self.n += factor * other.n;
@@ -69,9 +77,10 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    pub fn total<'a>(views: impl IntoIterator<Item = &'a Self>) -> Self {
-        views.into_iter().fold(Self::ZERO, |mut sum, view| {
-            sum.add(view, 1.0);
+    /// Sum of the parts.
+    pub fn total<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Self {
+        parts.into_iter().fold(Self::ZERO, |mut sum, part| {
+            sum.add(part, 1.0);
             sum
         })
     }
@@ -128,6 +137,14 @@ impl<const N: usize> NormalEquations<N> {
             })
             .collect();
         Some(Cholesky::new(rest.len(), &self.curvature_of(&rest))?.solve(&pull))
+    }
+
+    /// Step to the minimum; `None` if the data does not determine it or any number is not finite.
+    pub fn solution(&self) -> Option<[f64; N]> {
+        let all: [usize; N] = std::array::from_fn(|i| i);
+        let step: [f64; N] = self.damped_step(&all, 0.0)?.try_into().ok()?;
+        // The factor does not depend on the gradient: a NaN there shows only here.
+        step.iter().all(|x| x.is_finite()).then_some(step)
     }
 
     /// Damped Newton step of the `free` unknowns in their order, with the others held. `damping` is

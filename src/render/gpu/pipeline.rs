@@ -1,4 +1,4 @@
-//! Helpers for compute pipelines: creation, binding, dispatch.
+//! Helpers for pipelines: creation, binding, dispatch.
 
 use super::constants::GROUP;
 
@@ -66,18 +66,7 @@ impl ComputeKernel {
         device: &wgpu::Device,
         resources: &[(u32, wgpu::BindingResource<'_>)],
     ) -> BoundKernel {
-        let entries: Vec<_> = resources
-            .iter()
-            .map(|(binding, resource)| wgpu::BindGroupEntry {
-                binding: *binding,
-                resource: resource.clone(),
-            })
-            .collect();
-        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &self.0.get_bind_group_layout(0),
-            entries: &entries,
-        });
+        let bindings = bind_group(device, &self.0.get_bind_group_layout(0), resources);
         BoundKernel { pipeline: self.0.clone(), bindings }
     }
 }
@@ -107,6 +96,55 @@ impl Grid {
         let columns = n_groups.clamp(1, 65_535);
         Self { columns: columns as u32, rows: n_groups.div_ceil(columns).max(1) as u32 }
     }
+}
+
+pub(super) fn bind_group(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    resources: &[(u32, wgpu::BindingResource<'_>)],
+) -> wgpu::BindGroup {
+    let entries: Vec<_> = resources
+        .iter()
+        .map(|(binding, resource)| wgpu::BindGroupEntry {
+            binding: *binding,
+            resource: resource.clone(),
+        })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+}
+
+/// Creates a pipeline that draws triangles into one colour target without depth. `entries` are the entry
+/// points of the vertex and the fragment shader.
+pub(super) fn draw_pipeline(
+    device: &wgpu::Device,
+    label: &str,
+    module: &wgpu::ShaderModule,
+    [vertex, fragment]: [&str; 2],
+    buffers: &[Option<wgpu::VertexBufferLayout<'_>>],
+    target: wgpu::ColorTargetState,
+) -> wgpu::RenderPipeline {
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(label),
+        // Derived from the shader, which declares each binding once.
+        layout: None,
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some(vertex),
+            compilation_options: Default::default(),
+            buffers,
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(target)],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
 }
 
 /// Creates a buffer that only kernels read and write.
