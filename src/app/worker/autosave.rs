@@ -286,7 +286,7 @@ mod tests {
         wait("a frame", || started.snapshot().frames_done == 1);
         worker.set(Arc::downgrade(&started)).unwrap();
         let export = |number| {
-            let left_out = LeftOut::new(&Edits::default());
+            let left_out = LeftOut::default();
             WorkerOrder::Export(number, file.clone(), Mapping::default(), left_out)
         };
         started.send(export(1));

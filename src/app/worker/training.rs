@@ -3,6 +3,7 @@
 use super::following::is_read_from;
 use super::thread::WorkerThread;
 use crate::app::state::{NoticeKind, NoticeTopic, RunState};
+use crate::app::wording;
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::Summary;
 use crate::pipeline::error::SessionError;

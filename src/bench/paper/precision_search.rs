@@ -40,7 +40,7 @@ impl SearchPlan {
     pub fn new(options: BenchOptions, bound: f64) -> Result<Self, ConfigError> {
         if !(bound.is_finite() && bound > 0.0) {
             return Err(ConfigError {
-                setting: "bound",
+                setting: "bound (`--bound`)",
                 expected: "a positive relative error, such as 1e-4".to_owned(),
                 found: bound.to_string(),
             });
