@@ -85,8 +85,7 @@ fn render_orbit(
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
-    output::print_line(format!("wrote {n} views{each} to {}", args.output.display()));
+    painter.print_written(n, "views", &args.output);
     Ok(())
 }
 
@@ -123,8 +122,7 @@ fn render_path(
     }
     films.into_iter().try_for_each(FilmWriter::finish)?;
     bar.finish_and_clear();
-    let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
-    output::print_line(format!("wrote {n} pictures{each} to {}", args.output.display()));
+    painter.print_written(n, "pictures", &args.output);
     Ok(())
 }
 
@@ -187,6 +185,11 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
+    fn print_written(&self, n: usize, what: &str, output: &Path) {
+        let each = if self.methods.len() > 1 { ", each by both renderers," } else { "" };
+        output::print_line(format!("wrote {n} {what}{each} to {}", output.display()));
+    }
+
     /// Writes one image per renderer; returns their names for a message.
     fn draw(
         &mut self,

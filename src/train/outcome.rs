@@ -168,3 +168,18 @@ pub enum TrainingWarning {
         splats: u64,
     },
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn warnings_name_settings_with_their_options() {
+        let text = TrainingWarning::OverBudget { points: 3 }.to_string();
+        assert!(text.starts_with("3 points") && text.contains("budget (`--budget`)"), "{text}");
+        let text = TrainingWarning::Coarsened { requested: 0.01, scale: 0.0141421 }.to_string();
+        assert!(text.contains("scale of 0.01,") && text.contains("`--scale 0.0141421`"), "{text}");
+        let text = TrainingWarning::TooFarFromOrigin { points: 4 }.to_string();
+        assert!(text.contains("listed by `info`") && text.contains("(`--scale`)"), "{text}");
+    }
+}

@@ -234,6 +234,9 @@ mod tests {
     fn a_wrong_unit_is_guessed() {
         let advice = DepthAdvice::OtherUnit { unit: "millimetres", factor: 1e-3 };
         assert_eq!(unit_advice([0.3, 4.0], 1500.0), advice);
+        let text = advice.to_string();
+        assert!(text.contains("depth scale (`--depth-scale`) by 0.001"), "{text}");
+        assert!(text.ends_with("depth range (`--depth-range`)"), "{text}");
         assert_eq!(unit_advice([0.3, 4.0], 1e9), DepthAdvice::SetUnit);
         // Depth inside the range has the right unit; an unbounded range gives no hint.
         assert_eq!(unit_advice([0.3, 4.0], 2.0), DepthAdvice::CheckCameras);
