@@ -84,44 +84,29 @@ impl LoadOptions {
     }
 
     pub(super) fn check(&self) -> Result<(), DatasetError> {
-        // Both conditions are negated, so that NaN is refused too; an infinite far end is allowed.
+        let wrong =
+            |setting, expected, found| Err(DatasetError::Option { setting, expected, found });
+        // Conditions are negated, so that NaN is refused too; an infinite far end is allowed.
         if let Some(scale) = self.depth_scale.filter(|s| !(s.is_finite() && *s > 0.0)) {
-            return Err(DatasetError::Option {
-                setting: "depth scale",
-                expected: "a positive number of world units per code",
-                found: scale.to_string(),
-            });
+            let expected = "a positive number of world units per code";
+            return wrong("depth scale", expected, scale.to_string());
         }
         if let Some([near, far]) = self.depth_range.filter(|[a, b]| !(*a >= 0.0 && a < b)) {
-            return Err(DatasetError::Option {
-                setting: "depth range",
-                expected: "0 ≤ near < far in world units",
-                found: format!("{near} to {far}"),
-            });
+            let expected = "0 ≤ near < far in world units";
+            return wrong("depth range", expected, format!("{near} to {far}"));
         }
         let is_camera = |[fx, fy, cx, cy]: &[f64; 4]| {
             fx.is_finite() && fy.is_finite() && *fx > 0.0 && *fy > 0.0 && *cx >= 0.0 && *cy >= 0.0
         };
         if let Some(given) = self.intrinsics.filter(|given| !is_camera(given)) {
-            return Err(DatasetError::Option {
-                setting: "intrinsics",
-                expected: "positive focal lengths and a principal point inside the image, pixels",
-                found: format!("{given:?}"),
-            });
+            let expected = "positive focal lengths and a principal point inside the image, pixels";
+            return wrong("intrinsics", expected, format!("{given:?}"));
         }
         if let Some(confidence) = self.confidence.filter(|least| *least > 2) {
-            return Err(DatasetError::Option {
-                setting: "confidence",
-                expected: "0, 1 or 2",
-                found: confidence.to_string(),
-            });
+            return wrong("confidence", "0, 1 or 2", confidence.to_string());
         }
         if let Some(origin) = self.local_origin.filter(|at| !at.iter().all(|x| x.is_finite())) {
-            return Err(DatasetError::Option {
-                setting: "local origin",
-                expected: "three finite numbers",
-                found: format!("{origin:?}"),
-            });
+            return wrong("local origin", "three finite numbers", format!("{origin:?}"));
         }
         Ok(())
     }

@@ -5,9 +5,7 @@ use super::local_origin::OriginCarrier;
 use super::mapping::Mapping;
 use super::stream::WriteProgress;
 use glam::DVec3;
-use std::fmt;
 use std::path::Path;
-use std::str::FromStr;
 use strum::{EnumMessage, EnumString, VariantNames};
 
 /// File format of an exported model.
@@ -21,14 +19,27 @@ use strum::{EnumMessage, EnumString, VariantNames};
 /// assert!(ModelFormat::from_path(Path::new("scene.obj")).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    serde::Deserialize,
+    strum::Display,
+    strum::EnumString,
+    strum::IntoStaticStr,
+)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case", parse_err_ty = UnknownFormat, parse_err_fn = unknown_format)]
 pub enum ModelFormat {
     /// Splats as PLY in the 3DGS layout (`files.md`, PLY of splats), which splat viewers open.
     Ply,
     /// Splat centres as coloured points in PLY (`files.md`, Point cloud), for MeshLab, CloudCompare and
     /// Open3D.
     #[serde(rename = "point-cloud")]
+    #[strum(serialize = "point-cloud")]
     PointCloudPly,
     /// Splats as GLB with `KHR_gaussian_splatting` (`files.md`, GLB).
     Glb,
@@ -43,12 +54,7 @@ impl ModelFormat {
 
     /// Name on the command line and in settings.
     pub fn name(self) -> &'static str {
-        match self {
-            ModelFormat::Ply => "ply",
-            ModelFormat::PointCloudPly => "point-cloud",
-            ModelFormat::Glb => "glb",
-            ModelFormat::Spz => "spz",
-        }
+        self.into()
     }
 
     /// Default file extension, without the dot.
@@ -85,24 +91,13 @@ impl ModelFormat {
     }
 }
 
-impl fmt::Display for ModelFormat {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
 /// Unknown format name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected ply, point-cloud, glb or spz, found {0:?}")]
 pub struct UnknownFormat(pub String);
 
-impl FromStr for ModelFormat {
-    type Err = UnknownFormat;
-
-    fn from_str(name: &str) -> Result<Self, UnknownFormat> {
-        let known = ModelFormat::ALL.into_iter().find(|format| format.name() == name);
-        known.ok_or_else(|| UnknownFormat(name.to_owned()))
-    }
+fn unknown_format(name: &str) -> UnknownFormat {
+    UnknownFormat(name.to_owned())
 }
 
 /// Axes of a written PLY. GLB and SPZ prescribe y-up and ignore this option.

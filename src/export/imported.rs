@@ -9,7 +9,6 @@ use super::local_origin;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
-use std::fmt;
 
 /// Model read from a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,73 +57,54 @@ pub enum ModelKind {
 }
 
 /// Notice about a successful import.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 pub enum Note {
     /// Spherical harmonics above degree 1 were ignored; also those of degree 1, if incomplete or in linear
     /// colour.
+    #[strum(to_string = "view-dependent colour ignored ({n_coefficients} coefficients per splat)")]
     ViewDependentColorIgnored {
         /// Number of ignored coefficients per splat, over all channels.
         n_coefficients: usize,
     },
     /// Zero quaternions were read as the identity.
+    #[strum(to_string = "{n_splats} splats had a rotation of length zero, read as no rotation")]
     ZeroRotation {
         /// Number of affected splats.
         n_splats: usize,
     },
     /// Colours outside `[0, 1]` were clamped.
+    #[strum(to_string = "{n_splats} splats had a colour outside 0..1, clamped")]
     ColorClamped {
         /// Number of affected splats.
         n_splats: usize,
     },
     /// The third scale is missing, so splats are flat.
+    #[strum(to_string = "scale_2 is missing: splats read as flat")]
     FlatSplats,
     /// The file has no colours, so points are gray.
+    #[strum(to_string = "the file holds no colour: points read as gray")]
     NoColor,
     /// Linear colours were encoded to sRGB.
+    #[strum(to_string = "linear colours encoded to sRGB")]
     LinearColorEncoded,
     /// Scales were logarithms, as in drafts of the glTF extension before 2026.
+    #[strum(to_string = "scales read as logarithms: the file follows a draft of the extension")]
     LogarithmicScales,
     /// A glTF uses a kernel or colour space of another extension.
+    #[strum(to_string = "a kernel or colour space of another extension: read as ellipses in sRGB")]
     UnknownKernel,
     /// Splats of a glTF without harmonics got the colours of `COLOR_0`.
+    #[strum(to_string = "no harmonics: splats use the colours of COLOR_0")]
     FallbackColor,
     /// Extension records of an SPZ were ignored.
+    #[strum(to_string = "extension records of the file were ignored")]
     ExtensionsIgnored,
     /// Primitives of a glTF were skipped, such as meshes.
+    #[strum(to_string = "{n_primitives} other primitives of the file (meshes, points) skipped")]
     PrimitivesSkipped {
         /// Number of skipped primitives.
         n_primitives: usize,
     },
-}
-
-impl fmt::Display for Note {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Note::ViewDependentColorIgnored { n_coefficients } => {
-                write!(f, "view-dependent colour ignored ({n_coefficients} coefficients per splat)")
-            }
-            Note::ZeroRotation { n_splats } => {
-                write!(f, "{n_splats} splats had a rotation of length zero, read as no rotation")
-            }
-            Note::ColorClamped { n_splats } => {
-                write!(f, "{n_splats} splats had a colour outside 0..1, clamped")
-            }
-            Note::FlatSplats => f.write_str("scale_2 is missing: splats read as flat"),
-            Note::NoColor => f.write_str("the file holds no colour: points read as gray"),
-            Note::LinearColorEncoded => f.write_str("linear colours encoded to sRGB"),
-            Note::LogarithmicScales => {
-                f.write_str("scales read as logarithms: the file follows a draft of the extension")
-            }
-            Note::UnknownKernel => f.write_str(
-                "a kernel or colour space of another extension: read as ellipses in sRGB",
-            ),
-            Note::FallbackColor => f.write_str("no harmonics: splats use the colours of COLOR_0"),
-            Note::ExtensionsIgnored => f.write_str("extension records of the file were ignored"),
-            Note::PrimitivesSkipped { n_primitives } => {
-                write!(f, "{n_primitives} other primitives of the file (meshes, points) skipped")
-            }
-        }
-    }
 }
 
 pub(super) struct Rows {
