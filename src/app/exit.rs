@@ -5,10 +5,8 @@ use super::viewer::previewing::KeptView;
 use crate::render::gpu::adapters::AdapterChoice;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Reason why a window ended.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ExitReason {
-    /// The user closed it.
     #[default]
     Closed,
     /// Its graphics device was lost.
@@ -19,9 +17,7 @@ pub enum ExitReason {
 
 /// User state passed to a reopened window.
 pub struct Handover {
-    /// View and edits.
     pub view: KeptView,
-    /// Camera path being edited.
     pub path: PathEditor,
 }
 
@@ -37,17 +33,14 @@ struct ExitRecord {
 }
 
 impl Exit {
-    /// Records the reason.
     pub fn set_reason(&self, why: ExitReason) {
         self.lock().reason = why;
     }
 
-    /// Recorded reason.
     pub fn reason(&self) -> ExitReason {
         self.lock().reason.clone()
     }
 
-    /// Stores the state for the next window.
     pub fn hand_over(&self, handover: Handover) {
         self.lock().handover = Some(handover);
     }
