@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ExitReason {
-    /// The user closed it.
     #[default]
     Closed,
     DeviceLost,
@@ -39,7 +38,6 @@ impl Exit {
         self.reason.get()
     }
 
-    /// Stores the state for the next window.
     pub fn hand_over(&self, handover: Handover) {
         self.handover.set(Some(handover));
     }

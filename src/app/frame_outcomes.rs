@@ -70,17 +70,13 @@ impl FrameOutcomes {
         }
         self.update_plan(opened);
         let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
-        if !Arc::ptr_eq(&self.recent, &snapshot.recent) {
-            self.recent = snapshot.recent.clone();
+        let reports = [(&mut self.recent, &snapshot.recent), (&mut self.late, &snapshot.late)];
+        for (known, new) in reports.into_iter().filter(|(known, new)| !Arc::ptr_eq(known, new)) {
+            known.clone_from(new);
             // Known frames too: a photograph in the shuffle buffer is trained on some frames later.
-            self.outcomes.extend(self.recent.iter().map(outcome));
-            self.n_processed =
-                self.recent.last().map_or(self.n_processed, |newest| newest.index + 1);
+            self.outcomes.extend(new.iter().map(outcome));
         }
-        if !Arc::ptr_eq(&self.late, &snapshot.late) {
-            self.late = snapshot.late.clone();
-            self.outcomes.extend(self.late.iter().map(outcome));
-        }
+        self.n_processed = self.recent.last().map_or(self.n_processed, |newest| newest.index + 1);
         if !Arc::ptr_eq(&self.skipped, &snapshot.skipped) {
             self.skipped = snapshot.skipped.clone();
             let named = self.skipped.iter().enumerate();

@@ -33,21 +33,12 @@ enum Metric {
 impl Metric {
     const ALL: [Self; 4] = [Self::Psnr, Self::Ssim, Self::DepthError, Self::Components];
 
-    fn label(self) -> &'static str {
+    fn label_and_axis(self) -> [&'static str; 2] {
         match self {
-            Self::Psnr => "PSNR",
-            Self::Ssim => "SSIM",
-            Self::DepthError => "Depth error",
-            Self::Components => "Components",
-        }
-    }
-
-    fn axis(self) -> &'static str {
-        match self {
-            Self::Psnr => "PSNR, dB",
-            Self::Ssim => "SSIM",
-            Self::DepthError => "depth error, world units",
-            Self::Components => "components",
+            Self::Psnr => ["PSNR", "PSNR, dB"],
+            Self::Ssim => ["SSIM", "SSIM"],
+            Self::DepthError => ["Depth error", "depth error, world units"],
+            Self::Components => ["Components", "components"],
         }
     }
 
@@ -169,7 +160,7 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         for metric in Metric::ALL {
             let is_known = history.iter().any(|point| metric.value_of(point).is_some());
-            let button = Button::selectable(chosen.metric == metric, metric.label());
+            let button = Button::selectable(chosen.metric == metric, metric.label_and_axis()[0]);
             if ui.add_enabled(is_known, button).clicked() {
                 chosen.metric = metric;
             }
@@ -188,9 +179,10 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
     let points: Vec<[f64; 2]> =
         history.iter().filter_map(|point| Some([x(point), metric.value_of(point)?])).collect();
     let unit = if against_seconds { "seconds of training" } else { "frames" };
-    let id = ("quality", metric.label(), against_seconds);
-    plot(id, [unit, metric.axis()], 180.0).show(ui, |plot| {
-        add_curve(plot, metric.label(), points, color);
+    let [label, axis] = metric.label_and_axis();
+    let id = ("quality", label, against_seconds);
+    plot(id, [unit, axis], 180.0).show(ui, |plot| {
+        add_curve(plot, label, points, color);
     });
 }
 

@@ -44,7 +44,7 @@ pub fn ui(
         let text = ui.min_rect().bottom() - top + ui.spacing().item_spacing.y;
         ui.data_mut(|data| data.insert_temp(measured, text));
     };
-    card::show("ready", place, ui, contents, |ui| asked = button(snapshot, ui));
+    card::show("ready", place, ui, contents, |ui| asked = train_button(snapshot, ui));
     asked
 }
 
@@ -62,7 +62,7 @@ fn dataset_facts(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
     }
 }
 
-fn button(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+fn train_button(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let text = RichText::new(format!("Train {} frames", snapshot.n_frames)).size(18.0);
     let button = Button::new(text).fill(ui.visuals().selection.bg_fill);
     let train = ui.add_sized(Vec2::new(WIDTH, 36.0), button);

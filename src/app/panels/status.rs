@@ -30,14 +30,20 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
     let line = ui.horizontal(|ui| {
         let color = color(snapshot.state, ui.visuals().dark_mode);
         ui.label(RichText::new(snapshot.state.label()).strong().color(color));
-        let is_cancelled =
-            surroundings.file_progress.is_some_and(|share| export_progress(share, ui));
-        let is_given_up = snapshot.state == RunState::Loading && opening(ui);
-        let unwanted = match (is_cancelled, is_given_up) {
-            (true, _) => Some(CancelRequest::File),
-            (false, true) => Some(CancelRequest::Opening),
-            (false, false) => None,
-        };
+        let mut unwanted = None;
+        if let Some(share) = surroundings.file_progress {
+            ui.separator();
+            let text = format!("Exporting: {:.0} %", 100.0 * share);
+            ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
+            let hint = "An existing file of this name is kept";
+            let cancel = ui.button("Cancel export").on_hover_text(hint);
+            unwanted = cancel.clicked().then_some(CancelRequest::File);
+        }
+        if snapshot.state == RunState::Loading {
+            let hint = "The previous dataset or model stays open";
+            let cancel = ui.button("Cancel opening").on_hover_text(hint);
+            unwanted = unwanted.or(cancel.clicked().then_some(CancelRequest::Opening));
+        }
         if let Some(time) = surroundings.slow_frame {
             ui.separator();
             slow_frame_warning(snapshot, time, ui);
@@ -79,17 +85,6 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
         unwanted
     });
     line.inner
-}
-
-fn export_progress(share: f32, ui: &mut Ui) -> bool {
-    ui.separator();
-    let text = format!("Exporting: {:.0} %", 100.0 * share);
-    ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
-    ui.button("Cancel export").on_hover_text("An existing file of this name is kept").clicked()
-}
-
-fn opening(ui: &mut Ui) -> bool {
-    ui.button("Cancel opening").on_hover_text("The previous dataset or model stays open").clicked()
 }
 
 fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
