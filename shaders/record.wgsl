@@ -1,6 +1,6 @@
 // Converts a splat to a record, and evaluates records in pixels. One record serves the projected renderer
-// and the exact renderer with either lens (`rendering.md`, Rational conic). Prepended, after `common.wgsl`
-// and `paint.wgsl`, to every file that draws splats.
+// and the exact renderer with either lens (`rendering.md`, Rational conic). Prepended, after `common.wgsl`, to
+// every file that draws splats.
 //
 // The record is a rational conic in the splat's tangent frame. The whitening is M = diag(1/s)(R·Q)ᵀ. A ray
 // `ahead` points to the mean (p = M·mean = span·g, g = M·ahead), and two directions e lie across it
@@ -331,6 +331,14 @@ fn painted(splat: Splat, placed: Placed) -> vec3<f32> {
             return max(splat.color, vec3<f32>(0.0));
         }
     }
+}
+
+// Maps 0 to dark violet and 1 to yellow; other values are clamped.
+fn ramp(share: f32) -> vec3<f32> {
+    let t = clamp(share, 0.0, 1.0);
+    let upper = ((RAMP[6] * t + RAMP[5]) * t + RAMP[4]) * t + RAMP[3];
+    let sum = ((upper * t + RAMP[2]) * t + RAMP[1]) * t + RAMP[0];
+    return clamp(sum, vec3<f32>(0.0), vec3<f32>(1.0));
 }
 
 // Colour of the shortest axis (the first of equals), turned towards the camera.

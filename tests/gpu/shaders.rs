@@ -44,7 +44,7 @@ fn validated(name: &str, shader: &str) -> Module {
 }
 
 /// Files that others include, in order; each is valid after those before it.
-const SHARED: [&str; 3] = ["common.wgsl", "paint.wgsl", "record.wgsl"];
+const SHARED: [&str; 2] = ["common.wgsl", "record.wgsl"];
 
 fn read(name: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(name))

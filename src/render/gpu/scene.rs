@@ -30,9 +30,6 @@ pub struct GpuScene {
     scatter_appearance: Scatter<SparseAppearance>,
     buffers: Buffers,
     n_splats: usize,
-    /// Per splat: true if it has an opacity but cannot be drawn.
-    is_invalid: Vec<bool>,
-    n_invalid: usize,
     finishing: Finishing,
 }
 
@@ -57,8 +54,6 @@ impl GpuScene {
             scatter_appearance: Scatter::new(device),
             buffers: Buffers::new(device, splats, 0)?,
             n_splats: 0,
-            is_invalid: Vec::new(),
-            n_invalid: 0,
             finishing: splats.finishing().clone(),
         };
         scene.upload_whole(queue, splats);
@@ -109,12 +104,6 @@ impl GpuScene {
         self.n_splats
     }
 
-    /// Number of splats with an opacity that cannot be drawn because a field is not finite or out of
-    /// range (`Splat::is_valid`).
-    pub fn n_invalid(&self) -> usize {
-        self.n_invalid
-    }
-
     /// Number of splats that fit before the next growth.
     pub fn capacity(&self) -> usize {
         self.buffers.capacity
@@ -138,9 +127,8 @@ impl GpuScene {
     }
 
     fn upload_whole(&mut self, queue: &wgpu::Queue, splats: SplatView<'_>) -> u64 {
-        self.set_length(splats.splats().len());
-        let records: Vec<GpuSplat> =
-            (0..self.n_splats).map(|id| self.track_validity(id, record(splats, id))).collect();
+        self.n_splats = splats.splats().len();
+        let records: Vec<GpuSplat> = (0..self.n_splats).map(|id| record(splats, id)).collect();
         let bytes: &[u8] = bytemuck::cast_slice(&records);
         queue.write_buffer(&self.buffers.splats, 0, bytes);
         let mut n_bytes = bytes.len() as u64;
@@ -161,14 +149,10 @@ impl GpuScene {
         ids: &[usize],
         splats: SplatView<'_>,
     ) -> u64 {
-        self.set_length(splats.splats().len());
+        self.n_splats = splats.splats().len();
         let records: Vec<SparseSplat> = ids
             .iter()
-            .map(|&id| SparseSplat {
-                splat: self.track_validity(id, record(splats, id)),
-                index: id as u32,
-                padding: [0; 3],
-            })
+            .map(|&id| SparseSplat { splat: record(splats, id), index: id as u32, padding: [0; 3] })
             .collect();
         let n_bytes = self.scatter.run(device, queue, &self.buffers.splats, &records);
         let Some(buffer) = &self.buffers.appearance else { return n_bytes };
@@ -178,31 +162,12 @@ impl GpuScene {
             .collect();
         n_bytes + self.scatter_appearance.run(device, queue, buffer, &appearances)
     }
-
-    /// Updates the count of invalid splats. An invalid record becomes all zeros.
-    fn track_validity(&mut self, id: usize, record: Option<GpuSplat>) -> GpuSplat {
-        self.n_invalid -= usize::from(self.is_invalid[id]);
-        self.is_invalid[id] = record.is_none();
-        self.n_invalid += usize::from(self.is_invalid[id]);
-        record.unwrap_or_else(bytemuck::Zeroable::zeroed)
-    }
-
-    fn set_length(&mut self, n_splats: usize) {
-        if n_splats < self.n_splats {
-            let gone = self.is_invalid[n_splats..].iter().filter(|invalid| **invalid).count();
-            self.n_invalid -= gone;
-        }
-        self.is_invalid.resize(n_splats, false);
-        self.n_splats = n_splats;
-    }
 }
 
-/// Record of a splat; all zeros for an empty slot, `None` for an invalid splat.
-fn record(splats: SplatView<'_>, id: usize) -> Option<GpuSplat> {
-    let splat = &splats.splats()[id];
+/// Record of a splat; all zeros for an empty slot and for an invalid splat or appearance.
+fn record(splats: SplatView<'_>, id: usize) -> GpuSplat {
     let is_sound = splats.appearance().get(id).is_none_or(|a| GpuAppearance::new(a).is_some());
-    let is_empty = splat.opacity <= 0.0;
-    (is_empty || (splat.is_valid() && is_sound)).then(|| GpuSplat::new(splat))
+    if is_sound { GpuSplat::new(&splats.splats()[id]) } else { bytemuck::Zeroable::zeroed() }
 }
 
 /// Appearance of a splat; zeros if invalid, as its splat is not drawn either.

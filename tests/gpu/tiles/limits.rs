@@ -1,9 +1,9 @@
 //! More tile entries than the buffers hold, and the error reported for it.
 
-use super::scenes::{camera, cloud};
+use super::scenes::cloud;
 use crate::common::oracle::Oracle;
 use crate::compare::{TOLERANCE, error, largest_difference};
-use crate::device::Gpu;
+use crate::device::{Gpu, camera};
 use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;

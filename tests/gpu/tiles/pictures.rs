@@ -1,9 +1,9 @@
 //! Images against the f64 oracle with a tight tolerance.
 
-use super::scenes::{appearance, camera, cloud};
+use super::scenes::{appearance, cloud};
 use crate::common::oracle::Oracle;
 use crate::compare::largest_difference;
-use crate::device::Gpu;
+use crate::device::{Gpu, camera};
 use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;

@@ -1,9 +1,6 @@
-//! Random splats and cameras.
+//! Random splats.
 
 use crate::common::scenes::cone;
-use glam::DVec3;
-use vbgs_studio::math::camera::{Camera, Intrinsics};
-use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::Appearance;
 use vbgs_studio::model::splat::splats::Splat;
@@ -36,11 +33,4 @@ pub fn appearance(seed: u64, n: usize) -> Vec<Appearance> {
     let mut one =
         || Appearance { gradient: rows(1.0), directional: rows(0.3), observed: cone(rows(0.4)) };
     (0..n).map(|_| one()).collect()
-}
-
-pub fn camera(width: u32, height: u32, eye: DVec3, fov: f64) -> Camera {
-    Camera {
-        intrinsics: Intrinsics::from_horizontal_fov(width, height, fov),
-        pose: Pose::look_at(eye, DVec3::new(0.1, 0.2, 0.0), DVec3::Z).unwrap(),
-    }
 }

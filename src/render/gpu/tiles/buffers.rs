@@ -150,7 +150,6 @@ pub const SORT: &str = concat!(
 /// `tiles/preprocess.wgsl`: converts splats to records, depth keys and tile footprints.
 pub const PREPROCESS: &str = concat!(
     include_str!("../../../../shaders/common.wgsl"),
-    include_str!("../../../../shaders/paint.wgsl"),
     include_str!("../../../../shaders/record.wgsl"),
     include_str!("../../../../shaders/tiles/stages.wgsl"),
     include_str!("../../../../shaders/tiles/packed.wgsl"),
@@ -168,7 +167,6 @@ pub const BIN: &str = concat!(
 /// `tiles/raster.wgsl`: blends the entries of a tile, one workgroup per tile.
 pub const RASTER: &str = concat!(
     include_str!("../../../../shaders/common.wgsl"),
-    include_str!("../../../../shaders/paint.wgsl"),
     include_str!("../../../../shaders/record.wgsl"),
     include_str!("../../../../shaders/tiles/stages.wgsl"),
     include_str!("../../../../shaders/tiles/packed.wgsl"),
