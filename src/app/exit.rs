@@ -1,7 +1,7 @@
 //! Reason why a window ended and the state it hands over to the next window.
 
 use super::path_editor::PathEditor;
-use super::viewer::previewing::KeptView;
+use super::viewer::KeptView;
 use crate::render::gpu::adapters::AdapterChoice;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -7,6 +7,7 @@ use super::background_job::BackgroundJob;
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
 use super::state::NoticeKind;
+use super::view_thread::{one_thread, run_in};
 use super::worker::{FileProgress, Waker};
 use crate::export::camera_path::PacedPath;
 use crate::export::video::{FilmError, FilmWriter, write_png};
@@ -17,10 +18,8 @@ use crate::render::cpu::CpuRenderer;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Parameters of a film.
 pub struct FilmRequest {
     pub path: PacedPath,
-    /// Picture size, pixels.
     pub size: [u32; 2],
     /// Video file by its extension, otherwise a folder of pictures.
     pub output: PathBuf,
@@ -42,7 +41,6 @@ struct RunningFilm {
     drawing: BackgroundJob<Result<FilmOutcome, FilmError>>,
 }
 
-/// Rendering thread of the current film, if any.
 #[derive(Default)]
 pub struct FilmThread(Option<RunningFilm>);
 
@@ -54,9 +52,6 @@ impl Drop for FilmThread {
 
 impl FilmThread {
     /// Starts rendering a film of this scene; cancels the current one.
-    ///
-    /// # Errors
-    /// The thread cannot be started.
     pub fn start(
         &mut self,
         scene: Arc<SplatSet>,
@@ -67,24 +62,21 @@ impl FilmThread {
         let progress = Arc::new(FileProgress::default());
         progress.begin();
         let (told, output) = (progress.clone(), order.output.clone());
-        let n_threads = if order.is_beside_training { 1 } else { 0 };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build();
-        let pool = pool.map_err(std::io::Error::other)?;
+        let pool = order.is_beside_training.then(one_thread).transpose()?;
         let drawn = waker.clone();
         let draw = move || {
-            pool.install(|| render_film(order.left_out.remaining(scene), &order, &told, &drawn))
+            let scene = order.left_out.remaining(scene);
+            run_in(pool.as_ref(), || render_film(scene, &order, &told, &drawn))
         };
         let drawing = BackgroundJob::start("film", waker, draw)?;
         self.0 = Some(RunningFilm { output, progress, drawing });
         Ok(())
     }
 
-    /// Share of the film rendered; `None` if no film is being rendered.
     pub fn share(&self) -> Option<f32> {
         self.0.as_ref().map(|running| running.progress.share().unwrap_or(0.0))
     }
 
-    /// Output path; `None` if no film is being rendered.
     pub fn output(&self) -> Option<&Path> {
         self.0.as_ref().map(|running| &*running.output)
     }
@@ -95,7 +87,6 @@ impl FilmThread {
         }
     }
 
-    /// Notice about a finished film, once; `None` until it is finished.
     pub fn poll_notice(&mut self) -> Option<(NoticeKind, String)> {
         let running = self.0.as_ref()?;
         let answer = running.drawing.poll()?;
@@ -145,24 +136,17 @@ fn render_film(
 }
 
 pub struct Still {
-    /// Splats as displayed.
     pub splats: Arc<SplatSet>,
-    /// Camera of the view, in its pixels.
     pub camera: Camera,
-    /// Render options of the view at rest.
     pub options: RenderOptions,
 }
 
-/// Picture in progress, if any.
 #[derive(Default)]
 pub struct StillJob(Option<(PathBuf, BackgroundJob<Result<PathBuf, String>>)>);
 
 impl StillJob {
     /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
     /// progress is finished without a notice.
-    ///
-    /// # Errors
-    /// If no thread can be started.
     pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let asked = path.clone();
         let draw = move || {
@@ -175,7 +159,6 @@ impl StillJob {
         Ok(())
     }
 
-    /// Takes the notice about a finished picture, once.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let (path, job) = self.0.as_ref()?;
         let said = match job.poll()? {

@@ -7,10 +7,24 @@
 use super::splat_updates::{SplatChange, apply};
 use super::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+
+/// Returns a pool of one thread, for work beside training, which needs the other cores.
+pub fn one_thread() -> std::io::Result<ThreadPool> {
+    ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)
+}
+
+/// Runs work in the pool, or on all threads without one.
+pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
 
 /// Handle of the thread; dropping it stops the thread after the current answer.
 pub struct ViewThread<Q, A> {
@@ -23,10 +37,8 @@ struct Requests<Q, A> {
     wake: Condvar,
 }
 
-/// Notification about a finished answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Announce {
-    /// Wake the window at once.
     Wake,
     /// Do not wake the window, which polls.
     Quietly,
@@ -113,7 +125,6 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         self.requests.wake.notify_one();
     }
 
-    /// True while a request waits or is in progress.
     pub fn is_busy(&self) -> bool {
         let inbox = self.requests.lock();
         inbox.is_working || inbox.request.is_some()

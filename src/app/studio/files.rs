@@ -99,7 +99,7 @@ impl Studio {
             true => self.view.n_left_out(),
             false => None,
         };
-        let report = self.view.export_preview_report();
+        let report = self.view.comparison.export_preview_report();
         let (mapping, previews) = (&mut self.mapping, &mut self.view.settings.previews_export);
         let choices = |ui: &mut Ui| {
             if is_native {

@@ -5,7 +5,7 @@ use crate::app::frame_outcomes::FrameOutcomes;
 use crate::app::panels::frame_strip;
 use crate::app::panels::frame_strip::{StripAnswer, StripContext, StripPosition};
 use crate::app::state::{RunState, Snapshot};
-use crate::app::viewer::previewing::SavedPosition;
+use crate::app::viewer::viewpoint::Place;
 use eframe::egui::{Frame, Panel, Ui};
 
 /// Initial and largest share of the window's height for the strip.
@@ -20,7 +20,7 @@ impl Studio {
             return;
         };
         self.strip.outcomes.update(snapshot);
-        let shown = self.view.frame_ref().cloned();
+        let shown = self.view.camera.frame_ref().cloned();
         let is_open = self.layout.shows_frames;
         let thumbnails = self.view.thumbnails(opened);
         if let Some(thumbnails) = &thumbnails {
@@ -57,13 +57,13 @@ impl Studio {
         match asked {
             None => {}
             Some(StripAnswer::Fold) => self.layout.shows_frames = !self.layout.shows_frames,
-            Some(StripAnswer::Show(frame)) => self.view.move_to_frame(frame),
+            Some(StripAnswer::Show(frame)) => self.view.camera.move_to_frame(frame),
             Some(StripAnswer::Preview(frame)) => {
                 if self.strip.before.is_none() {
-                    self.strip.before = Some((serial, self.view.current_position()));
+                    self.strip.before = Some((serial, self.view.camera.place()));
                 }
-                if self.view.frame_ref() != Some(&frame) {
-                    self.view.move_to_frame(frame);
+                if self.view.camera.frame_ref() != Some(&frame) {
+                    self.view.camera.move_to_frame(frame);
                 }
             }
         }
@@ -72,7 +72,7 @@ impl Studio {
         }
         // If another dataset was opened during the drag, the previous camera no longer applies.
         if let Some((_, before)) = self.strip.before.take().filter(|(was, _)| *was == serial) {
-            self.view.restore_position(before);
+            self.view.camera.return_to(before);
         }
     }
 }
@@ -83,5 +83,5 @@ pub(super) struct FrameStripState {
     pub(super) outcomes: FrameOutcomes,
     pub(super) position: StripPosition,
     /// Serial of the open dataset and view before a preview began.
-    pub(super) before: Option<(u64, SavedPosition)>,
+    pub(super) before: Option<(u64, Place)>,
 }

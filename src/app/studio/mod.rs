@@ -127,7 +127,7 @@ impl Studio {
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, waker)?;
         let mut view = scene_view(painter, view, (&context.egui_ctx, waker), device.as_ref());
-        worker.set_interval(view.snapshot_interval());
+        worker.set_interval(view.painter.snapshot_interval());
         // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
@@ -176,7 +176,7 @@ impl Studio {
 
     /// Number of splats drawn in the viewport.
     pub fn n_drawn(&self) -> usize {
-        self.view.n_drawn()
+        self.view.painter.n_drawn()
     }
 
     /// The viewport.
@@ -247,7 +247,7 @@ impl Studio {
         }
         let surroundings = status::StatusContext {
             adapter: &self.renderer_description(),
-            n_drawn: self.view.n_drawn(),
+            n_drawn: self.view.painter.n_drawn(),
             file_progress: self.worker.file_progress(),
             slow_frame: self.worker.slow_frame(),
         };
@@ -332,11 +332,11 @@ impl Studio {
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click next to the splats deselects, which is no reason to switch tabs.
-            if picked.is_some() && !self.view.is_measuring() {
+            if picked.is_some() && !self.view.overlays.is_measuring() {
                 self.layout.activate(SideTab::Inspector);
             }
         }
-        if !self.first_splats_logged && self.view.n_drawn() > 0 {
+        if !self.first_splats_logged && self.view.painter.n_drawn() > 0 {
             self.first_splats_logged = true;
             // Read by the test of the start-up time (`tests/app/window.rs`).
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
@@ -388,7 +388,7 @@ impl eframe::App for Studio {
         let snapshot = self.worker.snapshot();
         std::thread::sleep(self.view.begin_pass(snapshot.state));
         self.passes.begin(snapshot.state);
-        self.worker.set_interval(self.view.snapshot_interval());
+        self.worker.set_interval(self.view.painter.snapshot_interval());
         self.handle_close_request(ctx, &snapshot);
     }
 
@@ -462,7 +462,7 @@ fn scene_view(
         if viewport::capabilities(state).is_software() {
             WindowPainter::install(window, state);
         } else {
-            view.note_gpu_failure();
+            view.painter.note_gpu_failure();
         }
     }
     view

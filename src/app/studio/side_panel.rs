@@ -38,7 +38,7 @@ impl Studio {
 
     fn latency_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let mut budget_ms = self.view.settings.frame_budget_ms;
-        let csv = latency::ui(snapshot, self.view.drawn(), &mut budget_ms, ui);
+        let csv = latency::ui(snapshot, self.view.painter.drawn(), &mut budget_ms, ui);
         self.view.settings.frame_budget_ms = budget_ms;
         if let (Some(csv), Some(opened)) = (csv, &snapshot.opened) {
             self.worker.send(WorkerOrder::WriteText(opened.files.path("latency.csv"), csv));
@@ -68,17 +68,17 @@ impl Studio {
         match path::ui(&mut self.path, &file, self.film.share(), ui) {
             None => {}
             Some(PathRequest::Add) => {
-                if let Some(camera) = self.view.keyframe() {
+                if let Some(camera) = self.view.camera.keyframe() {
                     self.path.add(camera);
                 }
             }
             Some(PathRequest::Replace(i)) => {
-                if let Some(camera) = self.view.keyframe() {
+                if let Some(camera) = self.view.camera.keyframe() {
                     self.path.replace(i, camera);
                 }
             }
             Some(PathRequest::Turntable) => {
-                if let Some(path) = self.view.turntable() {
+                if let Some(path) = self.view.camera.turntable() {
                     self.path.take(&PacedPath { path, fps: self.path.fps });
                 }
             }
@@ -87,7 +87,7 @@ impl Studio {
             Some(PathRequest::Show(moment)) => self.view.move_to_keyframe(moment),
             Some(PathRequest::Save(json)) => self.worker.send(WorkerOrder::WriteText(file, json)),
             Some(PathRequest::Open(file)) => {
-                if let Err(error) = self.path.open(&file, self.view.up()) {
+                if let Err(error) = self.path.open(&file, self.view.camera.up()) {
                     self.worker.send(WorkerOrder::Report(NoticeKind::Error, error.to_string()));
                 }
             }
@@ -100,7 +100,7 @@ impl Studio {
             self.is_at_path_moment = false;
             return;
         }
-        if self.is_at_path_moment && !self.view.is_along() {
+        if self.is_at_path_moment && !self.view.camera.is_along() {
             (self.path.is_playing, self.is_at_path_moment) = (false, false);
             return;
         }
@@ -116,13 +116,13 @@ impl Studio {
     }
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        let own_fov_deg = self.view.own_fov_deg();
+        let own_fov_deg = self.view.camera.own_fov_deg();
         let around =
             settings::SettingsContext { adapter: &self.renderer_description(), own_fov_deg };
         let adapters = self.device.as_ref().map(|device| settings::Adapters {
             there: &device.there,
             current: &device.adapter,
-            gpu_failed: self.view.gpu_failed(),
+            gpu_failed: self.view.painter.gpu_failed(),
         });
         let before = self.training.clone();
         let (view, training) = (&mut self.view.settings, &mut self.training);
@@ -145,7 +145,7 @@ impl Studio {
     /// Description of the renderer in use, including a fallback to the CPU.
     pub(super) fn renderer_description(&self) -> String {
         match &self.device {
-            Some(device) if self.view.gpu_failed() => {
+            Some(device) if self.view.painter.gpu_failed() => {
                 format!("CPU renderer, since the GPU failed; window by {}", device.adapter)
             }
             _ => self.adapter.clone(),
@@ -170,7 +170,7 @@ impl Studio {
 
     /// Reports errors of drawing the window itself, which no one else collects while the CPU draws the scene.
     pub(super) fn report_faults(&self) {
-        let is_on_cpu = self.view.drawn().drawer == ViewRenderer::Cpu;
+        let is_on_cpu = self.view.painter.drawn().drawer == ViewRenderer::Cpu;
         let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };
         for fault in device.faults.take_new() {
             let text = format!(
@@ -191,7 +191,7 @@ impl Studio {
             self.ready_card(opened, place, ui, snapshot);
         }
         let is_read = self.closed_summary_serial == opened.serial;
-        let is_plain = self.view.mode() == ViewMode::Single
+        let is_plain = self.view.comparison.mode() == ViewMode::Single
             && self.view.settings.color_mode == ColorMode::Color;
         let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
         if is_done && is_plain && !is_read {
@@ -240,7 +240,7 @@ impl Studio {
         let settings = Box::new(self.training.clone());
         // Sent even if the user then cancels discarding: the settings apply to the next run.
         self.worker.send(WorkerOrder::TrainBy(settings.clone()));
-        self.view.retain_camera_for(opened);
+        self.view.camera.retain_for(opened);
         self.confirm_then_send(WorkerOrder::Retrain(settings), snapshot);
     }
 
@@ -251,7 +251,7 @@ impl Studio {
             return;
         };
         if snapshot.state == RunState::Ready && run.scale != chosen {
-            self.view.retain_camera_for(opened);
+            self.view.camera.retain_for(opened);
             self.worker.send(WorkerOrder::Reset);
         }
     }

@@ -22,7 +22,6 @@ const REST: u32 = 15;
 /// Points in world coordinates with their colours, or the reason why there are none.
 pub(super) type Points = Result<Vec<(DVec3, Color32)>, String>;
 
-/// Points that are drawn, and the frame being decoded.
 #[derive(Default)]
 pub(super) struct FramePoints {
     shown: Option<(FrameRef, Points)>,
@@ -37,12 +36,10 @@ struct Decoding {
 }
 
 impl FramePoints {
-    /// Decoded frame with its points, or the reason why it has none.
     pub fn displayed(&self) -> Option<(&FrameRef, &Points)> {
         self.shown.as_ref().map(|(frame, points)| (frame, points))
     }
 
-    /// Takes a decoded frame, if there is one.
     pub fn take_decoded(&mut self) {
         let Some(decoding) = &self.decoding else { return };
         let Some(decoded) = decoding.job.poll() else { return };

@@ -28,19 +28,15 @@ const LINE: Color32 = Color32::from_rgb(255, 210, 70);
 /// largest standard deviation.
 const REACH: f64 = 4.0;
 
-/// End point of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredPoint {
-    /// Position, world units.
     pub point: DVec3,
     /// Covariance of the position, world units²; `None` for splats from files, which have no posterior.
     pub covariance: Option<Sym3>,
 }
 
-/// Length and its standard deviation, world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredLength {
-    /// Distance between the two points.
     pub length: f64,
     /// Standard deviation of the length, if both ends have a posterior.
     pub deviation: Option<f64>,
@@ -49,7 +45,6 @@ pub struct MeasuredLength {
 /// Measuring tool: off, or on with up to two points.
 #[derive(Clone, Debug, Default)]
 pub struct MeasureTool {
-    /// True if clicks measure.
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
     /// Clicked splat and point, until the trainer has inspected the splat.
@@ -57,12 +52,10 @@ pub struct MeasureTool {
 }
 
 impl MeasureTool {
-    /// Switches the tool off, or on without points.
     pub fn toggle(&mut self) {
         *self = Self { is_on: !self.is_on, ..Self::default() };
     }
 
-    /// Stores a clicked point until its splat is inspected.
     pub fn set_pending_point(&mut self, splat: u32, point: DVec3) {
         self.waiting = Some((splat, point));
     }
@@ -86,12 +79,10 @@ impl MeasureTool {
         tracing::debug!("measured from {point:.3}: {:?}", self.length());
     }
 
-    /// Number of measured points.
     pub fn n_ends(&self) -> usize {
         self.ends.len()
     }
 
-    /// Measured length, once both points are known.
     pub fn length(&self) -> Option<MeasuredLength> {
         let &[a, b] = self.ends.as_slice() else { return None };
         let line = b.point - a.point;
@@ -102,7 +93,6 @@ impl MeasureTool {
         Some(MeasuredLength { length, deviation })
     }
 
-    /// Hint for the next step, if there is one.
     pub fn hint(&self) -> Option<&'static str> {
         match self.ends.len() {
             _ if !self.is_on => None,
@@ -112,7 +102,6 @@ impl MeasureTool {
         }
     }
 
-    /// Draws points, line and length.
     pub fn draw(&self, world: &WorldPainter) {
         for end in &self.ends {
             if let Some(at) = world.position(end.point) {
@@ -132,7 +121,6 @@ impl MeasureTool {
     }
 }
 
-/// Formats a length with its standard deviation.
 pub fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String {
     match deviation {
         Some(deviation) => {
@@ -165,7 +153,6 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
 /// Opacity of a status colour over a dropped pixel.
 const OVERLAY: f32 = 0.7;
 
-/// Reason why a pixel was dropped.
 struct Reason {
     status: PixelStatus,
     /// Distinguishable with red-green blindness (Okabe and Ito 2008).

@@ -6,6 +6,7 @@
 
 use super::frame_refs::FrameRef;
 use crate::app::panic_report::PanicReport;
+use crate::app::view_thread::one_thread;
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
 use crate::eval::report::quantile;
@@ -20,7 +21,6 @@ use std::time::{Duration, Instant};
 
 /// Longest side of a thumbnail, pixels.
 const MAX_SIDE: usize = 192;
-/// Maximum number of queued frames.
 const MAX_WAITING: usize = 4;
 /// Maximum number of stored frames, about 220 kB each: enough for the cameras in the viewport, a strip
 /// across a wide screen and a table of views.
@@ -33,44 +33,39 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Colour of depth pixels without a measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
-/// Requested part of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Photo,
     PhotoAndDepth,
 }
 
-/// Result of decoding a frame.
-struct Decoded {
-    position: (usize, usize),
-    photo: Option<ColorImage>,
-    depth: Option<ColorImage>,
+/// Pictures of a frame, or the reason why some are missing.
+struct Pictures<T> {
+    photo: Option<T>,
+    depth: Option<T>,
     problem: Option<String>,
 }
 
-/// Thumbnails of a frame.
+/// Position of a frame in its dataset, and its pictures.
+type Decoded = ((usize, usize), Pictures<ColorImage>);
+
 struct StoredThumbnails {
     /// Largest part requested so far.
     part: Part,
     /// Pass of the window that used it last.
     used_in: u64,
-    photo: Option<TextureHandle>,
-    depth: Option<TextureHandle>,
-    problem: Option<String>,
+    /// `None` until decoded.
+    pictures: Option<Pictures<TextureHandle>>,
 }
 
-/// Thumbnails of a frame, as far as decoded.
 #[derive(Clone, Copy, Default)]
 pub struct FramePictures<'a> {
-    /// Photograph.
     pub photo: Option<&'a TextureHandle>,
     /// Depth over its own range, from violet (near) to yellow (far).
     pub depth: Option<&'a TextureHandle>,
-    /// Reason why the frame cannot be decoded.
     pub problem: Option<&'a str>,
 }
 
-/// Thumbnails of one dataset.
 pub struct Thumbnails {
     requests: SyncSender<(FrameRef, Part)>,
     decoded: Receiver<Decoded>,
@@ -85,35 +80,22 @@ impl Thumbnails {
     pub fn start(waker: Waker) -> std::io::Result<Self> {
         let (requests, inbox) = sync_channel(MAX_WAITING);
         let (answers, decoded) = sync_channel(MAX_WAITING);
-        let stands_back = Arc::new(AtomicBool::new(false));
-        let flag = stands_back.clone();
+        let yields_cores = Arc::new(AtomicBool::new(false));
+        let flag = yields_cores.clone();
         // One thread, so that parallel decoders do not use all cores.
-        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        let alone = alone.map_err(std::io::Error::other)?;
+        let alone = one_thread()?;
         let work = move || {
             serve(&inbox, &answers, &flag, &waker, |frame, part| {
                 alone.install(|| decode(frame, part))
             })
         };
         std::thread::Builder::new().name("thumbnails".into()).spawn(work)?;
-        Ok(Self {
-            requests,
-            decoded,
-            kept: HashMap::new(),
-            n_waiting: 0,
-            yields_cores: stands_back,
-        })
+        Ok(Self { requests, decoded, kept: HashMap::new(), n_waiting: 0, yields_cores })
     }
 
-    /// Sets whether the thread leaves the cores to training.
     pub fn set_yields_cores(&self, stands_back: bool) {
         // Relaxed: no other memory depends on the flag.
         self.yields_cores.store(stands_back, Ordering::Relaxed);
-    }
-
-    /// Number of stored frames.
-    pub fn n_kept(&self) -> usize {
-        self.kept.len()
     }
 
     /// Returns the thumbnail of a photograph if it is decoded; else requests it if `may_decode`.
@@ -126,7 +108,6 @@ impl Thumbnails {
         self.look_up(context, frame, may_decode.then_some(Part::Photo)).photo
     }
 
-    /// Returns the decoded thumbnails of photograph and depth; requests missing ones.
     pub fn pictures(&mut self, context: &Context, frame: &FrameRef) -> FramePictures<'_> {
         self.look_up(context, frame, Some(Part::PhotoAndDepth))
     }
@@ -147,11 +128,11 @@ impl Thumbnails {
         }
         let Some(kept) = self.kept.get_mut(&position) else { return FramePictures::default() };
         kept.used_in = pass;
-        FramePictures {
-            photo: kept.photo.as_ref(),
-            depth: kept.depth.as_ref(),
-            problem: kept.problem.as_deref(),
-        }
+        kept.pictures.as_ref().map_or_else(FramePictures::default, |pictures| FramePictures {
+            photo: pictures.photo.as_ref(),
+            depth: pictures.depth.as_ref(),
+            problem: pictures.problem.as_deref(),
+        })
     }
 
     fn request(&mut self, frame: &FrameRef, part: Part, pass: u64) {
@@ -163,13 +144,7 @@ impl Thumbnails {
         match self.requests.try_send((frame.clone(), part)) {
             Ok(()) => {
                 self.n_waiting += 1;
-                let new = StoredThumbnails {
-                    part,
-                    used_in: pass,
-                    photo: None,
-                    depth: None,
-                    problem: None,
-                };
+                let new = StoredThumbnails { part, used_in: pass, pictures: None };
                 self.kept.entry(position).or_insert(new).part = part;
             }
             Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
@@ -191,7 +166,7 @@ impl Thumbnails {
     }
 
     fn take(&mut self, context: &Context) {
-        while let Ok(Decoded { position, photo, depth, problem }) = self.decoded.try_recv() {
+        while let Ok((position, Pictures { photo, depth, problem })) = self.decoded.try_recv() {
             self.n_waiting = self.n_waiting.saturating_sub(1);
             let load = |what: &str, image: ColorImage| {
                 let name = format!("{what} {position:?}");
@@ -199,34 +174,34 @@ impl Thumbnails {
             };
             // A frame that was dropped meanwhile is no longer on screen.
             if let Some(kept) = self.kept.get_mut(&position) {
-                kept.photo = photo.map(|image| load("photograph", image));
-                kept.depth = depth.map(|image| load("depth", image));
-                kept.problem = problem;
+                kept.pictures = Some(Pictures {
+                    photo: photo.map(|image| load("photograph", image)),
+                    depth: depth.map(|image| load("depth", image)),
+                    problem,
+                });
             }
         }
     }
 }
 
-/// Decodes requests until the channel closes.
 fn serve(
     inbox: &Receiver<(FrameRef, Part)>,
     answers: &SyncSender<Decoded>,
     stands_back: &AtomicBool,
     waker: &Waker,
-    decode: impl Fn(&FrameRef, Part) -> Decoded,
+    decode: impl Fn(&FrameRef, Part) -> Pictures<ColorImage>,
 ) {
     while let Ok((frame, part)) = inbox.recv() {
         let started = Instant::now();
         // Caught, because without this thread no further thumbnail would ever appear.
         let decoded = catch_unwind(AssertUnwindSafe(|| decode(&frame, part)));
-        let decoded = decoded.unwrap_or_else(|panic| Decoded {
-            position: frame.position(),
+        let decoded = decoded.unwrap_or_else(|panic| Pictures {
             photo: None,
             depth: None,
             problem: Some(PanicReport::of(&*panic).failure_notice("decoding the frame")),
         });
         let rest_until = Instant::now() + started.elapsed() * REST;
-        if answers.send(decoded).is_err() {
+        if answers.send((frame.position(), decoded)).is_err() {
             return;
         }
         if !stands_back.load(Ordering::Relaxed) {
@@ -238,7 +213,7 @@ fn serve(
     }
 }
 
-fn decode(frame: &FrameRef, part: Part) -> Decoded {
+fn decode(frame: &FrameRef, part: Part) -> Pictures<ColorImage> {
     let position = frame.position();
     let photo_alone = || {
         let color = frame.entry().load_color().map_err(|error| error.to_string());
@@ -262,11 +237,9 @@ fn decode(frame: &FrameRef, part: Part) -> Decoded {
             let size = [color.width, color.height];
             let photo = shrink(size, |column, row| *color.at(column, row));
             let depth = depth.as_ref().map(depth_picture);
-            Decoded { position, photo: Some(photo), depth, problem }
+            Pictures { photo: Some(photo), depth, problem }
         }
-        Err(error) => {
-            Decoded { position, photo: None, depth: None, problem: problem.or(Some(error)) }
-        }
+        Err(error) => Pictures { photo: None, depth: None, problem: problem.or(Some(error)) },
     }
 }
 
@@ -369,9 +342,9 @@ mod tests {
             assert!(part == Part::Photo, "injected into decoding");
             decode(frame, part)
         });
-        let problem = decoded.recv().unwrap().problem.unwrap();
+        let problem = decoded.recv().unwrap().1.problem.unwrap();
         assert!(problem.contains("injected into decoding"), "{problem}");
-        assert!(decoded.recv().unwrap().photo.is_some());
+        assert!(decoded.recv().unwrap().1.photo.is_some());
     }
 
     /// Simulates scrolling past every frame of a long recording.
@@ -380,21 +353,16 @@ mod tests {
         let dataset = start::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
-        let kept = |used_in| StoredThumbnails {
-            part: Part::PhotoAndDepth,
-            used_in,
-            photo: None,
-            depth: None,
-            problem: None,
-        };
+        let kept =
+            |used_in| StoredThumbnails { part: Part::PhotoAndDepth, used_in, pictures: None };
         thumbnails.kept = (0..MAX_KEPT).map(|i| ((7, i), kept(10 + i as u64))).collect();
         thumbnails.request(&frame, Part::PhotoAndDepth, 10);
         assert!(!thumbnails.kept.contains_key(&frame.position()), "all of them are on screen");
         thumbnails.request(&frame, Part::PhotoAndDepth, 12);
         assert!(thumbnails.kept.contains_key(&frame.position()));
         assert!(!thumbnails.kept.contains_key(&(7, 0)), "the least recently used one");
-        assert_eq!(thumbnails.n_kept(), MAX_KEPT);
-        let decoded = thumbnails.decoded.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert_eq!(thumbnails.kept.len(), MAX_KEPT);
+        let (_, decoded) = thumbnails.decoded.recv_timeout(Duration::from_secs(60)).unwrap();
         assert!(decoded.photo.is_some() && decoded.depth.is_some() && decoded.problem.is_none());
     }
 }

@@ -26,7 +26,7 @@ pub fn ui(
         renderers(view, ui);
         ui.separator();
         asked = modes(view, opened, ui);
-        if view.mode.is_difference() {
+        if view.comparison.mode().is_difference() {
             let gain = DragValue::new(&mut view.settings.difference_gain)
                 .range(GAINS)
                 .speed(0.2)
@@ -38,14 +38,23 @@ pub fn ui(
         ui.separator();
         colors(view, opened, ui);
         ui.separator();
-        ui.menu_button(lens_label(view.settings.lens), |ui| {
-            let own_fov_deg = view.own_fov_deg();
-            lens(&mut view.settings, own_fov_deg, ui);
-        })
-        .response
-        .on_hover_text("Lens and field of view");
+        let label = match view.settings.lens {
+            Lens::Pinhole => "Pinhole",
+            Lens::Fisheye => "Fisheye",
+        };
+        let own_fov_deg = view.camera.own_fov_deg();
+        ui.menu_button(label, |ui| lens(&mut view.settings, own_fov_deg, ui))
+            .response
+            .on_hover_text("Lens and field of view");
         ui.separator();
-        asked = overlays(view, snapshot, ui).or(asked);
+        for (command, is_on) in [
+            (UiCommand::Cameras, view.settings.shows_cameras),
+            (UiCommand::Points, view.settings.shows_points),
+            (UiCommand::Grid, view.settings.shows_grid),
+            (UiCommand::Measure, view.overlays.is_measuring()),
+        ] {
+            asked = toggle(command, is_on, snapshot, ui).or(asked);
+        }
         if opened.dataset.is_some() {
             ui.separator();
             asked = cameras(view, snapshot, ui).or(asked);
@@ -54,56 +63,58 @@ pub fn ui(
     asked
 }
 
+fn entry(
+    (label, is_chosen): (&str, bool),
+    tooltip: &str,
+    why_not: Option<&str>,
+    ui: &mut Ui,
+) -> bool {
+    ui.add_enabled(why_not.is_none(), Button::selectable(is_chosen, label))
+        .on_hover_text(tooltip)
+        .on_disabled_hover_text(why_not.unwrap_or_default())
+        .clicked()
+}
+
+fn toggle(command: UiCommand, is_on: bool, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+    let legal = command.is_available(snapshot.state, snapshot.source);
+    let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
+    response.on_hover_text(command.hint(ui.ctx())).clicked().then_some(command)
+}
+
 fn renderers(view: &mut SceneView, ui: &mut Ui) {
     let fisheye = view.settings.lens == Lens::Fisheye;
     for (renderer, label, tooltip) in [
         (Renderer::Projected, "Projected", "Each splat's covariance projected to the image (Tab)"),
         (Renderer::Exact, "Exact", "Each splat's response along the pixel's true ray (Tab)"),
     ] {
-        let is_chosen = view.settings.renderer == renderer;
-        let enabled = !(fisheye && renderer == Renderer::Projected);
-        let response = ui.add_enabled(enabled, Button::selectable(is_chosen, label));
-        if response
-            .on_hover_text(tooltip)
-            .on_disabled_hover_text("Only the exact renderer supports a fisheye")
-            .clicked()
-        {
+        let is_unsupported = fisheye && renderer == Renderer::Projected;
+        let why_not = is_unsupported.then_some("Only the exact renderer supports a fisheye");
+        if entry((label, view.settings.renderer == renderer), tooltip, why_not, ui) {
             view.settings.renderer = renderer;
         }
     }
 }
 
-/// Draws the comparison menu; returns a command about the second model.
 fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
+    let shown = view.comparison.mode();
     ComboBox::from_id_salt("view mode")
         .width(150.0)
         .height(MENU)
-        .selected_text(view.mode.label())
+        .selected_text(shown.label())
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
                 let why_not = view.mode_unavailable_reason(mode, opened);
-                let button = Button::selectable(view.mode == mode, mode.label());
-                let response = ui.add_enabled(why_not.is_none(), button);
-                if response
-                    .on_hover_text(mode.tooltip())
-                    .on_disabled_hover_text(why_not.unwrap_or_default())
-                    .clicked()
-                {
+                if entry((mode.label(), shown == mode), mode.tooltip(), why_not, ui) {
                     view.set_mode(mode, opened);
                 }
             }
             ui.separator();
             for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
                 let removes = command == UiCommand::RemoveModel;
-                let why_not = removes.then(|| view.remove_unavailable_reason()).flatten();
-                let button = Button::selectable(false, command.label());
-                let response = ui.add_enabled(why_not.is_none(), button);
-                if response
-                    .on_hover_text(command.tooltip())
-                    .on_disabled_hover_text(why_not.unwrap_or_default())
-                    .clicked()
-                {
+                let why_not =
+                    removes.then(|| view.comparison.remove_unavailable_reason()).flatten();
+                if entry((command.label(), false), command.tooltip(), why_not, ui) {
                     asked = Some(command);
                 }
             }
@@ -121,13 +132,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .show_ui(ui, |ui| {
             for mode in ColorMode::ALL {
                 let why_not = mode.unavailable_reason(opened.available_modes);
-                let button = Button::selectable(shown == mode, mode.label());
-                let response = ui.add_enabled(why_not.is_none(), button);
-                if response
-                    .on_hover_text(mode.tooltip())
-                    .on_disabled_hover_text(why_not.unwrap_or_default())
-                    .clicked()
-                {
+                if entry((mode.label(), shown == mode), mode.tooltip(), why_not, ui) {
                     view.settings.color_mode = mode;
                 }
             }
@@ -136,41 +141,9 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .on_hover_text("Colour mode");
 }
 
-fn lens_label(lens: Lens) -> &'static str {
-    match lens {
-        Lens::Pinhole => "Pinhole",
-        Lens::Fisheye => "Fisheye",
-    }
-}
-
-fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let mut asked = None;
-    for (command, is_on) in [
-        (UiCommand::Cameras, view.settings.shows_cameras),
-        (UiCommand::Points, view.settings.shows_points),
-        (UiCommand::Grid, view.settings.shows_grid),
-        (UiCommand::Measure, view.is_measuring()),
-    ] {
-        let legal = command.is_available(snapshot.state, snapshot.source);
-        let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
-        if response.on_hover_text(command.hint(ui.ctx())).clicked() {
-            asked = Some(command);
-        }
-    }
-    asked
-}
-
 fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let mut asked = None;
-    let mut button = |ui: &mut Ui, command: UiCommand, is_on: bool| {
-        let legal = command.is_available(snapshot.state, snapshot.source);
-        let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
-        if response.on_hover_text(command.hint(ui.ctx())).clicked() {
-            asked = Some(command);
-        }
-    };
-    button(ui, UiCommand::PreviousCamera, false);
-    match view.frame_ref() {
+    let mut asked = toggle(UiCommand::PreviousCamera, false, snapshot, ui);
+    match view.camera.frame_ref() {
         Some(frame) => {
             let text = format!("Camera {} of {}", frame.number() + 1, frame.n_frames());
             let (name, split) = (&frame.entry().name, &frame.split().name);
@@ -182,36 +155,30 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
             ui.add(Label::new(RichText::new("Free camera").weak()).extend());
         }
     }
-    button(ui, UiCommand::NextCamera, false);
-    button(ui, UiCommand::ComparePhoto, view.mode.has_photo());
-    button(ui, UiCommand::AutoCamera, view.is_guided());
+    for (command, is_on) in [
+        (UiCommand::NextCamera, false),
+        (UiCommand::ComparePhoto, view.comparison.mode().has_photo()),
+        (UiCommand::AutoCamera, view.camera.is_guided()),
+    ] {
+        asked = toggle(command, is_on, snapshot, ui).or(asked);
+    }
     asked
 }
 
-/// Comparison mode: one picture, or two as a wipe or a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ViewMode {
-    /// The chosen renderer alone.
     #[default]
     Single,
-    /// Projected renderer left of a divider, exact renderer right of it.
     Wipe,
-    /// Difference between projected and exact renderer.
     Difference,
-    /// Chosen renderer left of a divider, photograph right of it.
     PhotoWipe,
-    /// Difference between the chosen renderer and the photograph.
     PhotoDifference,
-    /// Scene left of a divider, second model right of it.
     ModelWipe,
-    /// Difference between the scene and a second model.
     ModelDifference,
-    /// Chosen renderer left of a divider, prepared photograph right of it.
     Preparation,
 }
 
 impl ViewMode {
-    /// Every mode, in menu order.
     pub const ALL: [ViewMode; 8] = [
         ViewMode::Single,
         ViewMode::Wipe,
@@ -223,59 +190,59 @@ impl ViewMode {
         ViewMode::Preparation,
     ];
 
-    /// Label in menus.
-    pub fn label(self) -> &'static str {
+    /// Label and tooltip in menus.
+    fn texts(self) -> (&'static str, &'static str) {
         match self {
-            ViewMode::Single => "Single",
-            ViewMode::Wipe => "Wipe renderers",
-            ViewMode::Difference => "Renderer difference",
-            ViewMode::PhotoWipe => "Wipe photograph",
-            ViewMode::PhotoDifference => "Photograph difference",
-            ViewMode::ModelWipe => "Wipe models",
-            ViewMode::ModelDifference => "Model difference",
-            ViewMode::Preparation => "Preparation",
-        }
-    }
-
-    /// Tooltip in menus.
-    pub fn tooltip(self) -> &'static str {
-        match self {
-            ViewMode::Single => "The chosen renderer alone",
-            ViewMode::Wipe => "Projected left of a draggable divider, exact right of it",
-            ViewMode::Difference => "Amplified difference between projected and exact renderer",
-            ViewMode::PhotoWipe => "Render left of a draggable divider, photograph right of it",
-            ViewMode::PhotoDifference => "Amplified difference between render and photograph",
-            ViewMode::ModelWipe => "Scene left of a draggable divider, second model right of it",
+            ViewMode::Single => ("Single", "The chosen renderer alone"),
+            ViewMode::Wipe => {
+                ("Wipe renderers", "Projected left of a draggable divider, exact right of it")
+            }
+            ViewMode::Difference => {
+                ("Renderer difference", "Amplified difference between projected and exact renderer")
+            }
+            ViewMode::PhotoWipe => {
+                ("Wipe photograph", "Render left of a draggable divider, photograph right of it")
+            }
+            ViewMode::PhotoDifference => {
+                ("Photograph difference", "Amplified difference between render and photograph")
+            }
+            ViewMode::ModelWipe => {
+                ("Wipe models", "Scene left of a draggable divider, second model right of it")
+            }
             ViewMode::ModelDifference => {
-                "Amplified difference between the scene and the second model"
+                ("Model difference", "Amplified difference between the scene and the second model")
             }
-            ViewMode::Preparation => {
-                "Which pixels of the photograph become points, and why the others are dropped"
-            }
+            ViewMode::Preparation => (
+                "Preparation",
+                "Which pixels of the photograph become points, and why the others are dropped",
+            ),
         }
     }
 
-    /// True if the mode shows a photograph.
+    pub fn label(self) -> &'static str {
+        self.texts().0
+    }
+
+    pub fn tooltip(self) -> &'static str {
+        self.texts().1
+    }
+
     pub fn has_photo(self) -> bool {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
     }
 
-    /// True if the mode shows a second model.
     pub fn has_model(self) -> bool {
         matches!(self, ViewMode::ModelWipe | ViewMode::ModelDifference)
     }
 
-    /// True if the mode needs a dataset camera.
     pub fn needs_frame(self) -> bool {
         self.has_photo() || self == ViewMode::Preparation
     }
 
-    /// True if the mode shows a difference.
     pub fn is_difference(self) -> bool {
         matches!(self, ViewMode::Difference | ViewMode::PhotoDifference | ViewMode::ModelDifference)
     }
 
-    /// Reason why the mode is unavailable, if it is.
     pub fn unavailable_reason(
         self,
         lens: Lens,
