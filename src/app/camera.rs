@@ -9,7 +9,6 @@ use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Orbit camera of a viewport.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCamera {
     orbit: Orbit,
@@ -23,7 +22,6 @@ pub struct ViewCamera {
     middle: DVec3,
 }
 
-/// Range that the vertical field of view of a scene's own camera is clamped to, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
 /// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views and
 /// fisheye).
@@ -46,7 +44,6 @@ const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
 const MAX_ELEVATION: f64 = FRAC_PI_2 - 0.01;
 
 impl ViewCamera {
-    /// Creates the camera of a scene's initial view.
     pub fn home(home: &HomeView) -> Self {
         // An orbit needs a positive distance, and the target may coincide with the camera.
         let distance = home.camera.pose.centre().distance(home.target);
@@ -86,7 +83,6 @@ impl ViewCamera {
         self.orbit.elevation = elevation.clamp(-MAX_ELEVATION, MAX_ELEVATION);
     }
 
-    /// Translates the target so that it follows the pointer.
     pub fn pan(&mut self, delta_px: [f64; 2], size_px: [f64; 2]) {
         let per_pixel = self.orbit.distance / self.focal(size_px);
         let rotation = self.orbit.pose().rotation();
@@ -116,7 +112,6 @@ impl ViewCamera {
         }
     }
 
-    /// Views the current target along a world direction.
     pub fn set_view_direction(&mut self, direction: DVec3) {
         let eye = self.orbit.target - direction * self.orbit.distance;
         // Straight down, the horizon is undefined. A small offset from the pole keeps the current heading, or
@@ -132,12 +127,10 @@ impl ViewCamera {
         }
     }
 
-    /// Current orbit.
     pub fn orbit(&self) -> Orbit {
         self.orbit
     }
 
-    /// Up direction in world space, unit length.
     pub fn up(&self) -> DVec3 {
         self.orbit.up
     }
@@ -173,7 +166,6 @@ impl ViewCamera {
         fov_x.clamp(MIN_FRAMING_FOV, MAX_FRAMING_FOV)
     }
 
-    /// Camera for a viewport of this size in pixels.
     pub fn camera(&self, [width, height]: [u32; 2]) -> Camera {
         let size = [f64::from(width), f64::from(height)];
         let focal = self.focal(size);
@@ -201,22 +193,18 @@ impl ViewCamera {
         }
     }
 
-    /// Vertical field of view of the scene's own camera, radians.
     pub fn own_fov_y(&self) -> f64 {
         self.own_fov_y
     }
 
-    /// Distance of a camera from the scene's centre, world units.
     pub fn distance_to_middle(&self, camera: &Camera) -> f64 {
         camera.pose.centre().distance(self.middle)
     }
 
-    /// Point that the camera orbits about.
     pub fn target(&self) -> DVec3 {
         self.orbit.target
     }
 
-    /// Scene radius, world units.
     pub fn radius(&self) -> f64 {
         self.radius
     }

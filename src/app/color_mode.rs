@@ -4,29 +4,20 @@ use crate::render::Paint;
 use crate::render::attributes::Attribute;
 use serde::{Deserialize, Serialize};
 
-/// Quantity shown by the colour of a splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorMode {
-    /// Learned colour.
     #[default]
     Color,
-    /// Number of points assigned to the component.
     Evidence,
-    /// Standard deviation of the component's mean.
     Uncertainty,
-    /// Mean ELBO of the last frame's points assigned to the component, nats.
     Elbo,
-    /// Frame in which the component was created.
     Birth,
-    /// Distance from the camera.
     Depth,
-    /// Direction of the splat's shortest axis.
     Normal,
 }
 
 impl ColorMode {
-    /// Every mode, in menu order.
     pub const ALL: [ColorMode; 7] = [
         ColorMode::Color,
         ColorMode::Evidence,
@@ -37,30 +28,33 @@ impl ColorMode {
         ColorMode::Normal,
     ];
 
-    /// Label in menus.
-    pub fn label(self) -> &'static str {
+    /// Label and tooltip in menus.
+    fn texts(self) -> (&'static str, &'static str) {
         match self {
-            ColorMode::Color => "Colour",
-            ColorMode::Evidence => "Evidence",
-            ColorMode::Uncertainty => "Uncertainty",
-            ColorMode::Elbo => "Per-point ELBO",
-            ColorMode::Birth => "Birth frame",
-            ColorMode::Depth => "Depth",
-            ColorMode::Normal => "Normal",
+            ColorMode::Color => ("Colour", "Learned colours"),
+            ColorMode::Evidence => ("Evidence", "Number of points assigned to each component"),
+            ColorMode::Uncertainty => {
+                ("Uncertainty", "Standard deviation of each component's position")
+            }
+            ColorMode::Elbo => {
+                ("Per-point ELBO", "How well the current frame's points fit each component")
+            }
+            ColorMode::Birth => ("Birth frame", "Frame in which each component was created"),
+            ColorMode::Depth => {
+                ("Depth", "Distance from the camera, from violet (near) to yellow (far)")
+            }
+            ColorMode::Normal => {
+                ("Normal", "Direction of each splat's shortest axis, coded as RGB")
+            }
         }
     }
 
-    /// One sentence of explanation.
+    pub fn label(self) -> &'static str {
+        self.texts().0
+    }
+
     pub fn tooltip(self) -> &'static str {
-        match self {
-            ColorMode::Color => "Learned colours",
-            ColorMode::Evidence => "Number of points assigned to each component",
-            ColorMode::Uncertainty => "Standard deviation of each component's position",
-            ColorMode::Elbo => "How well the current frame's points fit each component",
-            ColorMode::Birth => "Frame in which each component was created",
-            ColorMode::Depth => "Distance from the camera, from violet (near) to yellow (far)",
-            ColorMode::Normal => "Direction of each splat's shortest axis, coded as RGB",
-        }
+        self.texts().1
     }
 
     /// Paint mode of the renderer, with depths (world units) mapped from `range`. Attributes known only to
@@ -77,7 +71,6 @@ impl ColorMode {
         }
     }
 
-    /// Component attribute that replaces the stored colours, if any.
     pub fn attribute(self) -> Option<Attribute> {
         match self {
             ColorMode::Evidence => Some(Attribute::Evidence),

@@ -8,24 +8,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Change of splats. Threads of the window share it without copying it.
 #[derive(Clone, Debug)]
 pub enum SplatChange {
-    /// Replaces all splats.
     All(Arc<SplatSet>),
     /// Replaces the listed slots, which may be new.
     Some {
-        /// Slots of the splats.
         ids: Arc<[u32]>,
-        /// New splats of these slots.
         splats: Arc<SplatSet>,
     },
 }
 
 impl SplatChange {
-    /// Change that replaces all splats.
     pub fn all(splats: impl Into<SplatSet>) -> Self {
         Self::All(Arc::new(splats.into()))
     }
 
-    /// Change that replaces the listed slots.
     pub fn some(ids: Vec<u32>, splats: impl Into<SplatSet>) -> Self {
         Self::Some { ids: ids.into(), splats: Arc::new(splats.into()) }
     }
@@ -35,9 +30,7 @@ impl SplatChange {
 /// (see [`super::worker::WorkerOrder::Watch`]).
 #[derive(Clone, Debug)]
 pub struct SplatUpdate {
-    /// Changed splats.
     pub change: SplatChange,
-    /// Attributes of the changed components.
     pub attributes: Vec<ComponentAttributes>,
     /// Number of frames that the scene has seen, including skipped ones.
     pub n_frames: usize,
@@ -49,7 +42,6 @@ impl From<SplatChange> for SplatUpdate {
     }
 }
 
-/// Mailbox of updates.
 #[derive(Debug, Default)]
 pub struct SplatUpdates(Mutex<Vec<SplatUpdate>>);
 
@@ -59,7 +51,6 @@ impl SplatUpdates {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// True if all updates were taken.
     pub fn is_empty(&self) -> bool {
         self.lock().is_empty()
     }
@@ -73,7 +64,6 @@ impl SplatUpdates {
         waiting.push(update);
     }
 
-    /// Takes all updates, oldest first.
     pub fn take(&self) -> Vec<SplatUpdate> {
         std::mem::take(&mut *self.lock())
     }

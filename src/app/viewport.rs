@@ -26,7 +26,6 @@ use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDes
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// Capabilities of the adapter that eframe chose.
 pub fn capabilities(state: &RenderState) -> GpuCaps {
     GpuCaps::new(&state.adapter, &state.device)
 }
@@ -44,7 +43,6 @@ pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguratio
     configuration
 }
 
-/// Selects the chosen adapter, if it can draw the window.
 fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     Arc::new(move |adapters, surface| {
         let facts: Vec<AdapterInfo> = adapters.iter().map(AdapterInfo::new).collect();
@@ -60,28 +58,8 @@ fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     })
 }
 
-/// Caveat about the adapter that draws the window, if any.
 pub fn caveat(state: &RenderState) -> Option<String> {
     AdapterInfo::new(&state.adapter).warning()
-}
-
-/// Available adapters, and the one that draws.
-pub fn adapters(state: &RenderState) -> (Vec<AdapterInfo>, AdapterInfo) {
-    let there = state.available_adapters.iter().map(AdapterInfo::new).collect();
-    (there, AdapterInfo::new(&state.adapter))
-}
-
-/// Collects errors of the device from the start; without a handler wgpu panics.
-pub fn collect_faults(state: &RenderState) -> GpuFaults {
-    let faults = GpuFaults::default();
-    faults.watch(&state.device);
-    faults
-}
-
-/// Lets the device run its callbacks, without waiting.
-pub fn poll(state: &RenderState) {
-    // A failed poll means a lost device, which the callback reports.
-    let _ = state.device.poll(wgpu::PollType::Poll);
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -97,7 +75,6 @@ pub enum ViewPaintError {
 /// Buffers are released if their capacity exceeds the new scene by this factor.
 const IDLE_ROOM: usize = 4;
 
-/// Painter of the viewport on a real GPU.
 pub struct GpuViewPainter {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -113,14 +90,12 @@ pub struct GpuViewPainter {
     /// Slots to upload; `None` if everything must be uploaded.
     pending: Option<Vec<u32>>,
     sorter: ViewThread<SortRequest, Sorted>,
-    /// Sorting time of the newest order, milliseconds.
     sort_ms: Option<f64>,
     sorted_for: Option<SortRequest>,
     is_stale: bool,
     n_drawn: usize,
 }
 
-/// Second model, with its own scene and renderer.
 struct GpuModel {
     model: Arc<ComparedModel>,
     scene: GpuScene,
@@ -137,7 +112,6 @@ struct Sorted {
 }
 
 impl GpuViewPainter {
-    /// Creates all GPU state on eframe's device.
     pub fn new(
         state: &RenderState,
         faults: GpuFaults,
@@ -198,7 +172,6 @@ impl GpuViewPainter {
         self.n_drawn
     }
 
-    /// Applies a change; `splats` are all splats after it.
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match (&change, &mut self.pending) {
             // Changes accumulate while nothing is painted; beyond a limit everything is uploaded
@@ -308,7 +281,6 @@ impl GpuViewPainter {
         Ok(())
     }
 
-    /// Uploads pending changes; returns the number of bytes.
     fn upload(&mut self, splats: &SplatSet) -> Result<u64, GpuError> {
         let bytes = match self.pending.take() {
             None => {
@@ -384,7 +356,6 @@ impl GpuViewPainter {
     }
 }
 
-/// Draws the finished picture in the window's pass.
 struct PaintScene(Arc<Mutex<Compositor>>);
 
 impl CallbackTrait for PaintScene {
@@ -398,7 +369,6 @@ impl CallbackTrait for PaintScene {
     }
 }
 
-/// Returns a callback that updates the stored image of the window by a pass and draws that image.
 pub fn window_callback(
     rect: Rect,
     window: Arc<Mutex<KeptWindow>>,
@@ -446,21 +416,23 @@ pub struct WindowDevice {
     pub faults: GpuFaults,
     /// Adapters that can draw the window.
     pub there: Vec<AdapterInfo>,
-    /// Adapter in use.
     pub adapter: AdapterInfo,
 }
 
 impl WindowDevice {
-    /// Installs the error handlers on eframe's device.
     pub fn new(state: &RenderState) -> Self {
-        let (there, adapter) = adapters(state);
-        Self { state: state.clone(), faults: collect_faults(state), there, adapter }
+        // From the start: without a handler wgpu panics.
+        let faults = GpuFaults::default();
+        faults.watch(&state.device);
+        let there = state.available_adapters.iter().map(AdapterInfo::new).collect();
+        let adapter = AdapterInfo::new(&state.adapter);
+        Self { state: state.clone(), faults, there, adapter }
     }
 
-    /// True if the device and all its resources are lost.
     pub fn is_lost(&self) -> bool {
-        // A loss is reported only by a poll or a submission, and an idle window submits nothing.
-        poll(&self.state);
+        // A loss is reported only by a poll or a submission, and an idle window submits nothing. A
+        // failed poll means a lost device, which the callback reports.
+        let _ = self.state.device.poll(wgpu::PollType::Poll);
         self.faults.is_lost()
     }
 }

@@ -128,12 +128,10 @@ pub fn run(
     }
 }
 
-/// State that outlives a window.
 struct Host {
     worker: Arc<Worker>,
     /// Waker of the current window, because the training thread outlives windows.
     waker: Arc<WindowWaker>,
-    /// Adapter caveat that was shown last.
     shown: Arc<Mutex<Option<String>>>,
     exit: RefCell<Exit>,
     started: Instant,
@@ -184,7 +182,6 @@ impl Host {
     }
 }
 
-/// Reports a caveat of the adapter, once.
 fn report_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
@@ -227,10 +224,8 @@ fn has_display() -> bool {
     !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
 }
 
-/// Attempts of running winit's event loop until a window is created.
 const MAX_RUNS: usize = 3;
 
-/// Result of creating a window's application.
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
 /// Opens a window with `options` and runs the application of `create`, [`run_guarded`], until it ends.
@@ -294,9 +289,6 @@ const POLL_INTERVAL: Duration = Duration::from_secs(10);
 /// Watches for a termination while the worker lives. `is_asked` waits for at most the given time and
 /// returns true once the program is to end. Training is then stopped and stored for the next window,
 /// and the window closes without a prompt.
-///
-/// # Errors
-/// If no thread can be started.
 pub fn watch(
     is_asked: impl Fn(Duration) -> bool + Send + 'static,
     worker: &Arc<Worker>,
@@ -318,16 +310,13 @@ pub fn watch(
     Ok(())
 }
 
-/// Reason why there is no window.
 #[derive(Debug, thiserror::Error)]
 pub enum WindowError {
-    /// There is no display server.
     #[error("no display found")]
     NoDisplay,
     /// A display server is announced but does not respond.
     #[error("the display server does not respond")]
     DisplaySilent,
-    /// No adapter can draw the window.
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
     /// Several windows in a row have lost their device.
@@ -336,10 +325,8 @@ pub enum WindowError {
     /// The window was lost and cannot be reopened, but its run continues.
     #[error("the window is gone for good: {0}")]
     Gone(Box<WindowError>, Unattended),
-    /// A panic of the window's thread or of the training thread.
     #[error(transparent)]
     Crashed(Box<Crash>),
-    /// The window failed for another reason.
     #[error("no window could be opened ({0})")]
     Window(String),
 }
