@@ -7,7 +7,7 @@ use super::background_job::BackgroundJob;
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
 use super::state::NoticeKind;
-use super::view_thread::{one_thread, run_in};
+use super::view_thread::{one_thread, run_in, take_finished};
 use super::worker::{FileProgress, Waker};
 use crate::export::camera_path::PacedPath;
 use crate::export::video::{FilmError, FilmWriter, write_png};
@@ -160,20 +160,14 @@ impl StillJob {
     }
 
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
-        let (path, job) = self.0.as_ref()?;
-        let said = match job.poll()? {
+        let (path, answer) = take_finished(&mut self.0)?;
+        Some(match answer {
             Ok(Ok(path)) => (NoticeKind::Info, format!("Wrote {}", path.display())),
             Ok(Err(error)) => (NoticeKind::Error, error),
             Err(panic) => {
-                let text = format!(
-                    "{}: {}",
-                    path.display(),
-                    panic.failure_notice("rendering the picture")
-                );
-                (NoticeKind::Error, text)
+                let text = panic.failure_notice("rendering the picture");
+                (NoticeKind::Error, format!("{}: {text}", path.display()))
             }
-        };
-        self.0 = None;
-        Some(said)
+        })
     }
 }

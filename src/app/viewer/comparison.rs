@@ -13,6 +13,7 @@ use crate::app::background_job::BackgroundJob;
 use crate::app::opening::{BareSplats, OpenError, read_splats};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{NoticeKind, Opened};
+use crate::app::view_thread::take_finished;
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
@@ -30,7 +31,7 @@ pub struct Comparison {
     /// Position of the wipe divider, as a share of the viewport's width.
     divider: f32,
     model: Option<Arc<ComparedModel>>,
-    reading: Option<ReadingModel>,
+    reading: Option<(PathBuf, BackgroundJob<ReadModel>)>,
     /// Replaces `model` while an export is previewed.
     pub(super) preview: ExportPreview,
     mode_before_preview: Option<ViewMode>,
@@ -70,20 +71,11 @@ impl Comparison {
         self.preview.model().or(self.model.as_ref())
     }
 
-    pub(super) fn unavailable_reason(
-        &self,
-        mode: ViewMode,
-        lens: Lens,
-        opened: &Opened,
-    ) -> Option<&'static str> {
-        mode.unavailable_reason(lens, opened, self.model().map(|model| &**model))
-    }
-
     /// Starts reading a checkpoint or splat file to compare with; replaces a read in progress.
     pub(super) fn read(&mut self, path: PathBuf, waker: &Waker) -> std::io::Result<()> {
         let file = path.clone();
         let job = BackgroundJob::start("second model", waker.clone(), move || read(&file))?;
-        self.reading = Some(ReadingModel { path, job });
+        self.reading = Some((path, job));
         Ok(())
     }
 
@@ -103,31 +95,24 @@ impl Comparison {
     /// `origin`, which may change with the dataset. Returns its notices; after an error the previous model
     /// stays.
     pub(super) fn take_read(&mut self, origin: DVec3) -> Option<Vec<Notice>> {
-        let taken = self.take_finished_read();
-        if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
-            Arc::make_mut(model).move_origin(origin);
-        }
-        Some(match taken? {
-            Ok(notices) => {
+        let taken = take_finished(&mut self.reading).map(|(path, read)| match read {
+            Ok(Ok((model, notices))) => {
+                self.model = Some(Arc::new(model));
                 if !self.mode.has_model() {
                     self.mode = ViewMode::ModelWipe;
                 }
                 notices
             }
-            Err(problem) => vec![(NoticeKind::Error, problem)],
-        })
-    }
-
-    fn take_finished_read(&mut self) -> Option<Result<Vec<Notice>, String>> {
-        let ReadingModel { path, job } = self.reading.as_ref()?;
-        let read = job.poll()?.unwrap_or_else(|panic| {
-            Err(format!("{}: {}", path.display(), panic.failure_notice("reading the model")))
+            Ok(Err(problem)) => vec![(NoticeKind::Error, problem)],
+            Err(panic) => {
+                let text = panic.failure_notice("reading the model");
+                vec![(NoticeKind::Error, format!("{}: {text}", path.display()))]
+            }
         });
-        self.reading = None;
-        Some(read.map(|(model, notices)| {
-            self.model = Some(Arc::new(model));
-            notices
-        }))
+        if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
+            Arc::make_mut(model).move_origin(origin);
+        }
+        taken
     }
 
     /// Passes on a change of the scene in learned colours: the PSNR must not depend on the displayed ones.
@@ -282,12 +267,9 @@ impl ComparedModel {
 
 type Notice = (NoticeKind, String);
 
-struct ReadingModel {
-    path: PathBuf,
-    job: BackgroundJob<Result<(ComparedModel, Vec<Notice>), String>>,
-}
+type ReadModel = Result<(ComparedModel, Vec<Notice>), String>;
 
-fn read(path: &Path) -> Result<(ComparedModel, Vec<Notice>), String> {
+fn read(path: &Path) -> ReadModel {
     let read = read_splats(path).map_err(|error: OpenError| error.to_string())?;
     let BareSplats { splats, local_origin, notices: told } = read;
     let Some(framing) = framing(splats.iter()) else {

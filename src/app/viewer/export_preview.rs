@@ -10,7 +10,7 @@ use super::photo::PictureRequest;
 use crate::app::background_job::BackgroundJob;
 use crate::app::edit::marks::LeftOut;
 use crate::app::export_options::losses;
-use crate::app::view_thread::{one_thread, run_in};
+use crate::app::view_thread::{one_thread, run_in, take_finished};
 use crate::app::worker::Waker;
 use crate::eval::metrics::psnr;
 use crate::export::mapping::Mapping;
@@ -162,10 +162,7 @@ impl ExportPreview {
                 is_first
             }
         };
-        let figure = self.measuring.as_ref().and_then(|(_, job)| job.poll());
-        if let Some(figure) = figure
-            && let Some((measure, _)) = self.measuring.take()
-        {
+        if let Some((measure, figure)) = take_finished(&mut self.measuring) {
             // NaN after a panic, which is logged, so that the measurement is not repeated.
             self.measured = Some((measure, figure.unwrap_or(f64::NAN)));
         }

@@ -36,8 +36,7 @@ pub enum Direction {
 
 impl FrameRef {
     pub fn first(dataset: &Arc<Dataset>) -> Option<Self> {
-        let split = dataset.splits.iter().position(|split| !split.frames.is_empty())?;
-        Some(Self { dataset: dataset.clone(), split, index: 0 })
+        Self::numbered(dataset, 0)
     }
 
     /// Frame at a position in training order; `None` for a model.

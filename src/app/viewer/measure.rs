@@ -153,37 +153,22 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
 /// Opacity of a status colour over a dropped pixel.
 const OVERLAY: f32 = 0.7;
 
-struct Reason {
-    status: PixelStatus,
-    /// Distinguishable with red-green blindness (Okabe and Ito 2008).
-    color: [f32; 3],
-    label: &'static str,
-    count: fn(&SurfaceCounts) -> usize,
-}
+/// Reason why a pixel was dropped: its status, colour and label, and the count of such pixels. The colours are
+/// distinguishable with red-green blindness (Okabe and Ito 2008).
+type Reason = (PixelStatus, [f32; 3], &'static str, fn(&SurfaceCounts) -> usize);
 
 /// Every reason, in the order of the checks.
 const REASONS: [Reason; 7] = [
-    reason(PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
-    reason(PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
-    reason(PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth range", |c| {
+    (PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
+    (PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
+    (PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth range", |c| {
         c.dropped_range
     }),
-    reason(PixelStatus::Flying, [0.84, 0.37, 0.0], "no plane fits", |c| c.dropped_flying),
-    reason(PixelStatus::Slant, [0.0, 0.62, 0.45], "too oblique", |c| c.dropped_slant),
-    reason(PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
-    reason(PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| {
-        c.dropped_no_color
-    }),
+    (PixelStatus::Flying, [0.84, 0.37, 0.0], "no plane fits", |c| c.dropped_flying),
+    (PixelStatus::Slant, [0.0, 0.62, 0.45], "too oblique", |c| c.dropped_slant),
+    (PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
+    (PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| c.dropped_no_color),
 ];
-
-const fn reason(
-    status: PixelStatus,
-    color: [f32; 3],
-    label: &'static str,
-    count: fn(&SurfaceCounts) -> usize,
-) -> Reason {
-    Reason { status, color, label, count }
-}
 
 /// Prepares frames like training does and paints the status of their pixels.
 pub struct PixelStatusPainter {
@@ -212,7 +197,7 @@ impl PixelStatusPainter {
         let mut image =
             ground_truth(&frame.with_registered_color(), GroundTruth::Composited, background);
         for (pixel, &status) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
-            if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.status == status) {
+            if let Some((_, color, ..)) = REASONS.iter().find(|reason| reason.0 == status) {
                 *pixel = std::array::from_fn(|i| OVERLAY * color[i] + (1.0 - OVERLAY) * pixel[i]);
             }
         }
@@ -234,7 +219,7 @@ pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
                 let n_pixels = counts.kept + counts.holes + counts.dropped();
                 let share = |n: usize| n as f64 / n_pixels.max(1) as f64;
                 row(ui, None, "used", share(counts.kept));
-                for Reason { color, label, count, .. } in REASONS {
+                for (_, color, label, count) in REASONS {
                     if count(counts) > 0 {
                         row(ui, Some(color), label, share(count(counts)));
                     }

@@ -387,7 +387,8 @@ impl SceneView {
     }
 
     pub fn mode_unavailable_reason(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
-        self.comparison.unavailable_reason(mode, self.settings.lens, opened)
+        let model = self.comparison.model().map(|model| &**model);
+        mode.unavailable_reason(self.settings.lens, opened, model)
     }
 
     pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {

@@ -1,35 +1,26 @@
-//! Thumbnails of photographs and depth, decoded lazily on a separate thread and stored as textures.
+//! Thumbnails of photographs and depth, decoded lazily in the background and stored as textures.
 //!
 //! Their number is bounded, so that memory does not grow with the dataset: the least recently used is
-//! dropped, but never one on screen. During training the thread rests for a multiple of the decoding
-//! time and does not wake the window, which takes finished thumbnails when it repaints anyway.
+//! dropped, but never one on screen. During training decoding rests, and it does not wake the window,
+//! which takes finished thumbnails when it repaints anyway.
 
 use super::frame_refs::FrameRef;
-use crate::app::panic_report::PanicReport;
-use crate::app::view_thread::one_thread;
+use crate::app::view_thread::{RestingJob, one_thread};
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
 use crate::eval::report::quantile;
 use crate::render::finish::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
+use rayon::ThreadPool;
 use std::collections::HashMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::time::{Duration, Instant};
 
 /// Longest side of a thumbnail, pixels.
 const MAX_SIDE: usize = 192;
-const MAX_WAITING: usize = 4;
 /// Maximum number of stored frames, about 220 kB each: enough for the cameras in the viewport, a strip
 /// across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;
-/// Rest after a frame during training, as a multiple of the decoding time: on two cores training slows
-/// down by half of 1/`REST`.
-const REST: u32 = 15;
-/// Interval at which a resting thread checks whether training still runs.
-const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Colour of depth pixels without a measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
@@ -45,9 +36,6 @@ struct Pictures<T> {
     depth: Option<T>,
     problem: Option<String>,
 }
-
-/// Position of a frame in its dataset, and its pictures.
-type Decoded = ((usize, usize), Pictures<ColorImage>);
 
 struct StoredThumbnails {
     /// Largest part requested so far.
@@ -67,30 +55,30 @@ pub struct FramePictures<'a> {
 }
 
 pub struct Thumbnails {
-    requests: SyncSender<(FrameRef, Part)>,
-    decoded: Receiver<Decoded>,
+    decoder: RestingJob<(usize, usize), Pictures<ColorImage>>,
+    /// One thread, so that decoding does not use all cores.
+    alone: Arc<ThreadPool>,
     kept: HashMap<(usize, usize), StoredThumbnails>,
-    /// Number of frames queued or being decoded.
-    n_waiting: usize,
     yields_cores: Arc<AtomicBool>,
+    waker: Waker,
 }
 
 impl Thumbnails {
-    /// Starts the thread, which ends when this value is dropped.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
-        let (requests, inbox) = sync_channel(MAX_WAITING);
-        let (answers, decoded) = sync_channel(MAX_WAITING);
         let yields_cores = Arc::new(AtomicBool::new(false));
         let flag = yields_cores.clone();
-        // One thread, so that parallel decoders do not use all cores.
-        let alone = one_thread()?;
-        let work = move || {
-            serve(&inbox, &answers, &flag, &waker, |frame, part| {
-                alone.install(|| decode(frame, part))
-            })
+        let wake_at_rest = move || {
+            if !flag.load(Ordering::Relaxed) {
+                waker();
+            }
         };
-        std::thread::Builder::new().name("thumbnails".into()).spawn(work)?;
-        Ok(Self { requests, decoded, kept: HashMap::new(), n_waiting: 0, yields_cores })
+        Ok(Self {
+            decoder: RestingJob::default(),
+            alone: Arc::new(one_thread()?),
+            kept: HashMap::new(),
+            yields_cores,
+            waker: Arc::new(wake_at_rest),
+        })
     }
 
     pub fn set_yields_cores(&self, stands_back: bool) {
@@ -138,16 +126,15 @@ impl Thumbnails {
     fn request(&mut self, frame: &FrameRef, part: Part, pass: u64) {
         let position = frame.position();
         let is_new = !self.kept.contains_key(&position);
-        if self.n_waiting == MAX_WAITING || is_new && !self.make_room(pass) {
+        let is_ready = self.decoder.is_ready(self.yields_cores.load(Ordering::Relaxed));
+        if !is_ready || is_new && !self.make_room(pass) {
             return;
         }
-        match self.requests.try_send((frame.clone(), part)) {
-            Ok(()) => {
-                self.n_waiting += 1;
-                let new = StoredThumbnails { part, used_in: pass, pictures: None };
-                self.kept.entry(position).or_insert(new).part = part;
-            }
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+        let (alone, asked) = (self.alone.clone(), frame.clone());
+        let decode = move || alone.install(|| decode(&asked, part));
+        if self.decoder.start("thumbnails", position, self.waker.clone(), decode).is_ok() {
+            let new = StoredThumbnails { part, used_in: pass, pictures: None };
+            self.kept.entry(position).or_insert(new).part = part;
         }
     }
 
@@ -165,50 +152,31 @@ impl Thumbnails {
         }
     }
 
-    fn take(&mut self, context: &Context) {
-        while let Ok((position, Pictures { photo, depth, problem })) = self.decoded.try_recv() {
-            self.n_waiting = self.n_waiting.saturating_sub(1);
-            let load = |what: &str, image: ColorImage| {
-                let name = format!("{what} {position:?}");
-                context.load_texture(name, image, TextureOptions::LINEAR)
-            };
-            // A frame that was dropped meanwhile is no longer on screen.
-            if let Some(kept) = self.kept.get_mut(&position) {
-                kept.pictures = Some(Pictures {
-                    photo: photo.map(|image| load("photograph", image)),
-                    depth: depth.map(|image| load("depth", image)),
-                    problem,
-                });
-            }
-        }
-    }
-}
-
-fn serve(
-    inbox: &Receiver<(FrameRef, Part)>,
-    answers: &SyncSender<Decoded>,
-    stands_back: &AtomicBool,
-    waker: &Waker,
-    decode: impl Fn(&FrameRef, Part) -> Pictures<ColorImage>,
-) {
-    while let Ok((frame, part)) = inbox.recv() {
-        let started = Instant::now();
-        // Caught, because without this thread no further thumbnail would ever appear.
-        let decoded = catch_unwind(AssertUnwindSafe(|| decode(&frame, part)));
-        let decoded = decoded.unwrap_or_else(|panic| Pictures {
+    fn take_decoded(&mut self) -> Option<((usize, usize), Pictures<ColorImage>)> {
+        let (position, decoded) = self.decoder.take()?;
+        let pictures = decoded.unwrap_or_else(|panic| Pictures {
             photo: None,
             depth: None,
-            problem: Some(PanicReport::of(&*panic).failure_notice("decoding the frame")),
+            problem: Some(panic.failure_notice("decoding the frame")),
         });
-        let rest_until = Instant::now() + started.elapsed() * REST;
-        if answers.send((frame.position(), decoded)).is_err() {
+        Some((position, pictures))
+    }
+
+    fn take(&mut self, context: &Context) {
+        let Some((position, Pictures { photo, depth, problem })) = self.take_decoded() else {
             return;
-        }
-        if !stands_back.load(Ordering::Relaxed) {
-            waker();
-        }
-        while stands_back.load(Ordering::Relaxed) && Instant::now() < rest_until {
-            std::thread::sleep(POLL_INTERVAL);
+        };
+        let load = |what: &str, image: ColorImage| {
+            let name = format!("{what} {position:?}");
+            context.load_texture(name, image, TextureOptions::LINEAR)
+        };
+        // A frame that was dropped meanwhile is no longer on screen.
+        if let Some(kept) = self.kept.get_mut(&position) {
+            kept.pictures = Some(Pictures {
+                photo: photo.map(|image| load("photograph", image)),
+                depth: depth.map(|image| load("depth", image)),
+                problem,
+            });
         }
     }
 }
@@ -297,6 +265,7 @@ mod tests {
     use crate::dataset::depth::{DepthCodes, DepthKind};
     use crate::math::image::Image;
     use crate::pipeline::start;
+    use std::time::{Duration, Instant};
 
     #[test]
     fn thumbnails_keep_shape_and_mean() {
@@ -328,23 +297,29 @@ mod tests {
         assert_eq!(depth_picture(&depth).pixels, [HOLE; 4]);
     }
 
+    fn wait_for_decoded(thumbnails: &mut Thumbnails) -> Pictures<ColorImage> {
+        let started = Instant::now();
+        loop {
+            if let Some((_, decoded)) = thumbnails.take_decoded() {
+                return decoded;
+            }
+            assert!(started.elapsed() < Duration::from_secs(60), "nothing is decoded");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     #[test]
     fn a_frame_whose_decoding_panics_is_told_and_the_next_one_is_decoded() {
         let dataset = start::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
-        let (requests, inbox) = sync_channel(2);
-        let (answers, decoded) = sync_channel(2);
-        requests.send((frame.clone(), Part::PhotoAndDepth)).unwrap();
-        requests.send((frame, Part::Photo)).unwrap();
-        drop(requests);
-        let waker: Waker = Arc::new(|| {});
-        serve(&inbox, &answers, &AtomicBool::new(false), &waker, |frame, part| {
-            assert!(part == Part::Photo, "injected into decoding");
-            decode(frame, part)
-        });
-        let problem = decoded.recv().unwrap().1.problem.unwrap();
+        let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
+        let waker = thumbnails.waker.clone();
+        let panics = || -> Pictures<ColorImage> { panic!("injected into decoding") };
+        thumbnails.decoder.start("test", frame.position(), waker, panics).unwrap();
+        let problem = wait_for_decoded(&mut thumbnails).problem.unwrap();
         assert!(problem.contains("injected into decoding"), "{problem}");
-        assert!(decoded.recv().unwrap().1.photo.is_some());
+        thumbnails.request(&frame, Part::Photo, 1);
+        assert!(wait_for_decoded(&mut thumbnails).photo.is_some());
     }
 
     /// Simulates scrolling past every frame of a long recording.
@@ -362,7 +337,7 @@ mod tests {
         assert!(thumbnails.kept.contains_key(&frame.position()));
         assert!(!thumbnails.kept.contains_key(&(7, 0)), "the least recently used one");
         assert_eq!(thumbnails.kept.len(), MAX_KEPT);
-        let (_, decoded) = thumbnails.decoded.recv_timeout(Duration::from_secs(60)).unwrap();
+        let decoded = wait_for_decoded(&mut thumbnails);
         assert!(decoded.photo.is_some() && decoded.depth.is_some() && decoded.problem.is_none());
     }
 }
